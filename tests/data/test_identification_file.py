@@ -78,7 +78,10 @@ def test_without_its_line_nothing_is_known_of_the_identification(csv):
     ("change", "message"),
     [
         (lambda path: path.unlink(), "no file modes.identification.json, which its line"),
-        (lambda path: path.write_text("{"), "modes.identification.json: no record of an"),
+        (
+            lambda path: path.write_text("{"),
+            "modes.identification.json: no record of the identification",
+        ),
         (
             lambda path: path.write_text(json.dumps({"identifications": [{}]})),
             r"modes.identification.json: .* identifications\[0\].record: missing",

@@ -129,11 +129,11 @@ def _change(path, **changes):
         (lambda csv, _: csv.write_text(csv.read_text().replace("x,y,z", "y,x,z")),
          "the sensors, 'x', 'y', 'z', are not those of modes.csv; names and order must"),
         (lambda _, file: file.unlink(), "no file modes.covariance.json"),
-        (lambda _, file: file.write_text("{"), "not JSON"),
-        (lambda _, file: file.write_text("{}"), "no 'sensors'"),
-        (lambda _, file: file.write_text("[]"), "not a record of 'sensors'"),
+        (lambda _, file: file.write_text("{"), "no record of the covariance"),
+        (lambda _, file: file.write_text("{}"), "sensors: missing"),
+        (lambda _, file: file.write_text("[]"), "expected a record"),
         (lambda _, file: _change(file, frequencies_hz=[1.0]), "1 modes at 3 sensors"),
-        (lambda _, file: _change(file, frequencies_hz=["one", 2.5]), "not arrays of numbers"),
+        (lambda _, file: _change(file, frequencies_hz=["one", 2.5]), "expected a number"),
     ],
 )  # fmt: skip
 def test_a_covariance_of_other_modes_is_refused(csv, change, message):

@@ -18,7 +18,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,15 +29,30 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.joint_covariance import of_modes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class _Identifications:
     identifications: tuple[IdentificationSummary, ...]
 
 
+@dataclass(frozen=True)
+class _Covariance:
+    sensors: tuple[str, ...]
+    frequencies_hz: FloatArray
+    unit_shapes: tuple[tuple[float | None, ...], ...]
+    covariance_of_log_frequencies_and_unit_shapes: Any  # a large list of lists
+
+
 def identification_path(path: str | Path) -> Path:
     """Where it is written how the modes in a CSV file were identified."""
     return Path(path).with_suffix(".identification.json")
+
+
+def covariance_path(path: str | Path) -> Path:
+    """Where the covariance of the modes in a CSV file is written."""
+    return Path(path).with_suffix(".covariance.json")
 
 
 def write_identifications(identifications: Sequence[IdentificationSummary], path: Path) -> None:
@@ -52,33 +67,28 @@ def write_identifications(identifications: Sequence[IdentificationSummary], path
 
 def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationSummary, ...]:
     """How the modes in a CSV file were identified."""
-    try:
-        content = from_record(_Identifications, json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise ValueError(
-            f"{csv_path}: no file {path.name}, which its line 'identification' names, in its "
-            "directory; put it there, or remove the line, and with it what is known of failed "
-            "checks"
-        ) from None
-    except ValueError as error:
-        raise ValueError(
-            f"{path}: no record of an identification that this version reads: {error}; identify "
-            f"again, or remove the line 'identification' of {csv_path.name}, and with it what is "
-            "known of failed checks"
-        ) from None
+    lost = "and with it what is known of failed checks"
+    content = _read(_Identifications, path, csv_path, "identification", lost)
     return tuple(
         replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
         for each in content.identifications
     )
 
 
-MATRIX = "covariance_of_log_frequencies_and_unit_shapes"
-KEYS = ("sensors", "frequencies_hz", "unit_shapes", MATRIX)
-
-
-def covariance_path(path: str | Path) -> Path:
-    """Where the covariance of the modes in a CSV file is written."""
-    return Path(path).with_suffix(".covariance.json")
+def _read(kind: type[T], path: Path, csv_path: Path, key: str, otherwise: str) -> T:
+    """The content of a file that a line of the CSV file names by a key."""
+    try:
+        return from_record(kind, json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise ValueError(
+            f"{csv_path}: no file {path.name}, which its line {key!r} names, in its directory; put "
+            f"it there, or remove the line, {otherwise}"
+        ) from None
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: no record of the {key} that this version reads: {error}; identify again, or "
+            f"remove the line {key!r} of {csv_path.name}, {otherwise}"
+        ) from None
 
 
 def write_covariance(data: ModalData, path: Path) -> None:
@@ -88,39 +98,43 @@ def write_covariance(data: ModalData, path: Path) -> None:
         [float(component) if np.isfinite(component) else None for component in shape]
         for shape in data.unit_shapes.T
     ]
-    values = (data.sensors, data.frequencies_hz.tolist(), shapes, data.covariance.tolist())
+    content = _Covariance(
+        data.sensors, data.frequencies_hz.tolist(), tuple(map(tuple, shapes)),
+        data.covariance.tolist(),
+    )  # fmt: skip
     with path.open("x", encoding="utf-8") as file:
-        json.dump(dict(zip(KEYS, values, strict=True)), file)
+        json.dump(vars(content), file)
 
 
 def read_covariance(
     path: Path, csv_path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
 ) -> FloatArray:
     """The joint covariance of ``modes``, in their order."""
-    record = _record(path, csv_path)
-    if list(record["sensors"]) != list(sensors):
+    content = _read(_Covariance, path, csv_path, "covariance", "to use each mode's own errors")
+    if content.sensors != tuple(sensors):
         raise ValueError(
-            f"{path}: the sensors, {', '.join(map(repr, record['sensors']))}, are not those of "
+            f"{path}: the sensors, {', '.join(map(repr, content.sensors))}, are not those of "
             f"{csv_path.name}; names and order must be the same in both files"
         )
-    try:
-        frequencies = np.array(record["frequencies_hz"], dtype=float)
-        shapes = np.array(record["unit_shapes"], dtype=float).reshape(len(frequencies), -1)
-        matrix = np.array(record[MATRIX], dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{path}: not arrays of numbers") from None
+    frequencies = content.frequencies_hz
     m, n = len(frequencies), len(sensors)
+    try:
+        shapes = np.array(content.unit_shapes, dtype=float).reshape(m, -1)
+        matrix = np.array(content.covariance_of_log_frequencies_and_unit_shapes, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{path}: not arrays of numbers for {m} modes at {n} sensors") from None
     if shapes.shape != (m, n) or matrix.shape != (m + m * n, m + m * n):
         raise ValueError(
             f"{path}: {m} modes at {n} sensors need unit_shapes {(m, n)} and a covariance "
             f"{(m + m * n, m + m * n)}, got {shapes.shape} and {matrix.shape}"
         )
     sds = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
-    places = []
+    places: list[int] = []
     for mode in modes:
         i = int(np.abs(frequencies - mode.frequency_hz).argmin())
+        of_shape = sds[m + n * i : m + n * (i + 1)]
         # Numbers in the CSV file may be rounded, by less than their standard deviations.
-        if i in places or not _is_same(mode, frequencies[i], shapes[i], sds[i], sds[m:][n * i :]):
+        if i in places or not _is_same(mode, frequencies[i], shapes[i], sds[i], of_shape):
             raise ValueError(
                 f"{path}: not the covariance of {csv_path.name}: mode {mode.label!r} differs in "
                 "frequency or shape by more than its standard deviation; identify again, or remove "
@@ -136,26 +150,8 @@ def _is_same(
     if not abs(mode.frequency_hz / frequency - 1.0) <= sd:
         return False
     unit = mode.unit_shape if mode.unit_shape is not None else np.full(len(shape), np.nan)
-    if not np.array_equal(np.isfinite(unit), np.isfinite(shape)):
+    measured = np.isfinite(shape)
+    if not np.array_equal(np.isfinite(unit), measured):
         return False
-    own = np.isfinite(shape)
-    allowed = np.linalg.norm(shape_sds[: len(shape)][own])
-    return bool(np.linalg.norm(unit[own] - shape[own]) <= allowed)
-
-
-def _record(path: Path, csv_path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ValueError(
-            f"{csv_path}: no file {path.name}, which its line 'covariance' names, in its "
-            "directory; put it there, or remove the line to use each mode's own errors"
-        ) from None
-    except ValueError as error:
-        raise ValueError(f"{path}: not JSON: {error}") from None
-    if not isinstance(record, dict):
-        raise ValueError(f"{path}: not a record of {', '.join(map(repr, KEYS))}")
-    for key in KEYS:
-        if key not in record:
-            raise ValueError(f"{path}: no {key!r}")
-    return record
+    apart = np.linalg.norm(unit[measured] - shape[measured])
+    return bool(apart <= np.linalg.norm(shape_sds[measured]))

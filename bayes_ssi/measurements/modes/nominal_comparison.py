@@ -30,14 +30,11 @@ Exchange = Mapping[str, str]
 
 @dataclass(frozen=True)
 class AxisExchange:
-    """Axes of the test that fit the model better than the stated ones.
-
-    Attributes:
-        measure: MAC, or MAC times ratio of frequencies, which tells a tower's alike modes in two
-            directions apart.
-    """
+    """Axes of the test that fit the model better than the stated ones."""
 
     axes: Exchange
+    # MAC, or MAC times ratio of frequencies, which tells a tower's alike modes in two directions
+    # apart.
     measure: str
     mean: float
     stated_mean: float
@@ -53,14 +50,11 @@ class AxisExchange:
 
 @dataclass(frozen=True)
 class NominalComparison:
-    """The nominal model against the identified modes.
-
-    Attributes:
-        exchange: axes of the test that fit it much better than the stated ones; None if none do.
-    """
+    """The nominal model against the identified modes."""
 
     nominal_hz: tuple[float, ...]
     identified_hz: tuple[float, ...]
+    # Axes of the test that fit it much better than the stated ones; None if none do.
     exchange: AxisExchange | None
 
     @property

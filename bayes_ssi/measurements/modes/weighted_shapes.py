@@ -114,17 +114,11 @@ class PartOfTest:
 
 
 class Merged(NamedTuple):
-    """m merged modes at N sensors.
+    """m merged modes at N sensors."""
 
-    Attributes:
-        log_frequencies: (m,).
-        shapes: (m, N), at unit length; zero where no test measured.
-        covariance: (m + m N, m + m N), of the logarithms of frequencies, then of shapes.
-    """
-
-    log_frequencies: FloatArray
-    shapes: FloatArray
-    covariance: FloatArray
+    log_frequencies: FloatArray  # (m,)
+    shapes: FloatArray  # (m, N), at unit length; zero where no test measured
+    covariance: FloatArray  # (m + m N, m + m N), of the logarithms of frequencies, then of shapes
     squares: float
     degrees_of_freedom: int
 

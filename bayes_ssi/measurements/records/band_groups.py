@@ -15,15 +15,10 @@ from bayes_ssi.measurements.records.spectra import LocalSpectra, Transforms, loc
 
 
 class Group(NamedTuple):
-    """Modes that share a band.
+    """Modes that share a band."""
 
-    Attributes:
-        low: lowest frequency in Hz.
-        high: highest frequency in Hz.
-    """
-
-    low: float
-    high: float
+    low: float  # lowest frequency in Hz
+    high: float  # highest frequency in Hz
     modes: Resonances
     is_wanted: bool
 

@@ -1,38 +1,38 @@
-"""What one file holds of a record: channels, and what the file states about them."""
+"""What one file holds of a record: channels, and what the file states about them.
+
+In a file of named arrays (MATLAB .mat, numpy .npz and HDF5) an array of samples has a row or a
+column for each sensor; its longer side is time. Scalars ``rate_hz`` or ``dt_s`` and texts
+``quantity`` and ``unit`` in the same file (for HDF5 also attributes of the array) state what the
+samples are, and ``sensors`` their names.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.named_arrays import read_arrays
 from bayes_ssi.measurements.records.record import Place
 
 # Names under which files of arrays, attributes and comments state what the samples are.
 STATED = ("rate_hz", "dt_s", "quantity", "unit")
-# Steps hardly longer than the last digit to which times are printed are rounded to one of it or
-# two, in turn: where fewer than this share are two, samples are missing.
-FEW_LONG = 0.1
 
 
 class Channels(NamedTuple):
-    """Channels of one file.
+    """Channels of one file."""
 
-    Attributes:
-        samples: (n, N).
-        names: of the channels; empty where the file has none.
-        units: every statement of the unit.
-        places: node and direction of the channels; empty where the file has none.
-    """
-
-    samples: FloatArray
-    names: tuple[str, ...] = ()
+    samples: FloatArray  # (n, N)
+    names: tuple[str, ...] = ()  # of the channels; empty where the file has none
     rates_hz: tuple[float, ...] = ()
     quantities: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()  # every statement of the unit
+    # Node and direction of the channels; empty where the file has none.
     places: tuple[Place, ...] = ()
 
 
@@ -62,34 +62,55 @@ def _number(stated: Mapping[str, Any], key: str) -> float:
     return number
 
 
-def step_of(times: FloatArray) -> float:
-    """The step of a column of times in s."""
-    steps = np.diff(times)
-    step = float(np.median(steps))
-    # Times are printed to a few digits, and may be wrong by half of the last one.
-    rounding = 10.0 ** -_decimals(times)
-    long = steps > 1.5 * step
-    wrong = (np.abs(steps - step) > 0.01 * step + rounding) | (step <= 0.0)
-    apart = times - np.linspace(times[0], times[-1], len(times))
-    if long.mean() < FEW_LONG or np.ptp(apart) > 2.0 * rounding:
-        wrong |= long
-    if not wrong.any():
-        return float(times[-1] - times[0]) / (len(times) - 1)
-    at = int(wrong.argmax())
-    gap = ""
-    if step > 0.0 and long[at]:
-        missing = np.round(steps[long] / step).astype(int) - 1
-        gap = f": {missing[0]} missing"
-        if len(missing) > 1:
-            gap += f", and {missing[1:].sum()} more at {len(missing) - 1} other places"
-    raise ValueError(
-        f"times must advance by equal steps; after sample {at + 1} (at {times[at]:.10g} s) the "
-        f"step is {steps[at]:.6g} s, most are {step:.6g} s{gap}"
-    )
+def read_channels(path: Path, keys: Sequence[str]) -> Channels:
+    """The channels of a file of arrays.
+
+    Args:
+        keys: names of the arrays that hold samples; the only one with more than one number if
+            empty.
+    """
+    read = read_arrays(path, attributes=(*STATED, "sensors"))
+    arrays = {name: _plain(value) for name, value in read.items()}
+    samples = {n: array for n, array in arrays.items() if n not in STATED and _may_be(array)}
+    keys = list(keys) or list(samples)
+    if not keys:
+        held = ", ".join(f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items())
+        raise ValueError(f"holds no rows or columns of real numbers; it holds {held or 'nothing'}")
+    require_known("no array of samples", keys, samples)
+    blocks = [_in_rows(samples[key]) for key in keys]
+    lengths = {block.shape[1] for block in blocks}
+    if len(lengths) > 1:
+        raise ValueError(
+            f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys"
+        )
+    stated = {key: _scalar(arrays[key]) for key in STATED if key in arrays}
+    names = [str(each).strip() for each in np.ravel(arrays.get("sensors", []))]
+    if not names and len(keys) > 1 and all(len(block) == 1 for block in blocks):
+        names = list(keys)
+    joined = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+    return with_statements(np.ascontiguousarray(joined, dtype=float), names, stated)
 
 
-def _decimals(times: FloatArray) -> int:
-    """The fewest decimals that the first times need, at most 9."""
-    first = times[:100]
-    exact = 1e-10 + 2.0 * np.spacing(np.abs(first).max())
-    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, exact)), 9)
+def _may_be(array: np.ndarray) -> bool:
+    return array.dtype.kind in "iuf" and array.size > 1 and array.ndim <= 2
+
+
+def _in_rows(array: np.ndarray) -> FloatArray:
+    """The array with a row for each sensor."""
+    rows = np.atleast_2d(array)
+    return rows.T if rows.shape[0] > rows.shape[1] else rows
+
+
+def _scalar(array: np.ndarray) -> Any:
+    if array.size != 1:
+        return array.tolist()
+    scalar = array.ravel()[0]
+    return scalar.decode() if isinstance(scalar, bytes) else scalar
+
+
+def _plain(value: Any) -> np.ndarray:
+    """A cell array of texts as an array of texts."""
+    array = np.asarray(value)
+    if array.dtype != object:
+        return array
+    return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])

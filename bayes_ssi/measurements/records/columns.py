@@ -31,7 +31,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_file
-from bayes_ssi.measurements.records.channels import STATED, Channels, step_of, with_statements
+from bayes_ssi.measurements.records.channels import STATED, Channels, with_statements
 
 KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
 # What numpy says of a cell that is no number, in rows from 0, and of a row of another length.
@@ -158,3 +158,38 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def step_of(times: FloatArray) -> float:
+    """The step of a column of times in s."""
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    # Times are printed to a few digits, and may be wrong by half of the last one.
+    rounding = 10.0 ** -_decimals(times)
+    long = steps > 1.5 * step
+    wrong = (np.abs(steps - step) > 0.01 * step + rounding) | (step <= 0.0)
+    apart = times - np.linspace(times[0], times[-1], len(times))
+    # Steps hardly longer than the last digit to which times are printed are rounded to one of it or
+    # two, in turn: where fewer than a tenth are two, samples are missing.
+    if long.mean() < 0.1 or np.ptp(apart) > 2.0 * rounding:
+        wrong |= long
+    if not wrong.any():
+        return float(times[-1] - times[0]) / (len(times) - 1)
+    at = int(wrong.argmax())
+    gap = ""
+    if step > 0.0 and long[at]:
+        missing = np.round(steps[long] / step).astype(int) - 1
+        gap = f": {missing[0]} missing"
+        if len(missing) > 1:
+            gap += f", and {missing[1:].sum()} more at {len(missing) - 1} other places"
+    raise ValueError(
+        f"times must advance by equal steps; after sample {at + 1} (at {times[at]:.10g} s) the "
+        f"step is {steps[at]:.6g} s, most are {step:.6g} s{gap}"
+    )
+
+
+def _decimals(times: FloatArray) -> int:
+    """The fewest decimals that the first times need, at most 9."""
+    first = times[:100]
+    exact = 1e-10 + 2.0 * np.spacing(np.abs(first).max())
+    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, exact)), 9)

@@ -21,18 +21,13 @@ from bayes_ssi.measurements.records.resonances import Resonances
 
 
 class ExplainedPeak(NamedTuple):
-    """A peak of the spectra, and how its explanations compare with one mode with a real shape.
+    """A peak of the spectra, and how its explanations compare with one mode with a real shape."""
 
-    Attributes:
-        modes: places of its modes among those of the band.
-        nats_of_phases: by which one mode whose sensors have phases explains it better; what is
-            rarer before has fewer nats already.
-        nats_of_two: by which two modes do.
-    """
-
-    modes: tuple[int, ...]
+    modes: tuple[int, ...]  # places of its modes among those of the band
+    # By which one mode whose sensors have phases explains it better; what is rarer before has fewer
+    # already.
     nats_of_phases: float
-    nats_of_two: float
+    nats_of_two: float  # by which two modes do
 
     @property
     def probabilities(self) -> tuple[float, float]:

@@ -34,25 +34,19 @@ BACKGROUND_SDS = np.array(FIT.background_sds)
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """The most probable modes of a band.
-
-    Attributes:
-        covariance: of (ln f, ln ζ, shapes' real parts, shapes' imaginary parts), mode by mode
-            within each; (2m + 2mr)².
-        whiteness: chi-square of the whitened spectra over degrees of freedom.
-        covariances: (K, r, r), E of each block.
-    """
+    """The most probable modes of a band."""
 
     scene: Scene
     model: Model
     has_phases: bool
+    # (2m + 2mr)², of (ln f, ln ζ, shapes' real parts, their imaginary parts), mode by mode in each.
     covariance: FloatArray
     log_likelihood: float
     log_evidence: float
-    whiteness: float
+    whiteness: float  # chi-square of the whitened spectra over degrees of freedom
     allowed_whiteness: float
     converged: bool
-    covariances: ComplexArray
+    covariances: ComplexArray  # (K, r, r), E of each block
 
     @property
     def data(self) -> LocalSpectra:

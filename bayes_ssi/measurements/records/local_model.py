@@ -70,17 +70,12 @@ def information_of(inverse: ComplexArray) -> FloatArray:
 
 
 class Scene(NamedTuple):
-    """What a model is evaluated on.
-
-    Attributes:
-        powers: (3, K): 1, x, x² of the blocks.
-        of_neighbours: (K, p), their responses.
-    """
+    """What a model is evaluated on."""
 
     data: LocalSpectra
-    powers: FloatArray
+    powers: FloatArray  # (3, K): 1, x, x² of the blocks
     neighbours: Resonances
-    of_neighbours: ComplexArray
+    of_neighbours: ComplexArray  # (K, p), their responses
 
 
 def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
@@ -92,17 +87,11 @@ def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
 
 
 class Columns(NamedTuple):
-    """Derivatives of E by complex values: dE = left right* + its Hermitian transpose.
+    """Derivatives of E by complex values: dE = left right* + its Hermitian transpose."""
 
-    Attributes:
-        left: (K, c, r), by the real part of each value.
-        right: (K, c, r).
-        turn: what ``left`` is multiplied by for the imaginary parts.
-    """
-
-    left: ComplexArray
-    right: ComplexArray
-    turn: complex
+    left: ComplexArray  # (K, c, r), by the real part of each value
+    right: ComplexArray  # (K, c, r)
+    turn: complex  # what ``left`` is multiplied by for the imaginary parts
 
     @property
     def of_parts(self) -> tuple[ComplexArray, ComplexArray]:
@@ -113,15 +102,10 @@ class Columns(NamedTuple):
 
 
 class IndependentLoads(NamedTuple):
-    """Forces a of p neighbours and m modes: coherent with the background or not.
+    """Forces a of p neighbours and m modes: coherent with the background or not."""
 
-    Attributes:
-        of_neighbours: (r, p).
-        of_modes: (r, m).
-    """
-
-    of_neighbours: ComplexArray
-    of_modes: ComplexArray
+    of_neighbours: ComplexArray  # (r, p)
+    of_modes: ComplexArray  # (r, m)
 
     @property
     def values(self) -> ComplexArray:
@@ -233,17 +217,11 @@ class IndependentLoads(NamedTuple):
 
 
 class OneSource(NamedTuple):
-    """One process that drives everything; methods give what those of independent loads do.
+    """One process that drives everything; methods give what those of independent loads do."""
 
-    Attributes:
-        direct: (3, r), what channels have of it beside resonances, over the band.
-        of_neighbours: (p,), factors l of neighbours.
-        of_modes: (m,), factors l of modes.
-    """
-
-    direct: ComplexArray
-    of_neighbours: ComplexArray
-    of_modes: ComplexArray
+    direct: ComplexArray  # (3, r), what channels have of it beside resonances, over the band
+    of_neighbours: ComplexArray  # (p,), factors l of neighbours
+    of_modes: ComplexArray  # (m,), factors l of modes
 
     @property
     def values(self) -> ComplexArray:

@@ -16,23 +16,14 @@ from bayes_ssi.measurements.records.resonances import Resonances, with_positive_
 
 
 class MethodModes(NamedTuple):
-    """m modes by one method; None for what the method does not give.
+    """m modes by one method; None for what the method does not give."""
 
-    Attributes:
-        frequencies_hz: (m,).
-        shapes: (n, m), real, at unit length.
-        frequency_covs: (m,), standard deviations over the frequencies.
-        dampings: (m,).
-        damping_sds: (m,).
-        shape_sds: (m,).
-    """
-
-    frequencies_hz: FloatArray
-    shapes: FloatArray
-    frequency_covs: FloatArray | None = None
-    dampings: FloatArray | None = None
-    damping_sds: FloatArray | None = None
-    shape_sds: FloatArray | None = None
+    frequencies_hz: FloatArray  # (m,)
+    shapes: FloatArray  # (n, m), real, at unit length
+    frequency_covs: FloatArray | None = None  # (m,), standard deviations over the frequencies
+    dampings: FloatArray | None = None  # (m,)
+    damping_sds: FloatArray | None = None  # (m,)
+    shape_sds: FloatArray | None = None  # (m,)
 
     def modal_data(
         self, band_hz: tuple[float, float], sensors: tuple[str, ...], source: str = ""

@@ -32,19 +32,13 @@ class Prominence(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Candidates of a range of frequencies.
-
-    Attributes:
-        of_peaks: the pole at each peak, with shapes (n, p) in channels.
-        shares: (o,), of the orders that have each of the others.
-        stabilisation: (2, a), frequency and order of every pole of every order.
-    """
+    """Candidates of a range of frequencies."""
 
     peaks: tuple[Prominence, ...]
-    of_peaks: Resonances
+    of_peaks: Resonances  # the pole at each peak, with shapes (n, p) in channels
     others: Resonances
-    shares: FloatArray
-    stabilisation: FloatArray
+    shares: FloatArray  # (o,), of the orders that have each of the others
+    stabilisation: FloatArray  # (2, a), frequency and order of every pole of every order
 
     @property
     def poles(self) -> Resonances:

@@ -23,15 +23,10 @@ from bayes_ssi.structures.modal import mac
 
 
 class Correlations(NamedTuple):
-    """Correlation functions of the segments of a record, with the directions of most motion.
+    """Correlation functions of the segments of a record, with the directions of most motion."""
 
-    Attributes:
-        sums: (segments, lags, n, r): R(τ), τ = 1, 2, …, of n sensors with r directions.
-        directions: (n, r).
-    """
-
-    sums: FloatArray
-    directions: FloatArray
+    sums: FloatArray  # (segments, lags, n, r): R(τ), τ = 1, 2, …, of n sensors with r directions
+    directions: FloatArray  # (n, r)
     rate_hz: float
     band_hz: tuple[float, float]
 

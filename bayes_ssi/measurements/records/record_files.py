@@ -13,9 +13,14 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import require_regular_file
 from bayes_ssi.foundations.universal_files import is_universal_file, read_data_sets
-from bayes_ssi.measurements.records.array_files import read_channels
-from bayes_ssi.measurements.records.channels import Channels
+from bayes_ssi.measurements.records.channels import Channels, read_channels
 from bayes_ssi.measurements.records.columns import read_columns_of_record
+from bayes_ssi.measurements.records.instrument_files import (
+    STRONG_MOTION,
+    read_strong_motion,
+    read_tdms,
+    read_universal,
+)
 from bayes_ssi.measurements.records.record import (
     QUANTITIES,
     Place,
@@ -24,8 +29,6 @@ from bayes_ssi.measurements.records.record import (
     checked_unit_of,
     units_of,
 )
-from bayes_ssi.measurements.records.strong_motion_files import STRONG_MOTION, read_strong_motion
-from bayes_ssi.measurements.records.tool_files import read_tdms, read_universal
 
 # Bytes at the beginning of a file, in which its rows of names are.
 # Columns of a file of modes.
@@ -46,8 +49,8 @@ def read_record(
     """Read the record of one setup, from one file or several with channels of the same instants.
 
     Formats are columns of text (:mod:`bayes_ssi.measurements.records.columns`), arrays in MATLAB,
-    numpy or HDF5 files (:mod:`bayes_ssi.measurements.records.array_files`), universal files (data
-    sets 58), TDMS, and strong motion (:mod:`bayes_ssi.measurements.records.strong_motion_files`).
+    numpy or HDF5 files (:mod:`bayes_ssi.measurements.records.channels`), universal files (data
+    sets 58), TDMS, and strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
     What the files do not state must be given; what both state must agree.
 
     Args:

@@ -13,17 +13,11 @@ from bayes_ssi.measurements.records.spectra import LocalSpectra
 
 
 class Resonances(NamedTuple):
-    """m modes without errors in r directions or n channels.
+    """m modes without errors in r directions or n channels."""
 
-    Attributes:
-        frequencies_hz: (m,).
-        dampings: (m,), fractions of critical damping.
-        shapes: (r, m), complex or real, at unit length.
-    """
-
-    frequencies_hz: FloatArray
-    dampings: FloatArray
-    shapes: NDArray[Any]
+    frequencies_hz: FloatArray  # (m,)
+    dampings: FloatArray  # (m,), fractions of critical damping
+    shapes: NDArray[Any]  # (r, m), complex or real, at unit length
 
     @classmethod
     def none(cls, n: int) -> Resonances:

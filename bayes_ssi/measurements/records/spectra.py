@@ -31,32 +31,22 @@ INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
 
 
 class Spectra(NamedTuple):
-    """Spectral matrices of K blocks of lines, ascending in frequency.
+    """Spectral matrices of K blocks of lines, ascending in frequency."""
 
-    Attributes:
-        frequencies_hz: (K,), centres of the blocks.
-        widths_hz: (K,), over which each block's matrix is an average.
-        weights: (K,), independent transforms that the block's matrix is the mean of.
-        matrices: (K, n, n), Hermitian: two-sided power spectral densities of accelerations.
-    """
-
-    frequencies_hz: FloatArray
-    widths_hz: FloatArray
-    weights: FloatArray
+    frequencies_hz: FloatArray  # (K,), centres of the blocks
+    widths_hz: FloatArray  # (K,), over which each block's matrix is an average
+    weights: FloatArray  # (K,), independent transforms that the block's matrix is the mean of
+    # (K, n, n), Hermitian: two-sided power spectral densities of accelerations.
     matrices: ComplexArray
 
 
 class Transforms(NamedTuple):
-    """The lines of a band of a record padded to twice its length, as accelerations.
-
-    Attributes:
-        values: (n, L), half a line of the record apart.
-    """
+    """The lines of a band of a record padded to twice its length, as accelerations."""
 
     first: int
     line_hz: float
     share: float
-    values: ComplexArray
+    values: ComplexArray  # (n, L), half a line of the record apart
 
     @property
     def frequencies_hz(self) -> FloatArray:
@@ -178,29 +168,18 @@ def _independent(n: int) -> float:
 
 
 class LocalSpectra(NamedTuple):
-    """Spectral matrices of K blocks in r directions of n channels.
+    """Spectral matrices of K blocks in r directions of n channels."""
 
-    Attributes:
-        frequencies_hz: (K,), centres of the blocks.
-        widths_hz: (K,), of the blocks.
-        weights: (K,), independent transforms of each.
-        matrices: (K, r, r).
-        floor: (r,), added to the diagonal in fits.
-        to_channels: (n, r), what the channels measure of each direction.
-        from_channels: (r, n), the directions of what channels measure.
-        rest: (K, n - r, r), cross spectra of all other directions, of unit noise, with these.
-        rest_to_channels: (n, n - r).
-    """
-
-    frequencies_hz: FloatArray
-    widths_hz: FloatArray
-    weights: FloatArray
-    matrices: ComplexArray
-    floor: FloatArray
-    to_channels: FloatArray
-    from_channels: FloatArray
+    frequencies_hz: FloatArray  # (K,), centres of the blocks
+    widths_hz: FloatArray  # (K,), of the blocks
+    weights: FloatArray  # (K,), independent transforms of each
+    matrices: ComplexArray  # (K, r, r)
+    floor: FloatArray  # (r,), added to the diagonal in fits
+    to_channels: FloatArray  # (n, r), what the channels measure of each direction
+    from_channels: FloatArray  # (r, n), the directions of what channels measure
+    # (K, n - r, r), cross spectra of all other directions, of unit noise, with these.
     rest: ComplexArray
-    rest_to_channels: FloatArray
+    rest_to_channels: FloatArray  # (n, n - r)
 
     @property
     def band_hz(self) -> tuple[float, float]:

@@ -17,12 +17,9 @@ from bayes_ssi.measurements.records.record import Record
 
 
 class Stationary(NamedTuple):
-    """The stationary part of a record.
+    """The stationary part of a record."""
 
-    Attributes:
-        mask: (N,) factors of the samples, 0 where they are left out; None if nothing is.
-    """
-
+    # (N,) factors of the samples, 0 where they are left out; None if nothing is.
     mask: FloatArray | None
     spans_s: tuple[tuple[float, float], ...]
     varies: float

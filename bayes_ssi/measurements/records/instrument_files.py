@@ -1,0 +1,170 @@
+"""Records in files of measuring systems: universal files (data sets 58), TDMS and strong motion.
+
+Corrected strong motion (volume 2, ``.v2``) is that of the Center for Engineering Strong Motion
+Data. Every channel has a heading of text with a line such as ``Chan  4:  Long  (Sta Chn:  6)``,
+numbers, and then acceleration, velocity and displacement, each in fixed columns below a line such
+as `` 3251 points of accel data equally spaced at  .020 sec, in cm/sec2. (8f10.6)``, and a last
+line, ``End of data for channel``. Channels of one station follow each other in one file, or have a
+file each.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
+from bayes_ssi.measurements.records.channels import Channels
+from bayes_ssi.measurements.records.record import Place, units_of
+
+# Of data sets 58, what the ordinates of time responses are.
+ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
+
+
+# Endings; the second is that of another format, of COSMOS, which is refused by its content.
+STRONG_MOTION = (".v2", ".v2c")
+CHANNEL = re.compile(
+    r"\s*chan\s+(\d+):\s*(.*?)\s*(\(sta chn:\s*(\d+)\).*|location:.*)?$", re.IGNORECASE
+)
+BLOCK = re.compile(
+    r"\s*(?P<points>\d+) points of (?P<what>accel|veloc|displ) data equally spaced at\s+"
+    r"(?P<step>\d*\.\d+) sec\b\W*(in|units:)\s+(?P<unit>[a-z]+[a-z0-9/]*)"
+    r"(?!.*\((?!8f10\.))",
+    re.IGNORECASE,
+)
+END = "end of data for channel"
+
+
+def read_universal(path: Path) -> Channels:
+    """Read the time responses (data sets 58) of a universal file.
+
+    Sensors are named by node and direction, ``12 x``; what was measured against the direction of
+    an axis is turned to it.
+    """
+    sets = [s for s in read_data_sets(path, 58) if s["func_type"] == 1]  # of time
+    if not sets:
+        raise ValueError("no data set 58 with a time response")
+    if any(each["abscissa_spacing"] != 1 for each in sets):
+        raise ValueError("a time response with uneven steps")
+    directions = [response_direction(each) for each in sets]
+    places: list[Place] = [
+        (int(each["rsp_node"]), along[0]) if along else None
+        for each, along in zip(sets, directions, strict=True)
+    ]
+    signs = [along[1] if along else 1.0 for along in directions]
+    names = [f"{place[0]} {place[1]}" if place else "" for place in places]
+    return Channels(
+        in_rows([s * np.real(each["data"]) for s, each in zip(signs, sets, strict=True)]),
+        tuple(names) if all(names) else (),
+        tuple(1.0 / float(each["abscissa_inc"]) for each in sets),
+        tuple(ORDINATES[k] for each in sets if (k := each["ordinate_spec_data_type"]) in ORDINATES),
+        tuple(
+            label
+            for each in sets
+            if (label := str(each["ordinate_axis_units_lab"]).strip()) not in ("", "NONE")
+        ),
+        tuple(places),
+    )
+
+
+def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
+    """Read the channels of a TDMS file."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise ValueError(
+            'npTDMS is not installed; install it with pip install "bayes_ssi[tdms]"'
+        ) from None
+    require_regular_file(path)
+    try:
+        file = TdmsFile.read(str(path))
+    except Exception as error:  # a damaged file may raise anything there
+        reason = " ".join(str(error).split())
+        raise ValueError(
+            f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
+        ) from error
+    groups = {group.name: group for group in file.groups()}
+    require_known("no group", keys, groups)
+    chosen = [groups[key] for key in keys] or list(groups.values())
+    channels = [channel for group in chosen for channel in group.channels() if len(channel)]
+    if not channels:
+        raise ValueError("holds no channels")
+    if any(channel[:].dtype.kind not in "iuf" for channel in channels):
+        raise ValueError("holds channels that are not numbers; name the groups to read by keys")
+    properties = [channel.properties for channel in channels]
+    return Channels(
+        in_rows([channel[:] for channel in channels]),
+        tuple(channel.name for channel in channels),
+        tuple(1.0 / each["wf_increment"] for each in properties if each.get("wf_increment")),
+        (),
+        tuple(str(each["unit_string"]) for each in properties if each.get("unit_string")),
+    )
+
+
+def read_strong_motion(path: Path, quantity: str) -> Channels:
+    """Read one quantity of all channels of a file.
+
+    Sensors are named by their number at the station, or else at the recorder, and direction:
+    ``6 Long``, ``1 90 Deg``.
+
+    Args:
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+    """
+    units_of(quantity)
+    require_regular_file(path)
+    name, blocks, ends = "", [], [False]
+    with path.open(encoding="latin-1") as file:
+        for line in file:
+            if line.strip():
+                ends.append(END in line.lower())
+            if (channel := CHANNEL.match(line)) is not None:
+                number, direction, _, at_station = channel.groups()
+                name = " ".join(f"{at_station or number} {direction}".split())
+            elif (block := BLOCK.match(line)) is not None:
+                what, unit = block["what"].lower(), block["unit"].lower().replace("sec", "s")
+                samples = _numbers(file, int(block["points"]), what)
+                if quantity.startswith(what):
+                    blocks.append((samples, name, 1.0 / float(block["step"]), unit))
+    if not blocks:
+        raise ValueError(
+            f"holds no {quantity} as corrected strong motion (V2) has it, below a line such as "
+            f"'3251 points of {quantity[:5]} data equally spaced at .020 sec, in ... (8f10.6)'"
+        )
+    if sum(ends) != len(blocks) or not ends[-1]:
+        raise ValueError(
+            f"{len(blocks)} channels have {quantity}, {sum(ends)} an 'End of data for channel'; is "
+            "it damaged or truncated?"
+        )
+    rows, names, rates, units = zip(*blocks, strict=True)
+    return Channels(in_rows(rows), names if all(names) else (), rates, (quantity,), units)
+
+
+def _numbers(file: TextIO, points: int, what: str) -> FloatArray:
+    """As many numbers as are announced, from the next lines."""
+    numbers: list[str] = []
+    for line in islice(file, -(-points // 8)):  # 8f10: ten characters, which may touch
+        text = line.rstrip()
+        numbers += [text[i : i + 10] for i in range(0, len(text), 10)]
+    try:
+        samples = np.array(numbers, dtype=float)
+    except ValueError as error:
+        raise ValueError(f"below '{points} points of {what} data': {error}") from None
+    if len(samples) != points:
+        raise ValueError(f"'{points} points of {what} data' are followed by {len(samples)} numbers")
+    return samples
+
+
+def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
+    """Channels as one array."""
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")
+    return np.array(rows, dtype=float)
