@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from simulated_records import FRAME, simulated_record, with_infill
 
-from bayes_ssi.measurements.records.machine_lines import machine_lines
+from bayes_ssi.measurements.records.disturbances import machine_lines
 from bayes_ssi.measurements.records.record_checks import remarks_on
 
 SENSORS = ("floor 1", "floor 2", "floor 3")

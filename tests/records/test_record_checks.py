@@ -10,7 +10,7 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.measurements.records.machine_lines import machine_lines, without_lines
+from bayes_ssi.measurements.records.disturbances import machine_lines, without_lines
 from bayes_ssi.measurements.records.record_checks import remarks_on
 
 SENSORS = ("floor 1", "floor 2", "floor 3")

@@ -158,6 +158,22 @@ def require_name(name: str, what: str) -> None:
         )
 
 
+def checked_sensors(sensors: Iterable[str], of: str) -> tuple[str, ...]:
+    """The names of the sensors of a record or of modal data, which ``of`` calls it."""
+    if isinstance(sensors, str):
+        raise TypeError(f"{of}: sensors must be several names, got {sensors!r}")
+    names = tuple(sensors)
+    for name in names:
+        require_name(name, f"{of}: sensor name")
+        if name in RESERVED_NAMES:
+            raise ValueError(
+                f"{of}: a sensor may not be named {name!r}, a column of every file of modes"
+            )
+    if len(set(names)) < len(names):
+        raise ValueError(f"{of}: two sensors are named {repeated(names)!r}")
+    return names
+
+
 def repeated(names: Iterable[str]) -> str | None:
     """The first name that occurs for a second time; None if none does."""
     seen: set[str] = set()

@@ -16,11 +16,6 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.structures.modal import ROUNDING
 
-# Entries may be rounded to single precision, which leaves eigenvalues as much below zero.
-ROUNDED = 1e-6
-# Sizes of errors beside a covariance may be rounded to two digits.
-TWO_DIGITS = 0.05
-
 
 def checked_covariance(
     covariance: FloatArray, modes: Sequence[IdentifiedMode], n_sensors: int
@@ -39,12 +34,13 @@ def checked_covariance(
     matrix[:, ~counted] = 0.0
     if not np.isfinite(matrix).all():
         raise ValueError("modal data: covariance has entries that are not finite")
-    largest = np.abs(matrix).max()
-    if np.abs(matrix - matrix.T).max() > ROUNDED * largest:
+    # Entries may be rounded to single precision, which leaves eigenvalues as much below zero.
+    rounding = 1e-6 * np.abs(matrix).max()
+    if np.abs(matrix - matrix.T).max() > rounding:
         raise ValueError("modal data: covariance is not symmetric")
     matrix = _in_planes(0.5 * (matrix + matrix.T), planes)
     lowest = float(np.linalg.eigvalsh(matrix)[0])
-    if lowest < -ROUNDED * largest:
+    if lowest < -rounding:
         raise ValueError(
             f"modal data: covariance is not positive semi-definite: an eigenvalue is {lowest:.3g}"
         )
@@ -133,7 +129,8 @@ def _sizes(
 
 def _agreed(mode: IdentifiedMode, name: str, size: float | None) -> float | None:
     stated = getattr(mode, name)
-    if size is not None and stated is not None and abs(stated / size - 1.0) > TWO_DIGITS:
+    # Sizes of errors beside a covariance may be rounded to two digits.
+    if size is not None and stated is not None and abs(stated / size - 1.0) > 0.05:
         raise ValueError(
             f"mode {mode.label!r}: {name} is {stated:g}, but the covariance gives {size:.3g}"
         )

@@ -17,11 +17,10 @@ from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import (
-    RESERVED_NAMES,
     IdentifiedMode,
     checked_band,
+    checked_sensors,
     repeated,
-    require_name,
 )
 from bayes_ssi.measurements.modes.joint_covariance import (
     checked_covariance,
@@ -70,25 +69,13 @@ class ModalData(Displayed):
     def __post_init__(self) -> None:
         low, high = checked_band(self.band_hz)
         object.__setattr__(self, "band_hz", (low, high))
-        if isinstance(self.sensors, str):
-            raise TypeError(f"modal data: sensors must be several names, got {self.sensors!r}")
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        for sensor in self.sensors:
-            require_name(sensor, "sensor name")
-        reserved = [sensor for sensor in self.sensors if sensor in RESERVED_NAMES]
-        if reserved:
-            raise ValueError(
-                f"modal data: a sensor may not be named {reserved[0]!r}, a column of every file "
-                "of modes"
-            )
+        object.__setattr__(self, "sensors", checked_sensors(self.sensors, "modal data"))
         require(self.modes, tuple[IdentifiedMode, ...], "modal data: modes")
         order = sorted(range(len(self.modes)), key=lambda i: self.modes[i].frequency_hz)
         ordered = tuple(self.modes[i] for i in order)
         object.__setattr__(self, "modes", ordered)
         if not ordered:
             raise ValueError("modal data: no identified mode")
-        if len(set(self.sensors)) != len(self.sensors):
-            raise ValueError(f"modal data: two sensors are named {repeated(self.sensors)!r}")
         if len(set(self.labels)) != len(self.labels):
             raise ValueError(f"modal data: two modes have the label {repeated(self.labels)!r}")
         for mode in ordered:

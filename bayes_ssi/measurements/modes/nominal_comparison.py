@@ -19,10 +19,10 @@ from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
 
 # Errors of identified shapes and of a nominal model take less from the mean MAC, and from its
 # product with the ratio of frequencies.
-MUCH_BETTER = 0.2
+LEAST_GAIN_OF_MAC = 0.2
 # Nominal frequencies are not off by such a factor; in units that do not belong together they are
 # off by √1000 = 32, or √9.81 = 3.1 (kgf) to √(1000/9.81) = 10.
-UNITS_AGREE = 3.0
+MOST_RATIO_OF_FREQUENCIES = 3.0
 
 # Axis of the model → axis of the test that is taken for it.
 Exchange = Mapping[str, str]
@@ -66,7 +66,7 @@ class NominalComparison:
         )
         lines = [f"Nominal frequencies: {shown} Hz; identified: {identified} Hz."]
         ratio = self.nominal_hz[0] / self.identified_hz[0]
-        if not 1.0 / UNITS_AGREE < ratio < UNITS_AGREE:
+        if not 1.0 / MOST_RATIO_OF_FREQUENCIES < ratio < MOST_RATIO_OF_FREQUENCIES:
             lines.append(
                 f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are "
                 "the model's units of force, length and mass consistent?"
@@ -131,7 +131,7 @@ def _much_better(
         return None
     stated = means[TRANSLATIONS]
     best = max(means, key=lambda order: means[order])
-    if means[best] < stated + MUCH_BETTER:
+    if means[best] < stated + LEAST_GAIN_OF_MAC:
         return None
     axes = dict(zip(TRANSLATIONS, best, strict=True))
     return AxisExchange(axes, measure, means[best], stated)

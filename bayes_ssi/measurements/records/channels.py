@@ -35,6 +35,28 @@ class Channels(NamedTuple):
     # Node and direction of the channels; empty where the file has none.
     places: tuple[Place, ...] = ()
 
+    @classmethod
+    def joined(cls, parts: Sequence[Channels]) -> Channels:
+        """Channels of several files with the same instants; named where all files have names."""
+        if len(parts) == 1:
+            return parts[0]
+        rates, quantities, units = (
+            tuple(stated for part in parts for stated in getattr(part, statements))
+            for statements in ("rates_hz", "quantities", "units")
+        )
+        names = tuple(name for part in parts for name in part.names)
+        places: list[tuple[Place, ...]] = []
+        if any(part.places for part in parts):
+            places = [part.places or (None,) * len(part.samples) for part in parts]
+        return cls(
+            np.concatenate([part.samples for part in parts]),
+            names if all(part.names for part in parts) else (),
+            rates,
+            quantities,
+            units,
+            tuple(place for of_part in places for place in of_part),
+        )
+
 
 def with_statements(
     samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any]

@@ -10,6 +10,12 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.band_search import explain
+from bayes_ssi.measurements.records.disturbances import (
+    EVERYTHING,
+    machine_lines,
+    stationary_part,
+    without_lines,
+)
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.identification_result import (
     ModalIdentification,
@@ -18,14 +24,12 @@ from bayes_ssi.measurements.records.identification_result import (
     measured_record,
 )
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
-from bayes_ssi.measurements.records.machine_lines import machine_lines, without_lines
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
 from bayes_ssi.measurements.records.sensor_delays import common_delays
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
-from bayes_ssi.measurements.records.stationarity import EVERYTHING, stationary_part
 
 METHOD = "Bayesian FFT"
 
@@ -64,7 +68,9 @@ def identify(
     if ground is None:
         ground = _driving_sensor(still, band, remarks)
     driven_by = _place_of(record, ground)
-    part = stationary_part(still, reach) if driven_by is None else EVERYTHING
+    part = EVERYTHING
+    if driven_by is None:
+        part = stationary_part(still.samples, still.rate_hz, reach)
     if part.varies > IDENTIFICATION.most_variation:
         doubts.append(
             f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "

@@ -12,12 +12,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known, require_one_of
 from bayes_ssi.foundations.displayed import Displayed, counted
-from bayes_ssi.measurements.modes.identified_mode import (
-    RESERVED_NAMES,
-    checked_band,
-    repeated,
-    require_name,
-)
+from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
 from bayes_ssi.measurements.records.record_checks import moving, remarks_on
 from bayes_ssi.structures.response.ground_motion import UNITS, checked_unit
 
@@ -28,8 +23,6 @@ QUANTITIES = {
     "displacement": ("m", "cm", "mm", "in", "ft"),
 }
 DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
-# A filter's passband ends here, as a share of the new Nyquist frequency (scipy.signal.decimate).
-PASSED = 0.8
 
 Place = tuple[int, str] | None
 
@@ -63,9 +56,7 @@ class Record(Displayed):
     source: str = ""
 
     def __post_init__(self) -> None:
-        if isinstance(self.sensors, str):
-            raise TypeError(f"record: sensors must be several names, got {self.sensors!r}")
-        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "sensors", checked_sensors(self.sensors, "record"))
         object.__setattr__(self, "samples", self._checked_samples())
         object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
         object.__setattr__(self, "unit", checked_unit_of(self.quantity, self.unit))
@@ -95,14 +86,6 @@ class Record(Displayed):
             raise ValueError("record: a mode shape needs two sensors or more, got 1")
         if len(self.sensors) != n:
             raise ValueError(f"record: {len(self.sensors)} names for {n} sensors")
-        for name in self.sensors:
-            require_name(name, "record: sensor name")
-            if name in RESERVED_NAMES:
-                raise ValueError(
-                    f"record: a sensor may not be named {name!r}, a column of every file of modes"
-                )
-        if len(set(self.sensors)) < n:
-            raise ValueError(f"record: two sensors are named {repeated(self.sensors)!r}")
         for name, row in zip(self.sensors, samples, strict=True):
             finite = np.isfinite(row)
             if not finite.all():
@@ -242,7 +225,8 @@ class Record(Displayed):
             raise ValueError(
                 f"highest_hz must be positive and at most {self.nyquist_hz:g}, got {highest_hz!r}"
             )
-        return self.decimated(max(1, int(PASSED * self.nyquist_hz / highest_hz)))
+        # The filter passes 0.8 of the new Nyquist frequency (scipy.signal.decimate).
+        return self.decimated(max(1, int(0.8 * self.nyquist_hz / highest_hz)))
 
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""

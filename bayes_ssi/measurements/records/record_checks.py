@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.records.disturbances import machine_lines
 from bayes_ssi.measurements.records.identification_settings import CHECKS
-from bayes_ssi.measurements.records.machine_lines import machine_lines
 from bayes_ssi.measurements.records.sensor_delays import late_sensors
 
 

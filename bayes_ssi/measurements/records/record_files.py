@@ -7,8 +7,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import require_regular_file
@@ -23,17 +21,14 @@ from bayes_ssi.measurements.records.instrument_files import (
 )
 from bayes_ssi.measurements.records.record import (
     QUANTITIES,
-    Place,
     Record,
     checked_rate,
     checked_unit_of,
     units_of,
 )
 
-# Bytes at the beginning of a file, in which its rows of names are.
 # Columns of a file of modes.
 OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
-HEAD = 4096
 
 
 @checked
@@ -83,21 +78,23 @@ def read_record(
                 f"{path}: {length} samples, but {lengths[0]} in {files[0]}; files of one setup "
                 "hold the same instants"
             )
-    names = tuple(sensors) if sensors is not None else _names(parts)
     whole = f"{files[0]}" + (f" and {len(files) - 1} more" if len(files) > 1 else "")
-    rates = [*([] if rate_hz is None else [rate_hz]), *(r for p in parts for r in p.rates_hz)]
-    quantities = [*([quantity] if quantity else []), *(q for p in parts for q in p.quantities)]
-    units = [*([unit] if unit else []), *(u for p in parts for u in p.units)]
+    channels = Channels.joined(parts)
+    channels.samples.setflags(write=False)  # so that the record need not copy them
+    names = tuple(sensors) if sensors is not None else channels.names
+    rates = (*([] if rate_hz is None else [rate_hz]), *channels.rates_hz)
+    quantities = (*([quantity] if quantity else []), *channels.quantities)
+    units = (*([unit] if unit else []), *channels.units)
     try:
-        _require(rates, quantities, units, names, sum(len(part.samples) for part in parts))
+        _require(rates, quantities, units, names, len(channels.samples))
         kind = _one(quantities, "quantity")
         return Record(
-            _joined(parts),
+            channels.samples,
             _one_rate(rates),
             names,
             kind,
             _one([checked_unit_of(kind, stated) for stated in units], "unit"),
-            _places(parts),
+            channels.places,
             source=", ".join(path.name for path in files),
         )
     except ValueError as error:
@@ -134,7 +131,7 @@ def is_record(path: Path) -> bool:
     if is_universal_file(path):
         return bool(read_data_sets(path, 58))
     with path.open("rb") as file:
-        head = file.read(HEAD)
+        head = file.read(4096)  # where its rows of names are
     return bool(head.strip()) and OF_MODES.search(head) is None
 
 
@@ -149,26 +146,6 @@ def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
     if suffix in STRONG_MOTION:
         return read_strong_motion(path, quantity or "acceleration")
     return read_universal(path) if is_universal_file(path) else read_columns_of_record(path)
-
-
-def _joined(parts: Sequence[Channels]) -> np.ndarray:
-    """All channels in one array that nobody can change, so that the record need not copy it."""
-    samples = parts[0].samples if len(parts) == 1 else np.concatenate([p.samples for p in parts])
-    samples.setflags(write=False)
-    return samples
-
-
-def _names(parts: Sequence[Channels]) -> tuple[str, ...]:
-    """Names of all channels; none where one file has none."""
-    if all(part.names for part in parts):
-        return tuple(name for part in parts for name in part.names)
-    return ()
-
-
-def _places(parts: Sequence[Channels]) -> tuple[Place, ...]:
-    if not any(part.places for part in parts):
-        return ()
-    return tuple(p for part in parts for p in part.places or (None,) * len(part.samples))
 
 
 def _one_rate(rates: Sequence[float]) -> float:

@@ -1,19 +1,26 @@
-"""Lines of machines: sines, which a record of any length shows in one line, and all through it.
+"""What disturbs a record: lines of machines, and quakes, shocks and bursts.
 
+Machines run at sines, which a record of any length shows in one line, and all through it.
 At a sine the transforms z of a few sensors stand out of their spectral matrix G nearby: for
 stationary motion, zᴴ G⁻¹ z with G the mean of m lines is m n / (m - n + 1) times a variable of
 Fisher's F(2 n, 2 (m - n + 1)). What sensors do together, as under ground motion, does not hide a
 sine that they share in other proportions. A resonance is at least a few lines wide, and its phase
 wanders; a shock is over soon. A sine has one phase in all parts of the record.
+
+A spectral model takes loads to be the same all the time. The motion of a band in short windows is
+compared with its median: where it is many times as strong, those windows are left out, with what
+follows until it has decayed.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import MACHINE_LINES
+from bayes_ssi.measurements.records.identification_settings import CHECKS, MACHINE_LINES
 
 # Lines to either side over which a Hann window spreads a sine.
 SPREAD = 2
@@ -135,3 +142,61 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
     return np.concatenate(
         [samples[:, block] - amplitudes.T @ waves(block) for block in blocks], axis=1
     )
+
+
+class Stationary(NamedTuple):
+    """The stationary part of a record."""
+
+    # (N,) factors of the samples, 0 where they are left out; None if nothing is.
+    mask: FloatArray | None
+    spans_s: tuple[tuple[float, float], ...]
+    varies: float
+
+
+# Where what drives the structure is measured, all of a record is used.
+EVERYTHING = Stationary(None, (), 1.0)
+
+
+def stationary_part(
+    samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]
+) -> Stationary:
+    """The stationary part of samples (n, N), as the motion of a band shows it."""
+    from scipy.fft import irfft, rfft
+
+    n = samples.shape[1]
+    low, high = band_hz
+    frequencies = np.fft.rfftfreq(n, 1.0 / rate_hz)
+    passed = (frequencies > low) & (frequencies < high)
+    length = max(1, min(round(CHECKS.window_periods * rate_hz / low), n // CHECKS.fewest_windows))
+    n_windows = n // length
+    powers = np.zeros(n_windows)
+    for row in samples:
+        motion = irfft(np.where(passed, rfft(row - row.mean()), 0.0), n)
+        power = (motion[: n_windows * length].reshape(n_windows, length) ** 2).mean(1)
+        powers += power / max(float(np.median(power)), np.finfo(float).tiny)
+    powers /= np.median(powers)
+    out = powers > CHECKS.strong_power
+    for _ in range(n_windows):  # until what was set in motion has decayed
+        beside = np.zeros_like(out)
+        beside[1:] |= out[:-1]
+        beside[:-1] |= out[1:]
+        wider = out | (beside & (powers > CHECKS.decayed_power))
+        if (wider == out).all():
+            break
+        out = wider
+    if not out.any() or out.mean() > CHECKS.most_left_out:
+        return Stationary(None, (), float(powers.max()))
+    mask = np.ones(n)
+    spans = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        # Flanks of one window; the last window holds the rest of the record.
+        start, end = first * length, n if last == n_windows else last * length
+        mask[start:end] = 0.0
+        flank = np.sin(0.5 * np.pi * (np.arange(length) + 0.5) / length) ** 2
+        before = mask[max(0, start - length) : start]
+        before[:] = np.minimum(before, flank[::-1][-len(before) :] if len(before) else before)
+        after = mask[end : end + length]
+        after[:] = np.minimum(after, flank[: len(after)])
+        spans.append((start / rate_hz, end / rate_hz))
+    return Stationary(mask, tuple(spans), float(powers[~out].max()))
