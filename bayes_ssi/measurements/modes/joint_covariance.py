@@ -102,9 +102,9 @@ def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
     m, n, _ = planes.shape
     projected = covariance.copy()
     for i, plane in enumerate(planes):
-        own = slice(m + n * i, m + n * (i + 1))
-        projected[own] = plane @ projected[own]
-        projected[:, own] = projected[:, own] @ plane
+        shape = slice(m + n * i, m + n * (i + 1))
+        projected[shape] = plane @ projected[shape]
+        projected[:, shape] = projected[:, shape] @ plane
     # What is in the planes already stays as it is, to the last digit.
     change = np.abs(projected - covariance).max()
     kept = change <= ROUNDING * np.abs(covariance).max()

@@ -28,10 +28,10 @@ import csv
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import compress
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -182,9 +182,9 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
         FileExistsError: a file exists.
     """
     path = Path(path)
-    for own in modal_files(data, path):
-        if own.exists():
-            raise FileExistsError(f"{own} exists; give another name")
+    for written in modal_files(data, path):
+        if written.exists():
+            raise FileExistsError(f"{written} exists; give another name")
     optional = [
         name
         for name in NUMBER_COLUMNS[1:]
@@ -215,16 +215,15 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
         write_identifications(data.identifications, identification_path(path))
 
 
-def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
-    """The files that :func:`write_modal_data` writes."""
-    every = possible_modal_files(path)
-    is_written = (True, data.covariance is not None, bool(data.identifications))
-    return tuple(compress(every, is_written))
-
-
 def possible_modal_files(path: str | Path) -> tuple[Path, ...]:
     """The files that :func:`write_modal_data` may write."""
     return Path(path), covariance_path(path), identification_path(path)
+
+
+def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
+    """The files that :func:`write_modal_data` writes."""
+    is_written = (True, data.covariance is not None, bool(data.identifications))
+    return tuple(compress(possible_modal_files(path), is_written))
 
 
 def _component_text(component: complex) -> str:
@@ -285,21 +284,20 @@ def _column_names(line: _Line) -> list[str]:
     return names
 
 
-class _Head(NamedTuple):
-    """What the lines above the column names state; ``files`` by their keys."""
+@dataclass
+class _Head:
+    """What the lines above the column names state."""
 
-    source: str
-    band_hz: tuple[float, float] | None
-    files: dict[str, str]
-    failed_checks: tuple[str, ...]
+    source: str = ""
+    band_hz: Sequence[float] | None = None
+    failed_checks: tuple[str, ...] = ()
+    files: dict[str, str] = field(default_factory=dict)  # by their keys
 
 
-def _read_head(head: list[_Line]) -> _Head:
-    source, band = "", None
-    files: dict[str, str] = {}
-    failed: list[str] = []
+def _read_head(lines: list[_Line]) -> _Head:
+    head = _Head()
     first: dict[str, int] = {}
-    for line in head:
+    for line in lines:
         cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
         # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
         if stated := re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", cells[0]):
@@ -309,21 +307,20 @@ def _read_head(head: list[_Line]) -> _Head:
         if key in HEAD_KEYS and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
-            source = ", ".join(values)
+            head.source = ", ".join(values)
         elif key == "failed_check":
-            failed.append(", ".join(values))
+            head.failed_checks += (", ".join(values),)
         elif key in FILE_KEYS:
             if len(values) != 1:
                 raise line.error(f"{key} needs the name of one file, got {values!r}")
-            files[key] = values[0]
+            head.files[key] = values[0]
         elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
             if len(values) != 2:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
-            low, high = (line.parse(float, value, "band_hz") for value in values)
-            band = (low, high)
-    return _Head(source, band, files, tuple(failed))
+            head.band_hz = [line.parse(float, value, "band_hz") for value in values]
+    return head
 
 
 def _component(text: str, column: str, line: _Line) -> complex:

@@ -139,7 +139,7 @@ def weighted_least_squares(
     m = len(shapes)
     counted = m if any(part.frequency_places for part in parts) else 0
     for _ in range(50):
-        planes = [_plane(*each) for each in zip(shapes, measured, strict=True)]
+        planes = [_plane(*shape) for shape in zip(shapes, measured, strict=True)]
         of_parts = [part.residuals(log_frequencies, shapes, planes) for part in parts]
         residuals = np.concatenate([of_part for of_part, _ in of_parts])
         slopes = np.concatenate([of_part for _, of_part in of_parts])[:, m - counted :]
@@ -176,8 +176,8 @@ def weighted_least_squares(
 
 def _plane(shape: FloatArray, measured: NDArray[np.bool_]) -> FloatArray:
     """Directions (N, K) at right angles to a shape, among its measured components."""
-    own = np.flatnonzero(measured)
-    plane = np.zeros((len(shape), max(len(own) - 1, 0)))
-    if len(own):
-        plane[own] = np.linalg.svd(shape[own][None])[2][1:].T
+    places = np.flatnonzero(measured)
+    plane = np.zeros((len(shape), max(len(places) - 1, 0)))
+    if len(places):
+        plane[places] = np.linalg.svd(shape[places][None])[2][1:].T
     return plane

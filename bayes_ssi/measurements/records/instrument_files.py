@@ -52,25 +52,24 @@ def read_universal(path: Path) -> Channels:
     sets = [s for s in read_data_sets(path, 58) if s["func_type"] == 1]  # of time
     if not sets:
         raise ValueError("no data set 58 with a time response")
-    if any(each["abscissa_spacing"] != 1 for each in sets):
+    if any(series["abscissa_spacing"] != 1 for series in sets):
         raise ValueError("a time response with uneven steps")
-    directions = [response_direction(each) for each in sets]
-    places: list[Place] = [
-        (int(each["rsp_node"]), along[0]) if along else None
-        for each, along in zip(sets, directions, strict=True)
-    ]
-    signs = [along[1] if along else 1.0 for along in directions]
-    names = [f"{place[0]} {place[1]}" if place else "" for place in places]
+    rows: list[np.ndarray] = []
+    places: list[Place] = []
+    for series in sets:
+        along = response_direction(series)
+        direction, sign = along or ("", 1.0)
+        rows.append(sign * np.real(series["data"]))
+        places.append((int(series["rsp_node"]), direction) if along else None)
+    ordinates = [series["ordinate_spec_data_type"] for series in sets]
+    units = [str(series["ordinate_axis_units_lab"]).strip() for series in sets]
+    names = tuple(f"{place[0]} {place[1]}" if place else "" for place in places)
     return Channels(
-        in_rows([s * np.real(each["data"]) for s, each in zip(signs, sets, strict=True)]),
-        tuple(names) if all(names) else (),
-        tuple(1.0 / float(each["abscissa_inc"]) for each in sets),
-        tuple(ORDINATES[k] for each in sets if (k := each["ordinate_spec_data_type"]) in ORDINATES),
-        tuple(
-            label
-            for each in sets
-            if (label := str(each["ordinate_axis_units_lab"]).strip()) not in ("", "NONE")
-        ),
+        in_rows(rows),
+        names if all(names) else (),
+        tuple(1.0 / float(series["abscissa_inc"]) for series in sets),
+        tuple(ORDINATES[kind] for kind in ordinates if kind in ORDINATES),
+        tuple(unit for unit in units if unit not in ("", "NONE")),
         tuple(places),
     )
 
@@ -103,9 +102,9 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
     return Channels(
         in_rows([channel[:] for channel in channels]),
         tuple(channel.name for channel in channels),
-        tuple(1.0 / each["wf_increment"] for each in properties if each.get("wf_increment")),
+        tuple(1.0 / stated["wf_increment"] for stated in properties if stated.get("wf_increment")),
         (),
-        tuple(str(each["unit_string"]) for each in properties if each.get("unit_string")),
+        tuple(str(stated["unit_string"]) for stated in properties if stated.get("unit_string")),
     )
 
 

@@ -222,15 +222,16 @@ class Fitter:
         evidence = -value - 0.5 * float(log_determinant) if sign > 0 else -math.inf
         covariance = _solved(steps.curvature, np.eye(steps.size))
         jacobian = steps.jacobian()
-        own = covariance[steps.modal, steps.modal]
+        of_modes = covariance[steps.modal, steps.modal]
         chi, numbers = _chi_square(self.data, e)
         n_free = 1.0 - float(np.trace(covariance @ steps.information)) / (len(e) * r * r)
         n_degrees = max(1.0, float(numbers.sum()) * n_free)
         whiteness = float(chi.sum()) / n_degrees
         left = 0.5 * float(steps.slope @ covariance @ steps.slope)
         return LocalFit(
-            self.scene, model, steps.has_phases, jacobian @ own @ jacobian.T, -misfit, evidence,
-            whiteness, allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
+            self.scene, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
+            evidence, whiteness,
+            allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
             left < FIT.arrived_gain, e,
         )  # fmt: skip
 
@@ -306,7 +307,7 @@ class _Steps:
         self.tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
         forces = drive.forces(at, modes, h).swapaxes(1, 2)  # (K, m, r)
         n_tangent = self.tangents[0].shape[1] if m else 0
-        left = [(each[:, None] * shapes).swapaxes(1, 2) for each in (by_f, by_z)]
+        left = [(slopes[:, None] * shapes).swapaxes(1, 2) for slopes in (by_f, by_z)]
         left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(self.tangents)]
         driven_left, driven_right = drive.columns(at, modes, h).of_parts
         left.append(driven_left)
@@ -381,9 +382,9 @@ class _Steps:
         jacobian[range(2 * m), range(2 * m)] = 1.0
         at = 2 * m
         for i, tangent in enumerate(self.tangents):
-            own = slice(at, at + tangent.shape[1])
-            jacobian[2 * m + i * r : 2 * m + (i + 1) * r, own] = tangent.real
-            jacobian[2 * m + (m + i) * r : 2 * m + (m + i + 1) * r, own] = tangent.imag
+            columns = slice(at, at + tangent.shape[1])
+            jacobian[2 * m + i * r : 2 * m + (i + 1) * r, columns] = tangent.real
+            jacobian[2 * m + (m + i) * r : 2 * m + (m + i + 1) * r, columns] = tangent.imag
             at += tangent.shape[1]
         return jacobian
 

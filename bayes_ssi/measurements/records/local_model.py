@@ -194,9 +194,9 @@ class IndependentLoads(NamedTuple):
         r, m = modes.shapes.shape
         along = (modes.shapes.conj() * self.of_modes).sum(0).imag
         # Of all directions but one, that of i φ.
-        own = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
+        across = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
         value = (2 * r - 1) * m * math.log(ROOT_2_PI)
-        value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(own).sum())
+        value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(across).sum())
         return value + float(np.log(along.clip(1e-9) * FIT.log_range_of_forces).sum())
 
     def prior(self, modes: Resonances, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -208,10 +208,10 @@ class IndependentLoads(NamedTuple):
         precisions[range(at), range(at)] = FIT.neighbour_sd**-2
         for shape, scale in zip(modes.shapes.T, scales, strict=True):
             along = as_reals(1j * shape)
-            own = slice(at, at + 2 * r)
+            of_shape = slice(at, at + 2 * r)
             across = np.eye(2 * r) - np.outer(along, along)
             precision = across @ np.kron(np.linalg.inv(scale), np.eye(2)) @ across
-            precisions[own, own] = precision + FIT.flat_precision * np.eye(2 * r)
+            precisions[of_shape, of_shape] = precision + FIT.flat_precision * np.eye(2 * r)
             at += 2 * r
         return precisions, -precisions @ as_reals(self.values)
 

@@ -114,8 +114,8 @@ class ModalEstimates(Displayed):
         for i, (shape, length, sign) in enumerate(zip(shapes.T, lengths, signs, strict=True)):
             across = np.eye(n - 1) - np.outer(shape, shape)
             rows, columns = 2 * m + i * (n - 1), 2 * m + i * n
-            own = sign * across @ rest / length
-            jacobian[rows : rows + n - 1, columns : columns + n] = own
+            turn = sign * across @ rest / length
+            jacobian[rows : rows + n - 1, columns : columns + n] = turn
         return replace(
             self,
             sensors=tuple(np.delete(self.sensors, place).tolist()),

@@ -88,7 +88,7 @@ def identify(
         return found, *_on_time(transforms, found, band, bool(at), driven_by is not None)
 
     found, bands, late, spectrum = searched(part.mask)
-    if part.spans_s and not any(_inside(each, band) for each in bands):
+    if part.spans_s and not any(_inside(explained, band) for explained in bands):
         doubts.append(
             "only the strong motion shows modes: they are of the whole record, whose loads are not "
             "stationary, as the spectral model takes them to be"
@@ -250,7 +250,7 @@ def _result(
     remarks: list[str],
     doubts: list[str],
 ) -> ModalIdentification:
-    kept = [(each, inside) for each in bands if (inside := _inside(each, band))]
+    kept = [(explained, inside) for explained in bands if (inside := _inside(explained, band))]
     not_identified = _not_identified(found, bands, band)
     if not kept:
         raise ValueError(
@@ -275,7 +275,7 @@ def _result(
                 for i in too_short
             ),
         ),
-        (*doubts, *(doubt for each, _ in kept if (doubt := each.doubt))),
+        (*doubts, *(doubt for explained, _ in kept if (doubt := explained.doubt))),
     )  # fmt: skip
 
 
@@ -283,8 +283,9 @@ def _not_identified(
     found: Candidates, bands: list[Explained], band: tuple[float, float]
 ) -> tuple[tuple[float, str], ...]:
     """Clear peaks of the band that have no mode, and why."""
-    f = np.concatenate([np.empty(0), *(each.fit.modes.frequencies_hz for each in bands)])
-    half = np.concatenate([np.empty(0), *(each.fit.modes.half_widths_hz for each in bands)])
+    modes = [explained.fit.modes for explained in bands]
+    f = np.concatenate([np.empty(0), *(of_band.frequencies_hz for of_band in modes)])
+    half = np.concatenate([np.empty(0), *(of_band.half_widths_hz for of_band in modes)])
     missing = []
     for peak in found.peaks:
         if not (peak.is_clear and band[0] <= peak.frequency_hz <= band[1]):

@@ -54,12 +54,12 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     n_padded = next_fast_len(length + n_lags, real=True)
     sums = np.empty((n_segments, n_lags, n, directions.shape[1]))
     pairs = length - np.arange(1, n_lags + 1)
-    for own, start in zip(sums, range(0, n_segments * length, length), strict=True):
+    for segment, start in zip(sums, range(0, n_segments * length, length), strict=True):
         part = samples[:, start : start + length]
         transforms = rfft(part, n_padded)
         of_directions = rfft(directions.T @ part, n_padded)
         products = transforms[:, None] * of_directions.conj()
-        own[:] = np.moveaxis(irfft(products, n_padded)[..., 1 : n_lags + 1] / pairs, -1, 0)
+        segment[:] = np.moveaxis(irfft(products, n_padded)[..., 1 : n_lags + 1] / pairs, -1, 0)
     return Correlations(sums, directions, slow.rate_hz, (low, high))
 
 
@@ -109,7 +109,7 @@ def next_era(record: Record, band_hz: tuple[float, float], near: Resonances) -> 
     """
     data = correlations(record, band_hz)
     total, n_segments = data.sums.sum(0), len(data.sums)
-    without = [_Realisation((total - own) / (n_segments - 1), data) for own in data.sums]
+    without = [_Realisation((total - part) / (n_segments - 1), data) for part in data.sums]
     whole = _Realisation(data.sums.mean(0), data)
     for order in range(2 * near.n_modes, whole.highest_order + 1, 2):
         center = _matched(whole.poles(order), near)
