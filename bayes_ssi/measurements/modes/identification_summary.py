@@ -7,72 +7,51 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class MeasuredRecord:
-    """A vibration record, without its samples.
+    """A vibration record, without its samples."""
 
-    Attributes:
-        source: its files; empty where it was made in Python.
-        rate_hz: samples per second.
-        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
-    """
-
-    source: str
+    source: str  # its files; empty where it was made in Python
     sensors: tuple[str, ...]
     duration_s: float
-    rate_hz: float
-    quantity: str
+    rate_hz: float  # samples per second
+    quantity: str  # ``"acceleration"``, ``"velocity"`` or ``"displacement"``
     unit: str
 
 
 @dataclass(frozen=True)
 class EstimatedMode:
-    """One mode with the standard deviations that are claimed; None where nothing is claimed.
-
-    Attributes:
-        damping: fraction of critical damping.
-        shape_sd: standard deviation of a component across the unit shape.
-    """
+    """One mode with the standard deviations that are claimed; None where nothing is claimed."""
 
     frequency_hz: float
     frequency_cov: float
-    damping: float | None
+    damping: float | None  # fraction of critical damping
     damping_sd: float | None
-    shape_sd: float | None
+    shape_sd: float | None  # standard deviation of a component across the unit shape
 
 
 @dataclass(frozen=True)
 class EstimatedPeak:
-    """A peak of the spectra, and how many modes it holds.
+    """A peak of the spectra, and how many modes it holds."""
 
-    Attributes:
-        modes: places of its modes among those identified, from 0.
-        probability_of_two: that it holds two modes rather than one; None where the spectra around
-            it do not support a comparison.
-        probability_of_phases: that it is one mode whose sensors have phases, rather than one or two
-            with real shapes; None where that was not asked.
-    """
-
-    modes: tuple[int, ...]
+    modes: tuple[int, ...]  # places of its modes among those identified, from 0
+    # That it holds two modes rather than one; None where the spectra around it do not support a
+    # comparison.
     probability_of_two: float | None
     resolution_hz: float
+    # That it is one mode whose sensors have phases, rather than one or two with real shapes; None
+    # where that was not asked.
     probability_of_phases: float | None = None
 
 
 @dataclass(frozen=True)
 class IdentificationSummary:
-    """An identification of modes from one record.
-
-    Attributes:
-        whiteness: chi-square of the whitened spectra over its degrees of freedom, where it is
-            largest.
-        not_identified: frequency (Hz) of each mode that the record shows, but that is not among
-            those identified, and why.
-    """
+    """An identification of modes from one record."""
 
     record: MeasuredRecord
     band_hz: tuple[float, float]
     method: str
     loads: str
     is_explained: bool
+    # Chi-square of the whitened spectra over its degrees of freedom, where it is largest.
     whiteness: float
     allowed_whiteness: float
     cycles_of_decay: float
@@ -81,6 +60,8 @@ class IdentificationSummary:
     remarks: tuple[str, ...]
     failed_checks: tuple[str, ...]
     figures: tuple[str, ...] = ()
+    # Frequency (Hz) of each mode that the record shows, but that is not among those identified, and
+    # why.
     not_identified: tuple[tuple[float, str], ...] = ()
 
     @property

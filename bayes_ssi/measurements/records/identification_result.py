@@ -24,17 +24,12 @@ from bayes_ssi.measurements.records.record import Record
 
 
 class Peak(NamedTuple):
-    """A peak of the spectra, and how many modes it holds.
-
-    Attributes:
-        modes: their places among those quoted, from 0.
-        probability_of_two: that it holds two modes rather than one, with real shapes or with
-            phases, each explanation equally probable before; None where the spectra around it are
-            explained by none.
-    """
+    """A peak of the spectra, and how many modes it holds."""
 
     frequencies_hz: tuple[float, ...]
-    modes: tuple[int, ...]
+    modes: tuple[int, ...]  # their places among those quoted, from 0
+    # That it holds two modes rather than one, with real shapes or with phases, each explanation
+    # equally probable before; None where the spectra around it are explained by none.
     probability_of_two: float | None
     probability_of_phases: float | None
     resolution_hz: float
@@ -64,14 +59,10 @@ class SingularValues(NamedTuple):
     """Of the spectral matrices of all channels, in unit² / Hz of accelerations.
 
     Where the ground's motion is measured, they are over its power.
-
-    Attributes:
-        frequencies_hz: (K,).
-        values: (K, n), descending.
     """
 
-    frequencies_hz: FloatArray
-    values: FloatArray
+    frequencies_hz: FloatArray  # (K,)
+    values: FloatArray  # (K, n), descending
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -134,18 +134,13 @@ class IndependentLoads(NamedTuple):
     def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
         """Derivatives by the values."""
         all_h = np.concatenate([at.of_neighbours, h], axis=1)
-        shapes = np.concatenate([at.neighbours.shapes, modes.shapes], axis=1)
-        r = len(shapes)
-        left = np.repeat((all_h[:, None] * shapes).swapaxes(1, 2), r, axis=1)
-        right = np.tile(np.eye(r, dtype=complex), (shapes.shape[1], 1))
-        return Columns(left, np.broadcast_to(right, left.shape), -1j)
+        return _columns_of_loads(
+            all_h, np.concatenate([at.neighbours.shapes, modes.shapes], axis=1)
+        )
 
     def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        response = one.responses(at.data)
-        r = len(one.shapes)
-        left = np.repeat(response[:, :, None] * one.shapes[:, 0], r, axis=1)
-        return Columns(left, np.broadcast_to(np.eye(r, dtype=complex), left.shape), -1j)
+        return _columns_of_loads(one.responses(at.data), one.shapes)
 
     def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
         """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
@@ -214,6 +209,13 @@ class IndependentLoads(NamedTuple):
             precisions[of_shape, of_shape] = precision + FIT.flat_precision * np.eye(2 * r)
             at += 2 * r
         return precisions, -precisions @ as_reals(self.values)
+
+
+def _columns_of_loads(h: ComplexArray, shapes: ComplexArray) -> Columns:
+    r = len(shapes)
+    left = np.repeat((h[:, None] * shapes).swapaxes(1, 2), r, axis=1)
+    right = np.tile(np.eye(r, dtype=complex), (shapes.shape[1], 1))
+    return Columns(left, np.broadcast_to(right, left.shape), -1j)
 
 
 class OneSource(NamedTuple):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import CANDIDATES, FIT
-from bayes_ssi.measurements.records.resonances import Resonances
+from bayes_ssi.measurements.records.resonances import Resonances, block_hankel
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, noise_scales
 
 
@@ -180,19 +180,13 @@ class _Section:
 
         correlations, step_s, start_hz = self._correlations()
         n_rows = min(CANDIDATES.block_rows, (len(correlations) - 2) // 3)
-        r = correlations.shape[1]
-        at = np.arange(n_rows)[:, None] + np.arange(n_rows)
-
-        def hankel(first: int) -> ComplexArray:
-            blocks = correlations[at + first].transpose(0, 2, 1, 3)
-            return blocks.reshape(n_rows * r, n_rows * r)
-
-        left, values, right = svd(hankel(1), check_finite=False)
+        left, values, right = svd(block_hankel(correlations[1:], n_rows), check_finite=False)
         highest = min(CANDIDATES.highest_order, int((values > 1e-10 * values[0]).sum()))
         root = np.sqrt(values[:highest])
         left, right = left[:, :highest], right[:highest].conj().T
-        shifted = left.conj().T @ hankel(2) @ right / root / root[:, None]
-        first_rows = left[:r] * root
+        next_lag = block_hankel(correlations[2:], n_rows)
+        shifted = left.conj().T @ next_lag @ right / root / root[:, None]
+        first_rows = left[: correlations.shape[1]] * root
         found: list[Resonances] = []
         for order in range(1, highest + 1):
             discrete, states = np.linalg.eig(shifted[:order, :order])

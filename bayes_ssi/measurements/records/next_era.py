@@ -18,7 +18,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.identification_settings import FIT, METHODS
 from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
+from bayes_ssi.measurements.records.resonances import Resonances, block_hankel, real_shapes
 from bayes_ssi.structures.modal import mac
 
 
@@ -71,20 +71,14 @@ class _Realisation:
 
         self.data = data
         blocks = np.einsum("sr,lsq->lrq", data.directions, part)
-        half, r = len(blocks) // 2, blocks.shape[1]
-        at = np.arange(half)[:, None] + np.arange(half)
-
-        def hankel(first: int) -> FloatArray:
-            rows: FloatArray = blocks[at + first].transpose(0, 2, 1, 3)
-            return rows.reshape(half * r, half * r)
-
-        left, values, right = svd(hankel(0), check_finite=False)
+        half = len(blocks) // 2
+        left, values, right = svd(block_hankel(blocks, half), check_finite=False)
         self.highest_order = min(METHODS.highest_order, len(values))
         left, right = left[:, : self.highest_order], right[: self.highest_order].T
         self.singular_values = values[: self.highest_order]
         # The first block row of H0 for all sensors, times V; Uᵀ H1 V.
         self.first_row = part[:half].transpose(1, 0, 2).reshape(part.shape[1], -1) @ right
-        self.shifted = left.T @ hankel(1) @ right
+        self.shifted = left.T @ block_hankel(blocks[1:], half) @ right
 
     def poles(self, order: int) -> Resonances:
         """The modes in the band, of less damping than structures may have."""

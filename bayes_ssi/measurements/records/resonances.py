@@ -98,6 +98,13 @@ class Resonances(NamedTuple):
         )
 
 
+def block_hankel(blocks: NDArray[Any], n: int) -> NDArray[Any]:
+    """The matrix (n r, n r) whose block in row i and column j is i + j of blocks (..., r, r)."""
+    r = blocks.shape[1]
+    at = np.arange(n)[:, None] + np.arange(n)
+    return blocks[at].transpose(0, 2, 1, 3).reshape(n * r, n * r)
+
+
 def turned(shapes: ComplexArray) -> ComplexArray:
     """Shapes (n,) or (n, m) at the phase at which their real parts are longest."""
     return np.asarray(shapes * np.exp(-0.5j * np.angle((shapes**2).sum(0))))
