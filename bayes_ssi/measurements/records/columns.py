@@ -67,7 +67,7 @@ def _read(file: TextIO) -> Channels:
             break
     if not first:
         raise ValueError("the file holds no samples")
-    delimiter = delimiter or next((each for each in ";\t," if each in first.strip()), None)
+    delimiter = delimiter or next((sign for sign in ";\t," if sign in first.strip()), None)
     if delimiter in (";", "\t"):
         stated = {key: value.replace(",", ".") for key, value in stated.items()}
     cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
@@ -82,24 +82,7 @@ def _read(file: TextIO) -> Channels:
     try:
         table = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
     except ValueError as error:
-        first_line = number + bool(names)
-        if match := NO_NUMBER.match(str(error)):
-            text, row, column = match.groups()
-            line_number = _line_of_row(file, first_line, int(row))
-            hint = "a record has one of every sensor in every row"
-            if column == "1" and re.search(r"\d[:/.]\d+[:/.]\d", text):
-                hint = "time stamps are read in ISO form, such as 2024-05-12T10:00:00.010"
-            raise ValueError(
-                f"line {line_number}, column {column}: {text} is not a number; {hint}"
-            ) from None
-        if match := OTHER_LENGTH.match(str(error)):
-            before, there, row = match.groups()
-            line_number = _line_of_row(file, first_line, int(row) - 1)
-            raise ValueError(
-                f"line {line_number}: {counted(int(there), 'cell')}, where the rows above have "
-                f"{before}"
-            ) from None
-        raise ValueError(f"below line {first_line - 1}: {error}") from None
+        raise _located(error, file, number + bool(names)) from None
     if names and delimiter is None and table.shape[1] == 1:
         names = [first.strip()]
     if len(table) < 2:
@@ -118,6 +101,23 @@ def _read(file: TextIO) -> Channels:
             "a column for each sensor: is the table the wrong way round?"
         )
     return channels
+
+
+def _located(error: ValueError, file: TextIO, first_line: int) -> ValueError:
+    """What numpy says of a table that begins in a line, with the line and the cause."""
+    if match := NO_NUMBER.match(str(error)):
+        text, row, column = match.groups()
+        hint = "a record has one of every sensor in every row"
+        if column == "1" and re.search(r"\d[:/.]\d+[:/.]\d", text):
+            hint = "time stamps are read in ISO form, such as 2024-05-12T10:00:00.010"
+        line = _line_of_row(file, first_line, int(row))
+        return ValueError(f"line {line}, column {column}: {text} is not a number; {hint}")
+    if match := OTHER_LENGTH.match(str(error)):
+        before, there, row = match.groups()
+        line = _line_of_row(file, first_line, int(row) - 1)
+        cells = counted(int(there), "cell")
+        return ValueError(f"line {line}: {cells}, where the rows above have {before}")
+    return ValueError(f"below line {first_line - 1}: {error}")
 
 
 def _line_of_row(file: TextIO, first_line: int, row: int) -> int:

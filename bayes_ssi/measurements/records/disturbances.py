@@ -145,16 +145,12 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
 
 
 class Stationary(NamedTuple):
-    """The stationary part of a record."""
+    """The stationary part of a record, by default all of it."""
 
     # (N,) factors of the samples, 0 where they are left out; None if nothing is.
-    mask: FloatArray | None
-    spans_s: tuple[tuple[float, float], ...]
-    varies: float
-
-
-# Where what drives the structure is measured, all of a record is used.
-EVERYTHING = Stationary(None, (), 1.0)
+    mask: FloatArray | None = None
+    spans_s: tuple[tuple[float, float], ...] = ()
+    varies: float = 1.0  # the most power of a window that is not left out, over the median
 
 
 def stationary_part(
@@ -185,7 +181,7 @@ def stationary_part(
             break
         out = wider
     if not out.any() or out.mean() > CHECKS.most_left_out:
-        return Stationary(None, (), float(powers.max()))
+        return Stationary(varies=float(powers.max()))
     mask = np.ones(n)
     spans = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))

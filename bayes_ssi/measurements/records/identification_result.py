@@ -20,7 +20,6 @@ from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.record import Record
 
 
 class Peak(NamedTuple):
@@ -136,9 +135,9 @@ class ModalIdentification(Displayed):
                 for i, mode in enumerate(data.modes)
             )
             data = replace(data, modes=modes)
-        return replace(data, identifications=(self._record_of(data.modes),))
+        return replace(data, identifications=(self._summary(data.modes),))
 
-    def _record_of(self, modes: tuple[IdentifiedMode, ...]) -> IdentificationSummary:
+    def _summary(self, modes: tuple[IdentifiedMode, ...]) -> IdentificationSummary:
         quoted, worst = self.quoted, self.worst.fit
         return IdentificationSummary(
             record=self.record,
@@ -174,11 +173,3 @@ class ModalIdentification(Displayed):
 
     def _rows(self) -> Iterable[dict[str, Any]]:
         return self.modal_data()._rows()
-
-
-def measured_record(record: Record) -> MeasuredRecord:
-    """A record without its samples."""
-    return MeasuredRecord(
-        record.source, record.sensors, record.duration_s, record.rate_hz, record.quantity,
-        record.unit,
-    )  # fmt: skip

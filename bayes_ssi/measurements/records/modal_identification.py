@@ -9,9 +9,10 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.identification_summary import MeasuredRecord
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.disturbances import (
-    EVERYTHING,
+    Stationary,
     machine_lines,
     stationary_part,
     without_lines,
@@ -21,7 +22,6 @@ from bayes_ssi.measurements.records.identification_result import (
     ModalIdentification,
     Peak,
     SingularValues,
-    measured_record,
 )
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
@@ -68,7 +68,7 @@ def identify(
     if ground is None:
         ground = _driving_sensor(still, band, remarks)
     driven_by = _place_of(record, ground)
-    part = EVERYTHING
+    part = Stationary()  # where what drives the structure is measured, all of a record is used
     if driven_by is None:
         part = stationary_part(still.samples, still.rate_hz, reach)
     if part.varies > IDENTIFICATION.most_variation:
@@ -262,8 +262,12 @@ def _result(
     decays = quoted.dampings * quoted.frequencies_hz * record.duration_s
     too_short = tuple(np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist())
     values = np.linalg.eigvalsh(spectrum.matrices)[:, ::-1]
+    measured = MeasuredRecord(
+        record.source, record.sensors, record.duration_s, record.rate_hz, record.quantity,
+        record.unit,
+    )  # fmt: skip
     return ModalIdentification(
-        measured_record(record), quoted, tuple(bands), found,
+        measured, quoted, tuple(bands), found,
         SingularValues(spectrum.frequencies_hz, np.asarray(values, dtype=np.float64)),
         peaks, not_identified, too_short,
         (
