@@ -35,15 +35,13 @@ from bayes_ssi.results.predictions.predicted_frequencies import predict_frequenc
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.results.stored_what_if import what_if
-from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.finite_elements.function_structure import FunctionStructure
 from bayes_ssi.structures.finite_elements.matrix_files import read_matrix
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
-from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.structures.geometry import Candidate, Geometry
 from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+from bayes_ssi.structures.response.ground_motion import GroundMotion, read_ground_motion
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
 from bayes_ssi.structures.sensors import Sensor

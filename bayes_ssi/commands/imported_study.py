@@ -103,7 +103,7 @@ def _study(
     command: str,
 ) -> str:
     """The text of the study."""
-    from bayes_ssi.structures.modal import BATCHED_UP_TO
+    from bayes_ssi.structures.modal import SOLVER
 
     properties = list(
         dict.fromkeys(n for t in (*matrices.stiffness, *matrices.mass) for n, _ in t.powers)
@@ -125,7 +125,7 @@ def _study(
         "IMPORTS": "import csv\n" if model.geometry is not None else "",
         "GEOMETRY": GEOMETRY if model.geometry is not None else "geometry = None\n",
         "UNIT": _quoted("m" if model.units == "N, m, kg" else ""),
-        "RETURNED": "model.reduced()" if model.size > BATCHED_UP_TO else "model",
+        "RETURNED": "model.reduced()" if model.size > SOLVER.batched_up_to else "model",
         "CLASSES": ONE_CLASS if len(properties) == 1 else TWO_CLASSES,
     }.items():
         escaped = value.replace("\\", "\\\\").replace('"', '\\"') if mark in QUOTED else value

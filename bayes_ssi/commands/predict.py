@@ -198,8 +198,7 @@ def _request(
         default_frequencies,
         default_output,
     )
-    from bayes_ssi.structures.response.ground_motion import UNITS
-    from bayes_ssi.structures.response.ground_motion_files import read_ground_motion
+    from bayes_ssi.structures.response.ground_motion import UNITS, read_ground_motion
     from bayes_ssi.structures.response.modal_response import ground_influence
     from bayes_ssi.structures.response.output import (
         GROUND,

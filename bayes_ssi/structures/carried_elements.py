@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, Product
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.motion import Motion, SinglePlace
+from bayes_ssi.structures.geometry import Motion, SinglePlace
 
 # The rows of a place, and their shares, as pairs: none of the ground. Other places are refused with
 # a message that begins with the element's label.

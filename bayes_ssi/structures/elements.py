@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
-from bayes_ssi.structures.motion import Motion, Place, checked_place, motion_of, place_name
+from bayes_ssi.structures.geometry import Motion, Place, checked_place, motion_of, place_name
 
 
 @dataclass(frozen=True)

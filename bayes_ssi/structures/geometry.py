@@ -1,4 +1,7 @@
-"""Where a structure's nodes are, and which lines and faces join them in a drawing."""
+"""Where a structure moves: places of elements and sensors, candidates, and nodes for drawings.
+
+A place is a floor, a degree of freedom, a sensor, or a combination of these.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,55 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_ssi.structures.motion import Motion
+from bayes_ssi.foundations.text_files import require_printable
+
+# A floor from 1 where a structure has floors (0 is the ground), or the label of a degree of
+# freedom or of a sensor.
+SinglePlace = int | str
+# Σ share · x(single place), as pairs.
+Motion = tuple[tuple[SinglePlace, float], ...]
+Place = SinglePlace | Motion
+
+
+def checked_place(place: Any, where: str) -> Place:
+    """A place as elements keep it: a mapping of single places to shares becomes pairs."""
+    if _is_single(place):
+        single: SinglePlace = place
+        return single
+    pairs = tuple(place.items()) if isinstance(place, Mapping) else place
+    try:
+        motion: Motion = tuple((one, float(share)) for one, share in pairs)
+    except (TypeError, ValueError):
+        motion = ()
+    if not motion or not all(_is_single(one) and math.isfinite(share) for one, share in motion):
+        raise ValueError(
+            f"{where} must be a floor, the label of a degree of freedom or sensor, or shares of "
+            f"these such as {{'node 7 x': 0.6, 'node 7 y': 0.8}}, got {place!r}"
+        )
+    if not any(share for _, share in motion):
+        raise ValueError(f"{where} is a direction of zeros, got {place!r}")
+    return motion
+
+
+def _is_single(place: Any) -> bool:
+    if isinstance(place, str):
+        return bool(place.strip())
+    return isinstance(place, int) and not isinstance(place, bool)
+
+
+def motion_of(place: Place, share: float = 1.0) -> Motion:
+    """A share of the motion of a place, as a combination of single places."""
+    if isinstance(place, tuple):
+        return tuple((single, share * own) for single, own in place)
+    return ((place, share),)
+
+
+def place_name(place: Place) -> str:
+    """A place in words: ``node 7 x``, ``0.6 node 7 x + 0.8 node 7 y``."""
+    if not isinstance(place, tuple):
+        return str(place)
+    return " + ".join(str(one) if share == 1.0 else f"{share:g} {one}" for one, share in place)
+
 
 Point = tuple[float, float, float]
 # Last words of labels of translations, as in "node 7 x".
@@ -140,3 +191,75 @@ def direction_name(direction: Point) -> str:
         if abs(direction[axis]) == 1.0:
             return name if direction[axis] > 0.0 else f"-{name}"
     return f"({', '.join(f'{cosine:.2g}' for cosine in direction)})"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place for a pendulum, or two places for an element between them.
+
+    Attributes:
+        name: unique in a list of candidates; tables and results call the place by it.
+        place: a floor, the label of a degree of freedom or sensor, or shares of several, such as
+            the cosines of a direction at a node: ``{"node 7 x": 0.6, "node 7 y": 0.8}``. The mass
+            of an appendage moves in series with Σ share · x, so shares of a direction are to have
+            squares that add up to 1.
+        to: the other end of an element between two places.
+        coordinates: (x, y, z) of the place, for drawings.
+        direction: (x, y, z) of its motion, for drawings.
+        height: in storeys above the ground, for drawings of buildings; that of a floor if None.
+
+    Raises:
+        ValueError: the name cannot be printed, a place is none of these or a direction of zeros,
+            the only place is the ground, both ends are one place, or coordinates or direction are
+            not three numbers.
+    """
+
+    name: str
+    place: Place
+    to: Place | None
+    coordinates: Point | None
+    direction: Point | None
+    height: float | None
+
+    def __init__(
+        self,
+        name: str,
+        place: Place | Mapping[Any, float],
+        *,
+        to: Place | Mapping[Any, float] | None = None,
+        coordinates: Sequence[float] | None = None,
+        direction: Sequence[float] | None = None,
+        height: float | None = None,
+    ) -> None:
+        if not isinstance(name, str) or not name.strip():
+            raise ValueError(f"Candidate: name must be text and not empty, got {name!r}")
+        require_printable(name, "Candidate")
+        where = f"candidate {name!r}"
+        own = checked_place(place, f"{where}: place")
+        other = None if to is None else checked_place(to, f"{where}: to")
+        if own == other:
+            raise ValueError(f"{where}: both ends are {place_name(own)!r}")
+        if other is None and own == 0:
+            raise ValueError(f"{where}: place is the ground, on which nothing can hang; give to")
+        ends = [each for each in (own, other) if each is not None]
+        if height is None and all(isinstance(each, int) for each in ends):
+            height = sum(float(str(each)) for each in ends) / len(ends)
+        given = {"coordinates": coordinates, "direction": direction}
+        points = {
+            name: None if at is None else checked_point(at, f"{where}: {name}")
+            for name, at in given.items()
+        }
+        values = {
+            "name": name,
+            "place": own,
+            "to": other,
+            **points,
+            "height": height,
+        }
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+
+    @property
+    def ends(self) -> tuple[Place, ...]:
+        """The place, or both."""
+        return (self.place,) if self.to is None else (self.place, self.to)

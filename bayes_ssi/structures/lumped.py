@@ -19,7 +19,6 @@ from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters, positive_product
 from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.carried_elements import (
     AddedTerm,
     CarriedElements,
@@ -27,8 +26,8 @@ from bayes_ssi.structures.carried_elements import (
     parameters_of,
 )
 from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
+from bayes_ssi.structures.geometry import Candidate, Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.structures.motion import Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 

@@ -11,6 +11,7 @@ where nothing couples two directions, those are the motions in one direction and
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +19,33 @@ import scipy.linalg
 
 from bayes_ssi.foundations.arrays import FloatArray, place_of_largest
 
-# Eigenvalues that differ by this share, or by so many units in the last place of the largest, are
-# equal but for rounding.
-EQUAL, UNITS = 1e-9, 8.0
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """What is rounding, and how batches are solved.
+
+    Attributes:
+        equal_within, equal_units: eigenvalues that differ by this share, or by so many units in
+            the last place of the largest, are equal but for rounding.
+        rounding: a number smaller than this share of the largest one that it was computed from may
+            be rounding: some hundred units in the last place.
+        resolved_above: solved at once, eigenvalues are wrong by rounding of the largest of their
+            matrix: by a millionth at most where they are this share of it, or more.
+        unseen_below: a sensor does not see what moves it by less than this share of the largest
+            motion of any sensor in any mode, at unit modal mass: that is rounding, of which no
+            shape consists.
+        batched_up_to: larger matrices are solved faster one at a time, for their lowest modes only.
+    """
+
+    equal_within: float = 1e-9
+    equal_units: float = 8.0
+    rounding: float = 1e-13
+    resolved_above: float = 1e-9
+    unseen_below: float = 1e-8
+    batched_up_to: int = 40
+
+
+SOLVER = SolverSettings()
 
 
 def settle(ascending: FloatArray, shapes: FloatArray) -> None:
@@ -30,7 +55,10 @@ def settle(ascending: FloatArray, shapes: FloatArray) -> None:
         ascending: (B, m), eigenvalues or frequencies; NaN in rows without modes.
         shapes: (B, n, m), orthonormal in any mass, at all degrees of freedom or at some.
     """
-    rounding = EQUAL * ascending[:, 1:] + UNITS * np.finfo(float).eps * ascending[:, -1:]
+    rounding = (
+        SOLVER.equal_within * ascending[:, 1:]
+        + SOLVER.equal_units * np.finfo(float).eps * ascending[:, -1:]
+    )
     equal = np.diff(ascending, axis=1) <= rounding
     rows = np.flatnonzero(equal.any(axis=1))
     if not len(rows):
@@ -56,17 +84,6 @@ def _one_basis(shapes: FloatArray) -> FloatArray:
     return shapes @ combinations
 
 
-# A number smaller than this share of the largest one that it was computed from may be rounding:
-# some hundred units in the last place.
-ROUNDING = 1e-13
-# Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
-# millionth at most where they are this share of it, or more.
-RESOLVED = 1e-9
-# A sensor does not see what moves it by less than this share of the largest motion of any sensor in
-# any mode, at unit modal mass: that is rounding, of which no shape consists.
-UNSEEN = 1e-8
-# Larger matrices are solved faster one at a time, for their lowest modes only.
-BATCHED_UP_TO = 40
 # The scale of every mode shape that is shown, in words; :func:`scaled_shapes` gives it.
 SHAPE_SCALE = "scaled to a largest component of 1 on the main structure"
 NOT_SUPPORTED = (
@@ -194,10 +211,10 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
     """
     n = stiffness.shape[-1]
     n_modes = n_modes or n
-    if n <= BATCHED_UP_TO:
+    if n <= SOLVER.batched_up_to:
         eigenvalues, vectors = _scaled_by_mass(stiffness, mass)
         settle(eigenvalues, vectors)
-        accurate = eigenvalues[:, 0] > RESOLVED * eigenvalues[:, -1]
+        accurate = eigenvalues[:, 0] > SOLVER.resolved_above * eigenvalues[:, -1]
         eigenvalues, vectors = eigenvalues[:, :n_modes], vectors[:, :, :n_modes]
     else:
         n_rows = max(len(stiffness), len(mass))
@@ -258,7 +275,7 @@ def lowest_eigenpairs(
     require_supported(stiffness, vectors[:, 0])
     if inverses[0] < 0.0 or mass.diagonal().min() < 0.0:
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > ROUNDING * inverses[0]).sum())
+    n_available = int((inverses > SOLVER.rounding * inverses[0]).sum())
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
     inverses, vectors = inverses[:n_available], vectors[:, :n_available]
@@ -270,7 +287,7 @@ def lowest_eigenpairs(
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
     """Raise NoModesError where the first mode (n,) has no strain energy: a rigid-body mode."""
     size = np.abs(shape)
-    if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
+    if not shape @ (stiffness @ shape) > SOLVER.rounding * (size @ (abs(stiffness) @ size)):
         raise NoModesError(NOT_SUPPORTED)
 
 
@@ -337,10 +354,10 @@ def seen_shapes(shapes: FloatArray) -> FloatArray:
     """Shapes at sensors (B, n_sensors, n_modes), at unit modal mass, without what is rounding.
 
     A mode in y moves sensors in x by rounding errors, or not at all: here it does not. See
-    :data:`UNSEEN`.
+    :class:`SolverSettings`.
     """
     sizes = np.abs(shapes)
-    unseen = sizes < UNSEEN * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
+    unseen = sizes < SOLVER.unseen_below * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
     return np.where(unseen, 0.0, shapes) if unseen.any() else shapes
 
 

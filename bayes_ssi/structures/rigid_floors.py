@@ -11,10 +11,9 @@ from typing import Any
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product
-from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, PointMass
+from bayes_ssi.structures.geometry import Candidate, SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.sensors import Sensor
 
 DIRECTIONS = ("x", "y", "torsion")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from bayes_ssi.parameters.parameters import Value, as_product
 from bayes_ssi.structures.elements import PointMass, Spring
+from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.structures.motion import SinglePlace
 from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label, rigid_masses
 
 

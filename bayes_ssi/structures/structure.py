@@ -17,10 +17,15 @@ from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values
-from bayes_ssi.structures.candidate import Candidate
-from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.geometry import (
+    Candidate,
+    Geometry,
+    Location,
+    Place,
+    SinglePlace,
+    motion_of,
+)
 from bayes_ssi.structures.modal import ModalModel, Modes
-from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
 if TYPE_CHECKING:

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.structures.emulation.emulated_structure import EmulatedStructure, mode_errors
-from bayes_ssi.structures.emulation.failing_points import FailingPoints
+from bayes_ssi.structures.emulation.emulated_structure import (
+    EmulatedStructure,
+    FailingPoints,
+    mode_errors,
+)
 from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess
 from bayes_ssi.structures.emulation.mode_representations import ModalOperator, TrackedModes
 from bayes_ssi.structures.modal import Modes

@@ -12,12 +12,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 import bayes_ssi as bs
-from bayes_ssi.structures.finite_elements.sparse_factors import (
+from bayes_ssi.structures.finite_elements.sparse_modes import (
     count_below,
     fill_reducing_order,
     is_semidefinite,
+    lowest_modes,
 )
-from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
 from bayes_ssi.structures.modal import Eigenpairs, NoModesError, mac
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])

@@ -9,6 +9,7 @@ from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.projected_structure import AlternativePlaces
+from bayes_ssi.structures.modal import SolverSettings
 
 N, MASS, STIFFNESS = 60, 1.0, 4000.0
 SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}
@@ -99,7 +100,8 @@ def test_an_element_on_it_has_the_modes_of_the_full_model(chain, projected, elem
 
 def test_a_compact_structure_is_certified(chain, monkeypatch):
     """Of the ten vectors, as many as a batch takes are kept."""
-    monkeypatch.setattr("bayes_ssi.structures.finite_elements.reduced_structure.BATCHED_UP_TO", 11)
+    settings = SolverSettings(batched_up_to=11)
+    monkeypatch.setattr("bayes_ssi.structures.finite_elements.reduced_structure.SOLVER", settings)
     values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
     compact = chain.compact(values).with_element(bs.Pendulum("s40", m, f, label="a"))
     whole = chain.with_element(bs.Pendulum("s40", m, f, label="a"))

@@ -29,7 +29,7 @@ from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.measurements.modes.joint_covariance import plane_bases
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.structures.modal import ROUNDING
+from bayes_ssi.structures.modal import SOLVER
 
 
 class WhiteErrors(NamedTuple):
@@ -115,7 +115,7 @@ class JointErrors:
 
         Those of frequencies (P,) are conditional on shapes.
         """
-        known = self.of_axes > ROUNDING * self.of_axes.max(initial=0.0)
+        known = self.of_axes > SOLVER.rounding * self.of_axes.max(initial=0.0)
         gain = self.between[:, known] / self.of_axes[known]
         given_shapes = self.of_frequencies - gain @ self.between[:, known].T
         return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.of_axes

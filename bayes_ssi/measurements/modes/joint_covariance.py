@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
-from bayes_ssi.structures.modal import ROUNDING
+from bayes_ssi.structures.modal import SOLVER
 
 
 def checked_covariance(
@@ -107,7 +107,7 @@ def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
         projected[:, shape] = projected[:, shape] @ plane
     # What is in the planes already stays as it is, to the last digit.
     change = np.abs(projected - covariance).max()
-    kept = change <= ROUNDING * np.abs(covariance).max()
+    kept = change <= SOLVER.rounding * np.abs(covariance).max()
     return covariance if kept else 0.5 * (projected + projected.T)
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import values_at
-from bayes_ssi.structures.emulation.failing_points import FailingPoints
+from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess, n_quadratic_terms
 from bayes_ssi.structures.emulation.mode_representations import (
-    SHAPE_WEIGHT,
     ModalOperator,
     Representation,
     TrackedModes,
@@ -24,20 +25,76 @@ from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 
-# Solutions over the prior for each coefficient of a polynomial of second degree: one would do
-# without errors.
-SOLUTIONS_PER_COEFFICIENT = 2
-# Solutions between two fits, for each parameter: enough to keep workers busy, few enough to be
-# placed by the fit before.
-BATCH_PER_PARAMETER = 2
-# Solutions by which the claimed error at a point is judged: the nearest few.
-N_NEAREST = 8
-# The claimed error is that of a typical point, the median: exact solutions at draws correct the
-# rest, and count every point by its share.
-AT_DRAWS = 0.5
-# Largest share of the points at which it may be open whether the structure fails: exact solutions
-# at draws correct the rest.
-MOST_OPEN = 0.05
+
+@dataclass(frozen=True, eq=False)
+class FailingPoints:
+    """The probability that a model fails, from the points at which it did and did not.
+
+    The logarithm of the odds is a polynomial of second degree, whose boundary is a plane, an
+    ellipsoid or a hyperboloid.
+
+    Attributes:
+        x: (F, d), coordinates where the model failed.
+        values: (F, d), the parameters' values there.
+        coefficients: of the polynomial; None where it never failed.
+        succeeded: (N, d), coordinates where it did not fail.
+    """
+
+    x: FloatArray
+    values: FloatArray
+    coefficients: FloatArray | None
+    succeeded: FloatArray
+
+    @classmethod
+    def fitted(cls, failed: FloatArray, values: FloatArray, succeeded: FloatArray) -> FailingPoints:
+        """Fit to points (F, d), with their values, and (N, d) where the model did not fail."""
+        if not len(failed):
+            return cls(failed, values, None, succeeded)
+        from scipy.optimize import minimize  # takes long to import
+
+        terms = _terms(np.vstack([failed, succeeded]))
+        signs = np.repeat([1.0, -1.0], [len(failed), len(succeeded)])
+        precision = EMULATION.failing_precision
+
+        def cost(c: FloatArray) -> tuple[float, FloatArray]:
+            margins = signs * (terms @ c)
+            value = np.logaddexp(0.0, -margins).sum() + 0.5 * precision * c @ c
+            return float(value), precision * c - terms.T @ (signs * expit(-margins))
+
+        found = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
+        return cls(failed, values, found.x, succeeded)
+
+    def expected(self, x: FloatArray) -> NDArray[np.bool_]:
+        """Whether the model fails (B,) at ``x`` (B, d): by the odds, and at the nearest point."""
+        if self.coefficients is None:
+            return np.zeros(len(x), dtype=bool)
+        return self._by_odds(x) & self._by_nearest(x)
+
+    def is_open(self, x: FloatArray) -> NDArray[np.bool_]:
+        """Whether the odds and the nearest point (B,) disagree at ``x`` (B, d)."""
+        if self.coefficients is None:
+            return np.zeros(len(x), dtype=bool)
+        return self._by_odds(x) != self._by_nearest(x)
+
+    def _by_odds(self, x: FloatArray) -> NDArray[np.bool_]:
+        assert self.coefficients is not None
+        return np.asarray(np.einsum("bp,p->b", _terms(x), self.coefficients) > 0.0)
+
+    def _by_nearest(self, x: FloatArray) -> NDArray[np.bool_]:
+        to_failed, to_succeeded = (
+            ((x[:, None] - each) ** 2).sum(axis=2).min(axis=1) for each in (self.x, self.succeeded)
+        )
+        return np.asarray(to_failed < to_succeeded)
+
+    def nearest(self, x: FloatArray) -> NDArray[np.intp]:
+        """The point that failed nearest to each of ``x`` (B, d), as a row of ``values``."""
+        away = ((x[:, None] - self.x) ** 2).sum(axis=2)
+        return np.asarray(away.argmin(axis=1), dtype=np.intp)
+
+
+def _terms(x: FloatArray) -> FloatArray:
+    first, second = np.triu_indices(x.shape[1])
+    return np.column_stack([np.ones(len(x)), x, x[:, first] * x[:, second]])
 
 
 class EmulatedStructure(ApproximateStructure):
@@ -123,8 +180,8 @@ class EmulatedStructure(ApproximateStructure):
         required = np.array([frequency_error, shape_error])
         allowed = float((required / fit.errors_per_spread(x)).min())
         is_open = fit.failing.is_open(x)
-        accurate = np.quantile(fit.spreads(x), AT_DRAWS) <= allowed
-        if accurate and is_open.mean() <= MOST_OPEN:
+        accurate = np.quantile(fit.spreads(x), EMULATION.claimed_at) <= allowed
+        if accurate and is_open.mean() <= EMULATION.most_open:
             return self if fit is self._fit else self._of_fit(fit)
         if fit.n_solutions >= self.most_solutions:
             return self
@@ -140,7 +197,7 @@ class EmulatedStructure(ApproximateStructure):
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         fit, x = self._fit_for(n_modes), self._coordinates(values)
-        spread = float(np.quantile(fit.spreads(x), AT_DRAWS))
+        spread = float(np.quantile(fit.spreads(x), EMULATION.claimed_at))
         frequency, shape = (spread * fit.errors_per_spread(x)).tolist()
         return Accuracy(
             frequency,
@@ -175,7 +232,7 @@ class EmulatedStructure(ApproximateStructure):
         from scipy.stats import qmc
 
         d = len(self.parameters)
-        n = SOLUTIONS_PER_COEFFICIENT * n_quadratic_terms(d)
+        n = EMULATION.solutions_per_coefficient * n_quadratic_terms(d)
         # Extremely rare values would be extrapolated from, rather than between.
         uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(1 << (n - 1).bit_length())
         z = ndtri(np.clip(uniform[:n], 1e-3, 1.0 - 1e-3))
@@ -207,7 +264,7 @@ class EmulatedStructure(ApproximateStructure):
     def _worst(self, fit: EmulatorFit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
         chosen: list[int] = []
-        for _ in range(BATCH_PER_PARAMETER * len(self.parameters)):
+        for _ in range(EMULATION.batch_per_parameter * len(self.parameters)):
             spreads = fit.spreads(x, x[chosen])
             worst = int(spreads.argmax())
             if spreads[worst] <= allowed or worst in chosen:
@@ -277,8 +334,9 @@ class EmulatorFit(NamedTuple):
             )
             left_out, spreads = process.left_out
             errors = mode_errors(representation.decoded(left_out), modes, n_needed)
-            recent = errors[len(errors) // 2 :]
-            scores.append(float(np.median(np.maximum(recent[:, 0], SHAPE_WEIGHT * recent[:, 1]))))
+            of_frequencies, of_shapes = errors[len(errors) // 2 :].T
+            weighted = np.maximum(of_frequencies, EMULATION.shape_weight * of_shapes)
+            scores.append(float(np.median(weighted)))
             ratios = errors / spreads[:, None]
             fits.append(cls(x, modes, failing, representation, process, ratios, n_needed))
         return fits[int(np.argmin(scores))]
@@ -305,7 +363,7 @@ class EmulatorFit(NamedTuple):
         """
         lengths = self.process.lengths
         away = (((x[:, None] - self.x) / lengths) ** 2).sum(axis=2)
-        nearest = np.argsort(away, axis=1, kind="stable")[:, :N_NEAREST].ravel()
+        nearest = np.argsort(away, axis=1, kind="stable")[:, : EMULATION.n_nearest].ravel()
         return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
 
 

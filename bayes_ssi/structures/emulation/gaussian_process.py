@@ -17,15 +17,7 @@ import scipy.linalg
 from scipy.optimize import minimize
 
 from bayes_ssi.foundations.arrays import FloatArray
-
-# Share of noise in the variance: rounding errors of the factorisation need the least; a function
-# with jumps takes the most.
-LEAST_NOISE, MOST_NOISE = 1e-10, 1e-1
-# Lengths, in units of the variables' own spread: shorter ones leave points uncorrelated, longer
-# ones are polynomials.
-SHORTEST, LONGEST = 0.1, 100.0
-# Points from which lengths are estimated: more hardly change them, at a cost of their third power.
-MOST_FITTED = 250
+from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +50,19 @@ class GaussianProcess:
             y: (N, n_outputs).
             weights: (n_outputs,), factors that make the outputs comparable for the likelihood.
         """
-        some = slice(max(len(x) - MOST_FITTED, 0), None)
+        some = slice(max(len(x) - EMULATION.most_fitted, 0), None)
         spread = np.maximum(x.std(axis=0), 1e-12)
         first = np.log([*(3.0 * spread), 1e-6])
         if start is not None:
             first = np.log([*start.lengths, start.noise])
-        bounds = [tuple(np.log([SHORTEST * each, LONGEST * each])) for each in spread]
-        bounds.append((np.log(LEAST_NOISE), np.log(MOST_NOISE)))
-        low, high = np.array(bounds).T
+        low, high = np.log([*np.outer(spread, EMULATION.lengths), EMULATION.noise]).T
         found = minimize(
             _negative_log_likelihood,
             np.clip(first, low, high),
             (x[some], weights * y[some]),
             method="L-BFGS-B",
             jac=True,
-            bounds=bounds,
+            bounds=list(zip(low, high, strict=True)),
             options={"maxiter": 60 if start is None else 20},
         )
         *lengths, noise = np.exp(found.x)

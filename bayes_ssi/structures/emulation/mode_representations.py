@@ -20,18 +20,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 from bayes_ssi.structures.modal import Modes, settle
-
-# Coordinates C are useless where their condition number is larger: shapes then hardly resemble
-# the reference shapes.
-WORST_CONDITION = 1e3
-# Modes are told apart by 1 - MAC and by frequencies: a difference of a tenth counts like
-# orthogonal shapes.
-TYPICAL_FREQUENCY_STEP = 0.1
-# Shapes at unit length are usually known five times less precisely than frequencies.
-SHAPE_WEIGHT = 0.2
-# Modes that are not needed should not decide how smooth the others are.
-NOT_NEEDED = 0.01
 
 
 class Representation(ABC):
@@ -63,7 +53,7 @@ class ModalOperator(Representation):
         shapes = unit_shapes(modes.shapes)
         reference = np.linalg.pinv(shapes[0])
         coordinates = np.einsum("md,ndk->nmk", reference, shapes)
-        if not np.linalg.cond(coordinates).max() < WORST_CONDITION:
+        if not np.linalg.cond(coordinates).max() < EMULATION.worst_condition:
             return None
         inverse = np.linalg.inv(coordinates)
         logs = np.log(modes.frequencies_hz)
@@ -77,7 +67,9 @@ class ModalOperator(Representation):
         )
 
     def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:  # noqa: ARG002
-        return np.repeat([1.0, SHAPE_WEIGHT], [self.n_modes**2, self.n_dof * self.n_modes])
+        return np.repeat(
+            [1.0, EMULATION.shape_weight], [self.n_modes**2, self.n_dof * self.n_modes]
+        )
 
     def decoded(self, vectors: FloatArray) -> Modes:
         n, n_operator = self.n_modes, self.n_modes**2
@@ -123,8 +115,8 @@ class TrackedModes(Representation):
         recent = vectors[len(vectors) // 2 :, : self.n_modes]
         rank = recent.argsort(axis=1).argsort(axis=1)
         needed = (rank < n_needed).mean(axis=0) > 0.05
-        of_modes = np.where(needed, 1.0, NOT_NEEDED)
-        return np.concatenate([of_modes, SHAPE_WEIGHT * np.tile(of_modes, self.n_dof)])
+        of_modes = np.where(needed, 1.0, EMULATION.not_needed)
+        return np.concatenate([of_modes, EMULATION.shape_weight * np.tile(of_modes, self.n_dof)])
 
     def decoded(self, vectors: FloatArray) -> Modes:
         shapes = vectors[:, self.n_modes :].reshape(-1, self.n_dof, self.n_modes)
@@ -160,7 +152,7 @@ def _matched(
     products = expected_shapes.T @ shapes
     lengths = np.sqrt((expected_shapes**2).sum(axis=0))
     products = products / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    distance = (logs - expected[:, None]) / TYPICAL_FREQUENCY_STEP
+    distance = (logs - expected[:, None]) / EMULATION.frequency_step
     _, order = linear_sum_assignment(1.0 - products**2 + distance**2)
     signs = np.sign(products[np.arange(len(order)), order])
     return logs[order], shapes[:, order] * np.where(signs == 0.0, 1.0, signs)

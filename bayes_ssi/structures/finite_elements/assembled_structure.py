@@ -19,27 +19,21 @@ from bayes_ssi.parameters.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
 from bayes_ssi.structures.finite_elements.matrix_files import Matrix
-from bayes_ssi.structures.finite_elements.matrix_system import System
-from bayes_ssi.structures.finite_elements.sparse_factors import count_below
-from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
-from bayes_ssi.structures.geometry import Geometry, Location
+from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix, System
+from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
+from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import (
-    BATCHED_UP_TO,
+    SOLVER,
     Eigenpairs,
     ModalModel,
     Modes,
     frequencies_hz,
     solve_modes,
 )
-from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.structure import CombinedSensors
-
-# Modes are computed up to this share above the highest frequency of interest, since frequencies
-# fall as parameters change: by a fifth where a stiffness is a third lower than its median.
-MARGIN = 0.2
 
 
 class AssembledStructure(PointwiseStructure, CombinedSensors):
@@ -110,12 +104,13 @@ class AssembledStructure(PointwiseStructure, CombinedSensors):
             return self._n_modes
         assert self._up_to_hz is not None
         number, shift = self.system.free_body
-        limit = (2.0 * math.pi * (1.0 + MARGIN) * self._up_to_hz) ** 2 + shift
+        factor = 1.0 + FEM.frequency_margin
+        limit = (2.0 * math.pi * factor * self._up_to_hz) ** 2 + shift
         matrices = self.system.shifted_matrices(self.prior_medians()[0])
         count = count_below(*matrices, limit) - number
         if not count:
             raise ValueError(
-                f"MatrixStructure: up_to_hz: no mode below {1.0 + MARGIN:g} times "
+                f"MatrixStructure: up_to_hz: no mode below {factor:g} times "
                 f"{self._up_to_hz:g} Hz at the prior medians; are the units right?"
             )
         return count
@@ -269,7 +264,7 @@ class AssembledStructure(PointwiseStructure, CombinedSensors):
         return self.n_modes + self.n_rigid_modes
 
     def modes(self, values: FloatArray) -> Modes:
-        if self.size > BATCHED_UP_TO:
+        if self.size > SOLVER.batched_up_to:
             return super().modes(values)
         stiffness, mass = (each.evaluate(values) for each in self._dense)
         modes = self.system.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))

@@ -25,15 +25,16 @@ from bayes_ssi.parameters.parameters import (
     as_product,
     collect_parameters,
 )
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
 from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
-from bayes_ssi.structures.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
-from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO, lowest_modes
+from bayes_ssi.structures.finite_elements.sparse_modes import (
+    fill_reducing_order,
+    is_semidefinite,
+    lowest_modes,
+)
 from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError, frequencies_hz
 from bayes_ssi.structures.structure import CombinedSensors, Structure
-
-# Memory for recent solutions: enough for hundreds of draws at a thousand sensors.
-CACHE_BYTES = 64_000_000
 
 
 class PointwiseStructure(Structure):
@@ -88,7 +89,7 @@ class PointwiseStructure(Structure):
                 answer = f"at {self._named(row)}: {reason}"
         cache[key] = answer
         size = 8 * (len(self.degrees_of_freedom) + 1) * self.n_modes + 1000
-        while len(cache) * size > CACHE_BYTES:
+        while len(cache) * size > FEM.cache_bytes:
             cache.popitem(last=False)
         if isinstance(answer, str):
             raise ValueError(answer)
@@ -230,7 +231,7 @@ class FunctionStructure(PointwiseStructure, CombinedSensors):
                 f"of freedom, from 0 to {n - 1}"
             )
         k, m = sp.csc_array(k), sp.csc_array(m)
-        if n > DENSE_UP_TO:
+        if n > FEM.dense_up_to:
             if not is_semidefinite(m):
                 raise NoModesError(f"{name}: M is not positive semi-definite")
             # The pattern, and so the order, may change from call to call.

@@ -13,15 +13,12 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import listed_choices, require_known
 from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 
 Matrix = sp.csc_array
 # Endings of files that hold one matrix, and of those that hold several.
 SINGLE = (".mtx", ".mtx.gz", ".npy")
 SEVERAL = (".npz", ".mat")
-
-# Relative error, to the largest entry, of matrices that other programs wrote, perhaps with nine
-# digits.
-FILE_ROUNDING = 1e-8
 
 
 @checked
@@ -118,7 +115,7 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
     if not np.isfinite(matrix.data if is_sparse else matrix).all():
         raise ValueError(f"{name} holds numbers that are not finite")
     largest, asymmetry = abs(matrix).max(), abs(matrix - matrix.T).max()
-    if asymmetry > FILE_ROUNDING * largest:
+    if asymmetry > FEM.file_rounding * largest:
         raise ValueError(
             f"{name} must be symmetric, but entries differ from their transposes by up to "
             f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"

@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import listed_choices
-from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
+from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix
 from bayes_ssi.structures.finite_elements.reduced_structure import ReducedStructure
 from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
-from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO
-from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.motion import motion_of
+from bayes_ssi.structures.geometry import Geometry, motion_of
 
 
 class MatrixStructure(AssembledStructure):
@@ -90,7 +89,7 @@ class MatrixStructure(AssembledStructure):
     @property
     def performance_hint(self) -> str:
         """Advice on sampling it much faster, as a sentence; empty where it is fast enough."""
-        if self.size <= DENSE_UP_TO:
+        if self.size <= FEM.dense_up_to:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "

@@ -1,22 +1,181 @@
-"""The matrices of a finite-element model and of the elements on it, as solvers take them."""
+"""The matrices of a model, sums ``Σ c_t(θ) A_t`` of sparse ones, and of the elements on it.
+
+A coefficient c_t is a number times powers of parameters.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.structures.carried_elements import CarriedElements
-from bayes_ssi.structures.finite_elements.affine_matrix import AffineMatrix
-from bayes_ssi.structures.finite_elements.matrix_files import Matrix
-from bayes_ssi.structures.finite_elements.sparse_factors import fill_reducing_order, is_semidefinite
-from bayes_ssi.structures.finite_elements.sparse_modes import rigid_body_modes
+from bayes_ssi.foundations.arrays import FloatArray, steady_digest
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, Value, as_product
+from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements
+from bayes_ssi.structures.finite_elements.matrix_files import Matrix, checked_matrix
+from bayes_ssi.structures.finite_elements.sparse_modes import (
+    fill_reducing_order,
+    is_semidefinite,
+    rigid_body_modes,
+)
 from bayes_ssi.structures.modal import FreeBody, NoModesError
+
+
+@dataclass(frozen=True, eq=False)
+class AffineMatrix:
+    """A matrix that depends on parameters."""
+
+    products: tuple[Product, ...]
+    matrices: tuple[Matrix, ...]
+
+    @classmethod
+    def of(cls, given: Any, name: str, size: int | None = None) -> AffineMatrix:
+        """Of a user's argument, a matrix, or a list of matrices and pairs (coefficient, matrix)."""
+        is_pair = isinstance(given, tuple) and len(given) == 2 and not np.ndim(given[0])
+        terms = list(given) if isinstance(given, (list, tuple)) and not is_pair else [given]
+        if not terms:
+            raise ValueError(f"{name}: no term; give matrices, or pairs (coefficient, matrix)")
+        merged: dict[tuple[tuple[Parameter, float], ...], Matrix] = {}
+        for number, term in enumerate(terms, start=1):
+            where = name if len(terms) == 1 else f"{name}, term {number}"
+            coefficient, given_matrix = _coefficient_and_matrix(term, where)
+            product = as_product(coefficient, f"{where}: the coefficient")
+            if not np.isfinite(product.scale):
+                raise ValueError(f"{where}: the coefficient must be finite, got {product.scale!r}")
+            matrix = checked_matrix(given_matrix, f"{where}: the matrix", size)
+            size = matrix.shape[0]
+            matrix = sp.csc_array(product.scale * matrix)
+            if product.powers in merged:
+                matrix = sp.csc_array(merged[product.powers] + matrix)
+            matrix.eliminate_zeros()
+            matrix.sort_indices()
+            merged[product.powers] = matrix
+        products = tuple(Product(1.0, powers) for powers in merged)
+        return cls(products, tuple(merged.values()))
+
+    @property
+    def size(self) -> int:
+        return int(self.matrices[0].shape[0])
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        return [p for product in self.products for p in product.parameters]
+
+    def coefficients(self, values: FloatArray, parameters: tuple[Parameter, ...]) -> FloatArray:
+        """c_t (B, T) at ``values`` (B, n_parameters), whose columns are ``parameters``."""
+        return ProductTable(self.products, parameters).evaluate(values)
+
+    def dense(self, parameters: tuple[Parameter, ...]) -> AffineArray:
+        """The sum of dense matrices, for a batch of values with columns ``parameters``."""
+        return self.projected(np.array([m.toarray() for m in self.matrices]), parameters)
+
+    def projected(self, arrays: FloatArray, parameters: tuple[Parameter, ...]) -> AffineArray:
+        """The sum of ``arrays`` (T, ...), such as Vᵀ A_t V, with these coefficients."""
+        return AffineArray(ProductTable(self.products, parameters), arrays)
+
+    def at(self, coefficients: FloatArray) -> Matrix:
+        """The matrix for coefficients (T,)."""
+        data = np.zeros(self.pattern.nnz)
+        for coefficient, matrix, entries in zip(
+            coefficients, self.matrices, self._entries, strict=True
+        ):
+            data[entries] += coefficient * matrix.data
+        pattern = self.pattern
+        return sp.csc_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    def ordered(self, order: NDArray[np.intp]) -> AffineMatrix:
+        """This matrix with its rows and columns in another order."""
+        matrices = tuple(sp.csc_array(matrix[order][:, order]) for matrix in self.matrices)
+        for matrix in matrices:
+            matrix.sort_indices()
+        return AffineMatrix(self.products, matrices)
+
+    @cached_property
+    def pattern(self) -> Matrix:
+        """Ones where any of the matrices has an entry."""
+        pattern = sp.csc_array(sum(map(abs, self.matrices[1:]), start=abs(self.matrices[0])))
+        pattern.sort_indices()
+        pattern.data[:] = 1.0
+        return pattern
+
+    @cached_property
+    def _entries(self) -> list[NDArray[np.intp]]:
+        """Positions of each matrix's entries in the data of the pattern."""
+        positions = _positions(self.pattern)
+        return [np.searchsorted(positions, _positions(matrix)) for matrix in self.matrices]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what is as large as the matrices, and soon computed from them again."""
+        return {name: self.__dict__[name] for name in ("products", "matrices")}
+
+    def with_terms(self, size: int, terms: Iterable[AddedTerm]) -> AffineMatrix:
+        """This matrix, enlarged to ``size`` by zeros, and terms c w wᵀ."""
+        products, matrices = list(self.products), [_enlarged(m, size) for m in self.matrices]
+        for coefficient, vector, *_ in terms:
+            rows, components = np.array(list(vector), dtype=np.intp), np.array([*vector.values()])
+            column = sp.csc_array((components, (rows, 0 * rows)), shape=(size, 1))
+            products.append(Product(1.0, coefficient.powers))
+            matrices.append(sp.csc_array(coefficient.scale * (column @ column.T)))
+            matrices[-1].sort_indices()
+        return AffineMatrix(tuple(products), tuple(matrices))
+
+    def formula(self, symbol: str) -> str:
+        """The sum in symbols: K0 + k1·K1 + k2·K2, beginning with the term without parameters."""
+        terms, number = [], 0
+        for product in sorted(self.products, key=lambda product: bool(product.powers)):
+            number += bool(product.powers)
+            factor = f"{repr(product).removeprefix('1 * ')} * " if product.powers else ""
+            terms.append(f"{factor}{symbol}{number if factor else 0}")
+        return " + ".join(terms).replace(" * ", " · ")
+
+    def __repr__(self) -> str:
+        each = zip(self.products, self.matrices, strict=True)
+        return " + ".join(
+            f"{product!r} * <{_digest(matrix)}>" if product.powers else f"<{_digest(matrix)}>"
+            for product, matrix in each
+        )
+
+
+def _enlarged(matrix: Matrix, size: int) -> Matrix:
+    """The matrix with further rows and columns of zeros."""
+    ends = np.full(size - matrix.shape[0], matrix.indptr[-1], dtype=matrix.indptr.dtype)
+    whole = np.concatenate([matrix.indptr, ends])
+    return sp.csc_array((matrix.data, matrix.indices, whole), shape=(size, size))
+
+
+def _coefficient_and_matrix(term: Any, where: str) -> tuple[Value, Any]:
+    if not isinstance(term, (tuple, list)):
+        return 1.0, term
+    if len(term) == 2:
+        return term[0], term[1]
+    raise TypeError(
+        f"{where} must be a matrix or a pair (coefficient, matrix), got {len(term)} items"
+    )
+
+
+def _positions(matrix: Matrix) -> NDArray[np.int64]:
+    """Position of every entry, counted column by column; ascending."""
+    n = matrix.shape[0]
+    return np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr)) * n + matrix.indices
+
+
+def _digest(matrix: Matrix) -> str:
+    """A digest of the entries over √(A_ii A_jj), of displacements and rotations alike."""
+    diagonal = np.sqrt(np.abs(matrix.diagonal()))
+    # Entries of rows with smaller diagonals may be rounding.
+    scale = np.maximum(diagonal, 1e-4 * (diagonal.max(initial=0.0) or 1.0))
+    rows, columns = matrix.indices, np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    in_shares = matrix.data / (scale[rows] * scale[columns])
+    return (
+        steady_digest(in_shares, rows, columns)[:6]
+        + steady_digest(scale, np.arange(len(scale)))[:6]
+    )
 
 
 class Coefficients(NamedTuple):

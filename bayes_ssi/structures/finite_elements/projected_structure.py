@@ -35,9 +35,10 @@ from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
-from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
+from bayes_ssi.structures.finite_elements.reduced_basis import ReducedBasis, Reference
+from bayes_ssi.structures.geometry import Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
-from bayes_ssi.structures.motion import Place, SinglePlace, motion_of
 from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
@@ -52,7 +53,7 @@ class Projection:
         at_sensors: (d, N), motions of the sensors.
         places: P single places on which elements may be put.
         motions: (P, N), their rows of V.
-        flexibilities: (P, SKETCH_SIZE), rows of what the basis lacks of S, whose squares are ρ.
+        flexibilities: (P, sketch_size), rows of what the basis lacks of S, whose squares are ρ.
         moved_sensors: (P, d), displacements of the sensors under a unit force, as far as V lacks
             them.
         free_body: by whose shift the stiffness is raised.
@@ -87,7 +88,7 @@ class Projection:
         at = system.rows[list(moving.values())]
         motions = vectors[at]
         flexibilities, moved = np.split(
-            reference.sketch[at] - motions @ lacking, [SKETCH_SIZE], axis=1
+            reference.sketch[at] - motions @ lacking, [FEM.sketch_size], axis=1
         )
         stiffness = tuple(zip(system.stiffness.products, basis.stiffness, strict=True))
         mass = tuple(zip(system.mass.products, basis.mass, strict=True))

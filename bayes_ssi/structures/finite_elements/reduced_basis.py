@@ -7,7 +7,7 @@ Rayleigh-Ritz method: Vᵀ K V y = μ Vᵀ M V y, a small problem whose matrices
 Its error follows from the residual r = K u - μ M u of u = V y in the full model. With u at unit
 energy, uᵀ K u = 1, and η² = rᵀ K⁻¹ r, some mode has |μ/λ - 1| ≤ η; and where all others are at a
 relative distance of at least δ, |μ/λ - 1| ≤ η²/δ (Temple, Kato). Modes closer to one another than
-``CLOSE`` count as one group, whose η² add up.
+a share (``group_within``) count as one group, whose η² add up.
 
 Shapes at the sensors have two errors. The part of a mode outside the basis is about
 K⁻¹ r/(1 - μ/μ_m+1), which the sensors measure as Eᵀ K⁻¹ r, here with K_r for K and divided by α.
@@ -39,27 +39,15 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
-from bayes_ssi.structures.finite_elements.sparse_factors import (
+from bayes_ssi.structures.finite_elements.sparse_modes import (
     Factor,
     is_semidefinite,
     require_positive_definite,
     stiffness_factor,
 )
-from bayes_ssi.structures.modal import ROUNDING, Eigenpairs, NoModesError, lowest_eigenpairs
-
-# Random combinations in the sketch of a residual, and a factor on their mean square: the square of
-# the norm is larger in 4 of 10 000 cases (χ² with as many degrees of freedom).
-SKETCH_SIZE, SKETCH_MARGIN = 160, 1.5
-# Combinations that are solved for at a time (a divisor of that size), to take little memory.
-BLOCK = 16
-# Eigenvalues that differ by less than this share count as one group: hardly more than the
-# distance of frequencies (half as large) that a test resolves.
-CLOSE = 0.02
-# Modes that move the sensors by less than this share of the most visible mode, at unit modal mass,
-# count as if they moved them by as much: no test identifies them, and their shapes there follow
-# from small asymmetries of the mesh.
-VISIBLE = 0.05
+from bayes_ssi.structures.modal import SOLVER, Eigenpairs, NoModesError, lowest_eigenpairs
 
 
 class Bounds(NamedTuple):
@@ -78,7 +66,7 @@ class Reference:
     """The model at the reference values, which defines the norms of residuals and bases.
 
     Attributes:
-        sketch: (n, SKETCH_SIZE + d), S and, for the d sensors, K_r⁻¹ E.
+        sketch: (n, sketch_size + d), S and, for the d sensors, K_r⁻¹ E.
     """
 
     def __init__(
@@ -91,14 +79,14 @@ class Reference:
         # Not kept: with its pivots it is large.
         factor = stiffness_factor(self.matrix)
         require_positive_definite(factor)
-        n = self.matrix.shape[0]
-        self.sketch = sketch = np.zeros((n, SKETCH_SIZE + len(self.sensors)))
-        sketch[self.sensors, SKETCH_SIZE + np.arange(len(self.sensors))] = 1.0
-        sketch[:, :SKETCH_SIZE] = np.random.default_rng(0).standard_normal((n, SKETCH_SIZE))
-        sketch[:, :SKETCH_SIZE] /= np.sqrt(SKETCH_SIZE)
-        for first in range(0, sketch.shape[1], BLOCK):
-            part = sketch[:, first : first + BLOCK]
-            part[:] = factor.solve(factor.root_times(part) if first < SKETCH_SIZE else part)
+        n, n_random = self.matrix.shape[0], FEM.sketch_size
+        self.sketch = sketch = np.zeros((n, n_random + len(self.sensors)))
+        sketch[self.sensors, n_random + np.arange(len(self.sensors))] = 1.0
+        sketch[:, :n_random] = np.random.default_rng(0).standard_normal((n, n_random))
+        sketch[:, :n_random] /= np.sqrt(n_random)
+        for first in range(0, sketch.shape[1], FEM.sketch_block):
+            part = sketch[:, first : first + FEM.sketch_block]
+            part[:] = factor.solve(factor.root_times(part) if first < n_random else part)
         del factor
         self.definite = all(is_semidefinite(each) for each in self.stiffness.matrices)
 
@@ -132,7 +120,7 @@ class Elongations(NamedTuple):
         by_u, by_q = carried.components(terms)
         remaining = by_u - by_q @ self.follow
         # An own spring is an elongation, and moves nothing else but for rounding.
-        remaining[np.abs(remaining) <= ROUNDING * np.abs(by_q @ self.follow)] = 0.0
+        remaining[np.abs(remaining) <= SOLVER.rounding * np.abs(by_q @ self.follow)] = 0.0
         return [remaining, by_q @ self.inverse]
 
 
@@ -146,9 +134,9 @@ class ReducedBasis:
     Attributes:
         stiffness: (T, N, N), of each term of the stiffness.
         mass: (U, N, N).
-        residual_stiffness: (T, SKETCH_SIZE + d, N), the reference's sketch of each term times the
+        residual_stiffness: (T, sketch_size + d, N), the reference's sketch of each term times the
             coordinates.
-        residual_mass: (U, SKETCH_SIZE + d, N).
+        residual_mass: (U, sketch_size + d, N).
         at_sensors: (d, N), motions of the sensors.
         vectors: (n, N), or fewer columns by those elongations.
         n_before: number of vectors without elements; None where there are none.
@@ -279,7 +267,7 @@ class ReducedBasis:
         for _ in range(2):  # once leaves rounding errors
             new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
         energies, directions = np.linalg.eigh(new.T @ (reference.matrix @ new))
-        kept = energies > max(negligible**2, ROUNDING)
+        kept = energies > max(negligible**2, SOLVER.rounding)
         if not kept.any():
             return self
         new = new @ (directions[:, kept] / np.sqrt(energies[kept]))
@@ -318,8 +306,9 @@ class ReducedBasis:
         y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
         residuals = _sum(at.stiffness, self.residual_stiffness) @ y
         residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
-        eta = np.linalg.norm(residuals[:SKETCH_SIZE], axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
-        moved = np.linalg.norm(residuals[SKETCH_SIZE:], axis=0) / alpha
+        random, at_sensors = np.split(residuals, [FEM.sketch_size])
+        eta = np.linalg.norm(random, axis=0) * math.sqrt(FEM.sketch_margin / alpha)
+        moved = np.linalg.norm(at_sensors, axis=0) / alpha
         moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
         return Bounds(
             _frequency_bounds(eigenvalues, eta)[:n_modes],
@@ -339,7 +328,7 @@ class ReducedBasis:
 
 def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
     """Relative errors of frequencies (m,), from η (m,)."""
-    apart = np.diff(eigenvalues) > CLOSE * eigenvalues[1:]
+    apart = np.diff(eigenvalues) > FEM.group_within * eigenvalues[1:]
     group = np.concatenate([[0], np.cumsum(apart)])
     together = np.bincount(group, eta**2)
     # The eigenvalues of the other groups are uncertain by their own residuals.
@@ -350,7 +339,7 @@ def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
         above[:-1] = 1.0 - eigenvalues[edges] / lowest[edges + 1]
         below[1:] = lowest[edges + 1] / eigenvalues[edges] - 1.0
     # Modes above the last computed one are only known to be higher.
-    above[-1] = CLOSE
+    above[-1] = FEM.group_within
     gap = np.minimum(below, above)
     with np.errstate(divide="ignore", invalid="ignore"):
         squared = np.where(gap > 0.0, together / gap, np.inf)
@@ -374,7 +363,7 @@ def _shape_errors(
         mixed = np.minimum(eta[own, None] * eta / distance, 1.0)
     mixed[np.arange(n_modes), np.arange(n_modes)] = 0.0
     at_unit_mass = moves * np.sqrt(eigenvalues)
-    visible = VISIBLE * at_unit_mass.max() / np.sqrt(eigenvalues[own])
+    visible = FEM.least_visible * at_unit_mass.max() / np.sqrt(eigenvalues[own])
     errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
     return np.nan_to_num(errors, nan=0.0, posinf=np.inf)  # without sensors there is no shape
 

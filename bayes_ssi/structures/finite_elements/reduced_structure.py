@@ -16,14 +16,16 @@ from bayes_ssi.parameters.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure, Projection
 from bayes_ssi.structures.finite_elements.reduced_basis import (
     Bounds,
     ReducedBasis,
     Reference,
 )
+from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.modal import (
-    BATCHED_UP_TO,
+    SOLVER,
     ModalModel,
     Modes,
     NoModesError,
@@ -31,12 +33,7 @@ from bayes_ssi.structures.modal import (
     settle,
     solve_modes,
 )
-from bayes_ssi.structures.motion import Place, SinglePlace
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
-
-# Directions that add less than this share of the required accuracy to a mode are left out, some of
-# which together remain below it.
-NEGLIGIBLE = 0.15
 
 
 class ReducedStructure(ApproximateStructure):
@@ -144,7 +141,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
-        neglected = np.cumsum(shares) <= 2.0 * 0.01 * self.frequency_error
+        neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * self.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self.basis.combined(directions[:, -n_kept:])
         return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
@@ -163,7 +160,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
+        smaller._basis = self.basis.combined(directions[:, 4 - SOLVER.batched_up_to :])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -180,7 +177,7 @@ class ReducedStructure(ApproximateStructure):
 
     @staticmethod
     def _negligible(frequency_error: float, shape_error: float) -> float:
-        return NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
+        return FEM.negligible * min(math.sqrt(frequency_error), shape_error)
 
     def modes(self, values: FloatArray) -> Modes:
         """See :meth:`Structure.modes`; rows without modes are NaN."""

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.choices import listed_choices
-
-# A larger model must name its sensors: every mode shape is kept at all of them.
-MOST_WITHOUT_SENSORS = 1000
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 
 Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 
@@ -35,9 +33,9 @@ def sensor_rows(
         if len(labels) != n:
             raise ValueError(f"labels: {len(labels)} for {n} degrees of freedom")
     if sensors is None:
-        if n > MOST_WITHOUT_SENSORS:
+        if n > (most := FEM.sensors_named_above):
             raise ValueError(
-                f"sensors: a model of more than {MOST_WITHOUT_SENSORS} degrees of freedom, here "
+                f"sensors: a model of more than {most} degrees of freedom, here "
                 f'{n}, must name the measured ones, as in sensors={{"roof x": 1203}}'
             )
         return tuple(labels or (f"dof {i}" for i in range(n))), np.arange(n)

@@ -1,8 +1,10 @@
 """The lowest modes of large sparse matrices: shift-invert Lanczos iterations, and a count.
 
-Lanczos iterations with K⁻¹ M (ARPACK) give the lowest modes. They may miss one, above all of a
-pair of equal frequencies, so modes are counted by the pivots of K - σM (see
-:mod:`bayes_ssi.structures.finite_elements.sparse_factors`).
+K is factorised as L D Lᵀ, with pivots from the diagonal, in an order that keeps the factors sparse.
+The order is computed once for a sparsity pattern and used for every factorisation. Lanczos
+iterations with K⁻¹ M (ARPACK) give the lowest modes. They may miss one, above all of a pair of
+equal frequencies, so modes are counted: by Sylvester's law of inertia K - σM has as many negative
+pivots as there are modes with (2πf)² < σ.
 
 M may be singular (rotations without inertia, for instance): such directions have no mode of their
 own, and where only a few have inertia all modes follow from their flexibility. K must be positive
@@ -11,20 +13,19 @@ definite.
 
 from __future__ import annotations
 
+import math
+from functools import cached_property
+
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_files import Matrix
-from bayes_ssi.structures.finite_elements.sparse_factors import (
-    RELATIVE_GAP,
-    Factor,
-    count_below,
-    require_positive_definite,
-    stiffness_factor,
-)
 from bayes_ssi.structures.modal import (
-    ROUNDING,
+    NOT_SUPPORTED,
+    SOLVER,
     Eigenpairs,
     FreeBody,
     NoModesError,
@@ -34,15 +35,118 @@ from bayes_ssi.structures.modal import (
     too_few_modes,
 )
 
-# Smaller problems are solved faster as dense ones.
-DENSE_UP_TO = 150
-# A body in space has six rigid-body modes.
-MOST_RIGID = 6
-# In units of the mean of diagonal stiffness over mass, so that a free model can be solved.
-SMALL_SHIFT = 1e-8
-# The standard deviation of rounding to nine digits, as a share of an entry; of squares of
-# frequencies.
-NINE_DIGITS, RIGID_SQUARE = 5e-10 / 3.0**0.5, 1e-4
+
+class Factor:
+    """K = L D Lᵀ for a matrix with rows already in a good order."""
+
+    def __init__(self, matrix: Matrix) -> None:
+        """Factorise; NoModesError if singular, or if no pivot on the diagonal serves."""
+        from scipy.sparse.linalg import splu
+
+        try:
+            self._lu = splu(
+                sp.csc_matrix(matrix),
+                permc_spec="NATURAL",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:  # exactly singular
+            raise NoModesError("the matrix is singular") from None
+        if not np.array_equal(self._lu.perm_r, np.arange(matrix.shape[0])):
+            raise NoModesError("the matrix has a pivot of zero")
+
+    @cached_property
+    def pivots(self) -> FloatArray:
+        """D (n,); from then on the factor keeps copies of L and D Lᵀ, larger than itself."""
+        diagonal: FloatArray = self._lu.U.diagonal()
+        return diagonal
+
+    @property
+    def n_negative(self) -> int:
+        """Number of negative eigenvalues."""
+        return int((self.pivots < 0.0).sum())
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """K⁻¹ times vectors (n,) or (n, k)."""
+        solution: FloatArray = self._lu.solve(np.ascontiguousarray(right))
+        return solution
+
+    def root_times(self, right: FloatArray) -> FloatArray:
+        """C times vectors (n, k), where K = C Cᵀ is positive definite."""
+        product: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
+        return product
+
+
+def stiffness_factor(stiffness: Matrix) -> Factor:
+    """The factor of a stiffness matrix; NoModesError if it is singular."""
+    try:
+        return Factor(stiffness)
+    except NoModesError:
+        raise NoModesError(NOT_SUPPORTED) from None
+
+
+def require_positive_definite(factor: Factor) -> None:
+    """Check the factor of a stiffness matrix; NoModesError if it has a negative eigenvalue."""
+    if factor.n_negative:
+        raise NoModesError("the stiffness matrix is not positive definite")
+
+
+def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
+    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse.
+
+    Of two, the one with fewer entries of factors: by minimum degree, which suits most structures,
+    and by the reverse Cuthill-McKee algorithm, whose narrow band suits slender ones.
+    """
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+    from scipy.sparse.linalg import splu
+
+    try:
+        factor = splu(
+            sp.csc_matrix(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:
+        raise NoModesError("the matrix is singular") from None
+    banded = reverse_cuthill_mckee(sp.csr_matrix(matrix), symmetric_mode=True).astype(np.intp)
+    if 2 * _envelope(matrix, banded) <= factor.nnz:
+        return banded
+    return np.argsort(factor.perm_c)
+
+
+def _envelope(matrix: Matrix, order: NDArray[np.intp]) -> int:
+    """Number of entries from the first one to the diagonal, over all rows in an ``order``.
+
+    A factor L has entries nowhere else (George and Liu 1981, section 4.2).
+    """
+    place = np.argsort(order)
+    first = np.minimum.reduceat(place[matrix.indices], matrix.indptr[:-1])
+    return int((place - first + 1).sum())
+
+
+def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
+    """Number of modes with (2πf)² < ``shift``, by the signs of the pivots of K - shift·M."""
+    shifted = sp.csc_array(stiffness - shift * mass)
+    factor = Factor(shifted)
+    right = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
+    solution = factor.solve(right)
+    scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(solution) + np.linalg.norm(right)
+    if not np.linalg.norm(shifted @ solution - right) <= FEM.count_gap * scale:
+        raise NoModesError("K - shift·M is too close to singular")
+    return factor.n_negative
+
+
+def is_semidefinite(matrix: Matrix) -> bool:
+    """Whether no eigenvalue is negative but for rounding."""
+    largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
+    if largest == 0.0:
+        return matrix.nnz == 0
+    shift = sp.diags_array(np.full(matrix.shape[0], FEM.file_rounding * largest))
+    try:
+        return Factor(sp.csc_array(matrix + shift)).n_negative == 0
+    except NoModesError:
+        return False
 
 
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
@@ -54,11 +158,11 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     """
     n = stiffness.shape[0]
     # With many modes, Lanczos vectors (twice as many) would span half of the space.
-    if n <= DENSE_UP_TO or 4 * n_modes >= n:
+    if n <= FEM.dense_up_to or 4 * n_modes >= n:
         return lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
     factor = stiffness_factor(stiffness)
     with_mass = np.flatnonzero(np.diff(mass.indptr))
-    if len(with_mass) <= DENSE_UP_TO:
+    if len(with_mass) <= FEM.dense_up_to:
         loads = np.zeros((n, len(with_mass)))
         loads[with_mass, np.arange(len(with_mass))] = 1.0
         modes = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
@@ -76,17 +180,20 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
     """
     inertia = mass.diagonal()
     with_mass = inertia > 0.0
-    shift = SMALL_SHIFT * stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
+    mean_square = stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
+    shift = FEM.free_shift * mean_square
     try:
-        modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, MOST_RIGID)
+        # One more than the six that a body in space may have.
+        modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, extra=6)
     except NoModesError:
         return FreeBody()  # whatever is wrong is said where its modes are computed
     squares, parts = modes.eigenvalues - shift, modes.vectors**2
     energy = np.einsum("nm,nm->m", modes.vectors, stiffness @ modes.vectors)
     # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
-    rounding = NINE_DIGITS * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
+    nine_digits = 5e-10 / math.sqrt(3.0)  # standard deviation of the rounding, over an entry
+    rounding = nine_digits * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
     without_strain = np.logical_and.accumulate(np.abs(energy) <= 4.0 * rounding)
-    steps = squares[:-1] < RIGID_SQUARE * squares[1:]
+    steps = squares[:-1] < FEM.rigid_square * squares[1:]
     numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
     if not len(numbers):
         return FreeBody()
@@ -129,7 +236,7 @@ def _counted(
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
     energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
-    if energies.min() <= ROUNDING * energies.max():
+    if energies.min() <= SOLVER.rounding * energies.max():
         return _modes_under(loads, mass, factor, n_modes, at_most)
     raise NoModesError(f"the modes could not be verified: {problem}")
 
@@ -144,13 +251,13 @@ def _modes_under(
     require_positive_definite(factor)
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
-    kept = energies > ROUNDING * energies.max(initial=0.0)
+    kept = energies > SOLVER.rounding * energies.max(initial=0.0)
     unit = moved @ (directions[:, kept] / np.sqrt(energies[kept]))
     inverses, mixed = np.linalg.eigh(unit.T @ (mass @ unit))
     inverses, mixed = inverses[::-1], mixed[:, ::-1]
-    if len(inverses) and inverses[-1] < -ROUNDING * max(inverses[0], -inverses[-1]):
+    if len(inverses) and inverses[-1] < -SOLVER.rounding * max(inverses[0], -inverses[-1]):
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
+    n_available = int((inverses > SOLVER.rounding * inverses.max(initial=0.0)).sum())
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
     inverses, mixed = inverses[:n_available], mixed[:, :n_available]
@@ -162,7 +269,7 @@ def _modes_under(
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:
     """Number of modes to keep, ``n_modes`` or more: those below the widest gap."""
     gaps = np.diff(eigenvalues) / eigenvalues[1:]
-    candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > RELATIVE_GAP]
+    candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > FEM.count_gap]
     return max(candidates, key=lambda n: gaps[n - 1], default=None)
 
 

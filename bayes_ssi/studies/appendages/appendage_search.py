@@ -20,7 +20,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.structures.candidate import Candidate
+from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, compact, prior_draws
 from bayes_ssi.studies.appendages.findings import search_record
 from bayes_ssi.studies.appendages.hypotheses import SearchSettings, name_of

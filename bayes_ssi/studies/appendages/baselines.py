@@ -15,8 +15,7 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     is_approximate,
     more_accurate,
 )
-from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.motion import motion_of
+from bayes_ssi.structures.geometry import Geometry, motion_of
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
     Candidate,

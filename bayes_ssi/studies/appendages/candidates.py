@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.structures.candidate import Candidate
-from bayes_ssi.structures.geometry import Point
-from bayes_ssi.structures.motion import Place, motion_of
+from bayes_ssi.structures.geometry import Candidate, Place, Point, motion_of
 from bayes_ssi.structures.structure import Structure
 
 # A mode that the sensors see moves them by at least this share of the one that moves them most, at

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bayes_ssi.parameters.parameters import Value
-from bayes_ssi.structures.candidate import Candidate
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
-from bayes_ssi.structures.geometry import Point
-from bayes_ssi.structures.motion import Place, place_name
+from bayes_ssi.structures.geometry import Candidate, Place, Point, place_name
 
 
 @dataclass(frozen=True)
