@@ -47,9 +47,7 @@ def _located(modes: NodalModes) -> NDArray[np.intp]:
     return np.flatnonzero(np.isfinite(modes.positions).all(axis=1))
 
 
-def plot_modes_in_space(
-    modes: NodalModes, shown: Sequence[DrawnMode], figure: Figure | None = None
-) -> Figure:
+def plot_modes_in_space(modes: NodalModes, shown: Sequence[DrawnMode]) -> Figure:
     """The structure deformed by each mode, its displacements in colour, and its outline at rest.
 
     Faces of shells and solids are drawn where the geometry has them, else lines, else nodes. The
@@ -65,7 +63,7 @@ def plot_modes_in_space(
     largest = np.abs(displacements).max(axis=(1, 2))
     # The largest displacement drawn, of the longest side.
     reach = 0.12 * (float(np.ptp(points, axis=0).max()) or 1.0)
-    figure, panels = panels_in_space([mode.title for mode in shown], points, reach, figure)
+    figure, panels = panels_in_space([mode.title for mode in shown], points, reach)
     for mode, ax in zip(shown, panels, strict=True):
         shape = displacements[mode.number] / (largest[mode.number] or 1.0)
         _draw_deformed(ax, points, lines, faces, reach * shape)

@@ -36,7 +36,7 @@ from bayes_ssi.report.tables.search_tables import (
 )
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
-from bayes_ssi.results.stored_result import ResultRecord, StoredResult
+from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
 
@@ -91,7 +91,10 @@ def page_content(
         "predictions": predictions,
         "figures": figures,
         "limits": LIMITS,
-        "command": record.command or _command(record),
+        # As far as the record says.
+        "command": record.command
+        or f"bayes-ssi rank {record.study_file} --seed {record.seed} "
+        f"--error {record.settings.log_evidence_error:g}",
         "sampled_seconds": sum(posterior.seconds for posterior in stored.posteriors),
     }
 
@@ -197,12 +200,6 @@ def _chain_lengths(posterior: Posterior) -> float:
     return posterior.draws.shape[1] / time if time > 0 else math.nan
 
 
-def _command(record: ResultRecord) -> str:
-    """The command that reproduces a result, as far as its record says."""
-    error = record.settings.log_evidence_error
-    return f"bayes-ssi rank {record.study_file} --seed {record.seed} --error {error:g}"
-
-
 def _identifications(
     tests: Mapping[str, ModalData], classes: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
@@ -213,14 +210,16 @@ def _identifications(
             "test": name,
             "of": record,
             "labels": (labels := _labels(record, data)),
-            "class_names": [own["row"].name for own in shown],
+            "class_names": [model_class["row"].name for model_class in shown],
             "has_phases": any(peak.probability_of_phases is not None for peak in record.peaks),
             "peaks": [
                 {
                     "peak": peak,
                     "explained": [
-                        "; ".join(_explained(peak, record, labels, _configuration(own, name)))
-                        for own in shown
+                        "; ".join(_explained(peak, record, labels, configuration))
+                        for model_class in shown
+                        for configuration in model_class["configurations"]
+                        if configuration["name"] == name
                     ],
                 }
                 for peak in record.peaks
@@ -242,10 +241,6 @@ def _labels(record: IdentificationSummary, data: ModalData) -> list[str | None]:
     apart = np.abs(np.log(own[:, None] / data.frequencies_hz))
     nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
     return [data.labels[k] if back[k] == i else None for i, k in enumerate(nearest)]
-
-
-def _configuration(of_class: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    return next(each for each in of_class["configurations"] if each["name"] == name)
 
 
 def _explained(

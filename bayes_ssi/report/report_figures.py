@@ -1,6 +1,6 @@
 """The figures of a report: which it shows, and where.
 
-To add one, yield its caption and how it is drawn in the function of the section that shows it.
+To add one, plan its caption and how it is drawn in the section that shows it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
@@ -136,18 +135,23 @@ def draw_figures(
         progress: called with the fraction of the figures drawn so far.
     """
     figures = ReportFigures()
-    sections: list[tuple[list[EmbeddedFigure], Iterator[Plot]]] = [
-        (figures.ranking, _of_ranking(stored)),
-        (figures.search, _of_search(stored)),
-        (figures.sensitivity, _of_sensitivity(stored)),
-    ]
+    planned: list[tuple[list[EmbeddedFigure], Plot]] = []
+    evidence = partial(plot_evidence, stored.comparison, most=STYLE.most_classes)
+    planned.append((figures.ranking, ("Log evidence of every model class", evidence)))
+    if stored.search is not None:
+        places = partial(plot_places, stored.search)
+        planned.append((figures.search, ("Probability of an appendage by place", places)))
+    sensitivity = stored.sensitivity
+    if sensitivity is not None and len(sensitivity.rows[0].probabilities) > 1:
+        changes = partial(plot_sensitivity, sensitivity)
+        planned.append((figures.sensitivity, ("How the ranking changes with settings", changes)))
     for name, data in stored.tests.items():
-        plots = _of_test(name, data, stored.ranked_posteriors)
-        sections.append((figures.tests.setdefault(name, []), plots))
+        section = figures.tests.setdefault(name, [])
+        planned += [(section, plot) for plot in _of_test(name, data, stored.ranked_posteriors)]
     for name, with_corner in _drawn_classes(stored):
+        section = figures.classes.setdefault(name, [])
         plots = _of_class(stored, stored.posterior(name), with_corner)
-        sections.append((figures.classes.setdefault(name, []), plots))
-    planned = [(section, plot) for section, plots in sections for plot in plots]
+        planned += [(section, plot) for plot in plots]
 
     from matplotlib import rc_context
 
@@ -156,11 +160,33 @@ def draw_figures(
         for i, (section, (caption, plot)) in enumerate(planned, 1):
             section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
             progress(i / len(planned))
-    figures.classes[stored.comparison.best.name].extend(_saved_modes(stored))
-    for i, name in enumerate(stored.tests, 1):
-        figures.tests[name].extend(_saved_shapes(stored, i, name))
-    figures.predictions.extend(_of_predictions(predictions))
+    _embed_saved(stored, predictions, figures)
     return figures
+
+
+def _embed_saved(
+    stored: StoredResult, predictions: SavedPredictions | None, figures: ReportFigures
+) -> None:
+    """Figures that were drawn when the result, or its predictions, were saved."""
+    drawn, best = stored.directory / FIGURES, stored.comparison.best.name
+    for path, name in zip(sorted(drawn.glob(f"{MODES}*.png")), stored.tests, strict=False):
+        caption = (
+            f"{label_in(name, '')}Modes of {best!r} at its most probable parameters, displacements "
+            "in colour, and the outline at rest"
+        )
+        figures.classes[best].append(embedded_file(path, caption))
+    for i, name in enumerate(stored.tests, 1):
+        path = drawn / f"{IDENTIFIED_SHAPES}_{i}.png"
+        if path.is_file():
+            caption = (
+                f"{label_in(name, '')}Identified shapes on the structure, largest component ±1, "
+                "with 90 % intervals"
+            )
+            figures.tests[name].append(embedded_file(path, caption))
+    for path in predictions.figures if predictions else ():
+        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
+        caption = f"Predictions: {name.replace('_', ' ')}"
+        figures.predictions.append(embedded_file(path, caption))
 
 
 def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
@@ -174,24 +200,6 @@ def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
     ]
     for row in chosen[: LIMITS.classes_with_modes]:
         yield row.name, row is rows[0] or not row.distinguishable
-
-
-def _of_ranking(stored: StoredResult) -> Iterator[Plot]:
-    yield (
-        "Log evidence of every model class",
-        partial(plot_evidence, stored.comparison, most=STYLE.most_classes),
-    )
-
-
-def _of_search(stored: StoredResult) -> Iterator[Plot]:
-    if stored.search is not None:
-        yield "Probability of an appendage by place", partial(plot_places, stored.search)
-
-
-def _of_sensitivity(stored: StoredResult) -> Iterator[Plot]:
-    sensitivity = stored.sensitivity
-    if sensitivity is not None and len(sensitivity.rows[0].probabilities) > 1:
-        yield "How the ranking changes with settings", partial(plot_sensitivity, sensitivity)
 
 
 def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Iterator[Plot]:
@@ -219,7 +227,22 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
                 partial(plot_mode_shapes, modes.updated, data),
             )
     for modes in posterior.configurations:
-        yield from _of_configuration(modes, stored.tests[modes.name], of)
+        where, updated = label_in(modes.name, ""), modes.updated.modes
+        if updated:
+            yield (
+                f"{where}Frequencies {of} before and after updating",
+                partial(plot_frequency_change, updated, stored.tests[modes.name]),
+            )
+        if any(mode.mac_after is not None for mode in updated):
+            yield (
+                f"{where}MACs {of} before and after updating",
+                partial(plot_mac_change, updated),
+            )
+        if modes.inferred_pairing is not None:
+            yield (
+                f"{where}Probabilities of pairings {of}",
+                partial(plot_pairing, modes.inferred_pairing, modes.n_modes),
+            )
     yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
@@ -233,48 +256,6 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         )
 
 
-def _of_configuration(modes: ConfigurationModes, data: ModalData, of: str) -> Iterator[Plot]:
-    where = label_in(modes.name, "")
-    updated, inferred = modes.updated, modes.inferred_pairing
-    if updated.modes:
-        yield (
-            f"{where}Frequencies {of} before and after updating",
-            partial(plot_frequency_change, updated.modes, data),
-        )
-        if any(mode.mac_after is not None for mode in updated.modes):
-            yield (
-                f"{where}MACs {of} before and after updating",
-                partial(plot_mac_change, updated.modes),
-            )
-    if inferred is not None:
-        yield (
-            f"{where}Probabilities of pairings {of}",
-            partial(plot_pairing, inferred, modes.n_modes),
-        )
-
-
-def _saved_modes(stored: StoredResult) -> Iterator[EmbeddedFigure]:
-    """Modes in space, which were drawn when the result was saved."""
-    paths = sorted((stored.directory / FIGURES).glob(f"{MODES}*.png"))
-    for path, name in zip(paths, stored.tests, strict=False):
-        yield embedded_file(
-            path,
-            f"{label_in(name, '')}Modes of {stored.comparison.best.name!r} at its most probable "
-            "parameters, displacements in colour, and the outline at rest",
-        )
-
-
-def _saved_shapes(stored: StoredResult, i: int, name: str) -> Iterator[EmbeddedFigure]:
-    """Identified shapes on the structure, which were drawn when the result was saved."""
-    path = stored.directory / FIGURES / f"{IDENTIFIED_SHAPES}_{i}.png"
-    if path.is_file():
-        yield embedded_file(
-            path,
-            f"{label_in(name, '')}Identified shapes on the structure, largest component ±1, with "
-            "90 % intervals",
-        )
-
-
 def _of_most_interest(posterior: Posterior, search: SearchRecord | None) -> list[str]:
     """Parameters of appendages, then those whose spread the data reduce most; in their order."""
     appendages = search.hypothesis(posterior.name).appendages if search else ()
@@ -283,9 +264,3 @@ def _of_most_interest(posterior: Posterior, search: SearchRecord | None) -> list
     ordered = sorted(spreads, key=lambda name: (name not in of_appendages, spreads[name]))
     chosen = ordered[: LIMITS.parameters_in_corner]
     return [name for name in spreads if name in chosen]
-
-
-def _of_predictions(predictions: SavedPredictions | None) -> Iterator[EmbeddedFigure]:
-    for path in predictions.figures if predictions else ():
-        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
-        yield embedded_file(path, f"Predictions: {name.replace('_', ' ')}")

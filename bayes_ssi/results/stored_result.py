@@ -327,18 +327,17 @@ def result_record(
         versions=versions(),
         model_classes=tuple(map(class_record, study.model_classes)),
         stands_for=study.stands_for,
-        posteriors=tuple(map(_without_draws, ranking.posteriors)),
+        posteriors=tuple(
+            to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
+            # For other programs.
+            | {"summary": to_record(posterior.summary)}
+            for posterior in ranking.posteriors
+        ),
         draws=draws,
         data=data,
         failed_checks_accepted=accept_failed_checks,
         command=command,
     )
-
-
-def _without_draws(posterior: Posterior) -> dict[str, Any]:
-    """The record of a posterior without its draws, but with its summary for other programs."""
-    record: dict[str, Any] = to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
-    return record | {"summary": to_record(posterior.summary)}
 
 
 def _write_comparison_csv(path: Path, comparison: Comparison) -> None:

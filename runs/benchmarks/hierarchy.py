@@ -30,13 +30,13 @@ import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
-from bayes_ssi.results.hierarchy.population_sampling import (
+from bayes_ssi.results.hierarchy.populations import (
+    Population,
     PopulationSampler,
     SampledPopulation,
     failed_fits,
     fit_tests,
 )
-from bayes_ssi.results.hierarchy.populations import Population
 from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))

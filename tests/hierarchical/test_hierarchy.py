@@ -14,9 +14,9 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
-from bayes_ssi.results.hierarchy.populations import read_covariate
 from bayes_ssi.results.hierarchy.single_tests import (
     failed_tests,
+    read_covariate,
     repeated_errors,
     single_tests,
     unusual_tests,
@@ -206,7 +206,8 @@ def test_what_is_refused(rankings):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("", "the first line must be 'test, NAME OF THE COVARIATE', got nothing"),
+        ("", "the file is empty"),
+        ("# comment", "the first line must be 'test, NAME OF THE COVARIATE', got nothing"),
         ("test\nx, 1", "got ['test']"),
         ("test, t\nx", "line 2: expected a test and its t, got 'x'"),
         ("test, t\nx, warm", "line 2: t must be a number, got 'warm'"),

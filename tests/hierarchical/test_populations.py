@@ -6,16 +6,14 @@ from linear_tests import exact_log_evidence, linear_tests, log_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.results.hierarchy.population_sampling import (
-    PopulationSampler,
-    coverage,
-    failed_fits,
-    fit_tests,
-)
 from bayes_ssi.results.hierarchy.populations import (
     Population,
     PopulationLikelihood,
     PopulationPriors,
+    PopulationSampler,
+    coverage,
+    failed_fits,
+    fit_tests,
 )
 
 X = np.array([-1.2, -0.7, 0.1, 0.4, 1.4])

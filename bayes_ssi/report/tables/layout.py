@@ -9,7 +9,7 @@ from itertools import takewhile
 
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -117,19 +117,21 @@ def _longest(texts: Iterable[str]) -> int:
     return max(map(cell_len, texts), default=1)
 
 
-def new_table(title: str, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> WholeTable:
-    """An empty table with :func:`add_columns`."""
+def new_table(
+    title: str, texts: Sequence[str], numbers: Sequence[str], last: Sequence[str] = ()
+) -> WholeTable:
+    """An empty table with columns of words, which may wrap, of numbers, which may not, and words.
+
+    Args:
+        last: headings of the words after the numbers.
+    """
     table = WholeTable(title=Text(title) if title else None)
-    add_columns(table, texts, numbers)
+    columns: list[tuple[Sequence[str], JustifyMethod]]
+    columns = [(texts, "left"), (numbers, "right"), (last, "left")]
+    for headings, justify in columns:
+        for heading in headings:
+            table.add_column(Text(heading), justify=justify, overflow="fold")
     return table
-
-
-def add_columns(table: Table, texts: Sequence[str] = (), numbers: Sequence[str] = ()) -> None:
-    """Add columns of words, which may wrap, and of numbers, which may not."""
-    for heading in texts:
-        table.add_column(Text(heading), overflow="fold")
-    for heading in numbers:
-        table.add_column(Text(heading), justify="right", overflow="fold")
 
 
 def add_row(table: Table, *cells: str) -> None:

@@ -10,7 +10,6 @@ from rich.table import Table
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.report.tables.layout import (
-    add_columns,
     add_row,
     interval,
     marked,
@@ -94,8 +93,8 @@ def populations_table(hierarchy: Hierarchy) -> Table:
         f"{hierarchy.model_class!r} in {len(hierarchy.tests)} tests: its parameters are or vary",
         ["parameters"],
         ["log evidence", "ln B", "probability"],
+        ["evidence against"],
     )
-    add_columns(table, ["evidence against"])
     for row in hierarchy.populations:
         add_row(
             table,

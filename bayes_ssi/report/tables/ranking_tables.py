@@ -12,7 +12,6 @@ from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import (
-    add_columns,
     add_row,
     interval,
     marked,
@@ -32,8 +31,7 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes by probability; prior probabilities have a column unless they are equal."""
     priors = [] if comparison.has_equal_priors else ["prior"]
     numbers = ["log evidence", "ln B", *priors, "probability", "misfit"]
-    table = new_table(title, ["model class"], numbers)
-    add_columns(table, ["evidence against"])
+    table = new_table(title, ["model class"], numbers, ["evidence against"])
     for row in comparison.classes:
         add_row(
             table,

@@ -20,14 +20,15 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     SingleTestSummary,
 )
 from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
-from bayes_ssi.results.hierarchy.population_sampling import (
+from bayes_ssi.results.hierarchy.populations import (
     Coverage,
+    Population,
+    PopulationPriors,
     PopulationSampler,
     SampledPopulation,
     failed_fits,
     fit_tests,
 )
-from bayes_ssi.results.hierarchy.populations import Population, PopulationPriors
 from bayes_ssi.results.hierarchy.single_tests import (
     SingleTest,
     TestResult,

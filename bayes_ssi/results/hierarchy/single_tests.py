@@ -5,6 +5,7 @@ What tests that the model class does not explain say of a population means nothi
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -14,6 +15,7 @@ import numpy as np
 from scipy.special import betaincc
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import (
@@ -152,6 +154,41 @@ def _check_alike(tests: Sequence[SingleTest], class_name: str) -> None:
             raise ValueError(
                 f"{where}: {len(first.parameters)} and {len(test.parameters)} parameters"
             )
+
+
+def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
+    """Name and values of a covariate: name of a test → value.
+
+    The file has two columns, the tests and the covariate, and a heading for each; the second one
+    names the covariate::
+
+        test, temperature in °C
+        2026-01-14, -3.5
+        2026-04-02, 11
+    """
+    path = Path(path)
+    try:
+        text, delimiter = read_columns(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
+    rows = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
+    numbered = [(rows.line_num, [cell.strip() for cell in row]) for row in rows]
+    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
+    if not lines or len(lines[0][1]) != 2 or not lines[0][1][1]:
+        got = lines[0][1] if lines else "nothing"
+        raise ValueError(f"{path}: the first line must be 'test, NAME OF THE COVARIATE', got {got}")
+    name, values = lines[0][1][1], {}
+    for line, row in lines[1:]:
+        where = f"{path}, line {line}"
+        if len(row) != 2 or not row[0]:
+            raise ValueError(f"{where}: expected a test and its {name}, got {','.join(row)!r}")
+        if row[0] in values:
+            raise ValueError(f"{where}: a second value for test {row[0]!r}")
+        try:
+            values[row[0]] = float(row[1])
+        except ValueError:
+            raise ValueError(f"{where}: {name} must be a number, got {row[1]!r}") from None
+    return name, values
 
 
 def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:

@@ -115,18 +115,16 @@ def predict_responses(
     def bands(compute: Callable[[Output], Prediction], n_points: int) -> tuple[Band, Band]:
         """Bands of the response at all places, and of its largest amplitude."""
         curves, peaks = [], []
-        places = list(request.output.places)
+        places = request.output.places
         # Solving for the modes again costs more than another place does.
         at_once = max(1, PREDICTION_SETTINGS.array_size // (predictions.n_draws * n_points))
         for start in range(0, len(places), at_once):
-            some = tuple(places[start : start + at_once])
-            draws = compute(Output(request.output.quantity, some)).draws  # type: ignore[arg-type]
-            for i in range(len(some)):
-                at_place = draws[:, i]
-                largest = np.maximum(at_place.max(-1), -at_place.min(-1))
-                curves.append(Prediction(at_place).band(request.level))
-                peaks.append(Prediction(largest).band(request.level))
-        return _stacked(curves), _stacked(peaks)
+            some = places[start : start + at_once]
+            draws = compute(Output(request.output.quantity, some)).draws
+            largest = np.maximum(draws.max(-1), -draws.min(-1))
+            curves.append(Prediction(draws).band(request.level))
+            peaks.append(Prediction(largest).band(request.level))
+        return _joined(curves), _joined(peaks)
 
     transfer = transfer_peaks = None
     if frequencies_hz is not None:
@@ -144,8 +142,9 @@ def predict_responses(
     return ResponseBands(predictions, request, transfer, transfer_peaks, histories, peaks)
 
 
-def _stacked(bands: list[Band]) -> Band:
-    return Band(*(np.stack(part) for part in zip(*bands, strict=True)))
+def _joined(bands: list[Band]) -> Band:
+    """Bands of all places, from those of some at a time."""
+    return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
 
 
 def default_damping(data: ModalData) -> tuple[float, str]:
