@@ -32,6 +32,20 @@ def as_slice(places: NDArray[np.intp]) -> Places:
     return places
 
 
+def row_sums(terms: FloatArray) -> FloatArray:
+    """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
+
+    numpy adds in an order that depends on the memory layout, which a batch of one may change; here
+    one term is added after the other, to all rows at once.
+    """
+    if not terms.shape[1]:
+        return np.zeros((len(terms), *terms.shape[2:]))
+    total = np.copy(terms[:, 0])
+    for j in range(1, terms.shape[1]):
+        total += terms[:, j]
+    return total
+
+
 def place_of_largest(sizes: FloatArray) -> NDArray[np.intp]:
     """The place (...) of the largest of ``sizes`` (..., n), the first of equal ones.
 

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.shape_errors import ShapeErrors
+from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
+from bayes_ssi.inference.likelihood.shape_planes import in_common_plane, tangents
 from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
 
 SD, SHAPE_SD = 0.02, 0.05
@@ -122,8 +124,8 @@ def test_frequencies_have_their_joint_normal_density(error):
         expected[k] -= norm.logpdf(residuals[k], scale=np.sqrt(np.diag(covariance[k]))).sum()
     np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
     # Their independent numbers have the squared distance of the joint normal density.
-    model_hz = [each.modes(own).frequencies_hz for _, each, own in candidate.parts(values)]
-    independent = candidate.correlated_errors.independent_residuals(values, model_hz)
+    modes = [each.compared_modes(own) for _, each, own in candidate.parts(values)]
+    independent, _ = candidate.correlated_errors.independent_residuals(values, modes)
     distances = [r @ np.linalg.solve(c, r) for r, c in zip(residuals, covariance, strict=True)]
     np.testing.assert_allclose((independent**2).sum(axis=1), distances, rtol=1e-9)
 
@@ -223,13 +225,13 @@ def test_errors_of_shapes_are_turned_into_one_plane():
     )
     candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.7), tests)
     values = values_of(candidate, 3)
-    shapes = ShapeErrors(candidate.likelihoods)
     of_tests = [own.modes(rows) for _, own, rows in candidate.parts(values)]
-    errors = shapes.errors(shapes.groups, of_tests)  # (3, 2 groups, 3 tests, 4 sensors)
-    assert shapes.labels == ["mode 2", "mode 3"]
-    distances = [
-        own.compared_modes(rows).shape_distances for _, own, rows in candidate.parts(values)
-    ]
+    compared = [own.compared_modes(rows) for _, own, rows in candidate.parts(values)]
+    at_model = np.stack([modes.unit_shapes.reshape(3, 2, 4) for modes in compared], axis=2)
+    identified = np.stack([own.pairs.unit_shapes.T for own in candidate.likelihoods], axis=1)
+    # (3 rows, 2 modes, 3 tests, 4 sensors)
+    errors = in_common_plane(tangents(at_model, identified), at_model)
+    distances = [modes.shape_distances for modes in compared]
     np.testing.assert_allclose(
         (errors**2).sum(axis=3), 2.0 * np.stack(distances, axis=-1), rtol=1e-12
     )
@@ -275,6 +277,174 @@ def test_shapes_of_several_modes_multiply_the_joint_density():
                 expected[k] += multivariate_normal.logpdf(component, cov=covariance)
                 expected[k] -= norm.logpdf(component, scale=np.sqrt(np.diag(covariance))).sum()
     np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
+
+
+THREE = ("floor 1", "floor 3", "floor 4")
+
+
+def jointly_identified(test, seed, unseen=()):
+    """The test with a joint covariance of its data, without a sensor in some modes' shapes."""
+    modes = []
+    for mode in test.data.modes:
+        shape = mode.shape.copy()
+        if mode.label in unseen:
+            shape[1] = math.nan
+        modes.append(bs.IdentifiedMode(mode.label, mode.frequency_hz, shape))
+    size = len(modes) * (1 + len(test.data.sensors))
+    factor = 0.012 * np.random.default_rng(seed).standard_normal((size, size + 2))
+    data = replace(test.data, modes=tuple(modes), covariance=factor @ factor.T)
+    return replace(test, data=data)
+
+
+def rotation(start, end):
+    """The matrix of the rotation in the plane of two unit vectors that turns one into the other."""
+    generator = np.outer(end, start) - np.outer(start, end)
+    return np.eye(len(start)) + generator + generator @ generator / (1.0 + start @ end)
+
+
+class Dense:
+    """Residuals at one set of values and their covariance, entry by entry from the definition."""
+
+    def __init__(self, candidate, row):
+        error = candidate.error
+        self.sf, self.ss, self.tests, self.between = (
+            column(candidate, row, value)[0]
+            for value in (
+                error.frequency_cov,
+                error.shape_sd,
+                error.between_tests,
+                error.between_modes,
+            )
+        )
+        self.by_label = error.between_modes == 0.0
+        self.kinds, self.residuals, own = [], [], []
+        self.means = self.mean_shapes(candidate, row)
+        for t, (test, likelihood, values) in enumerate(candidate.parts(row)):
+            data, modes = test.data, likelihood.modes(values)
+            m, n = len(data.modes), len(data.sensors)
+            covariance = data.covariance
+            if covariance is None:
+                sds = [mode.frequency_cov or 0.0 for mode in data.modes]
+                sds = [*sds, *np.repeat([mode.shape_sd for mode in data.modes], n)]
+                covariance = np.diag(np.square(sds))
+            columns = []
+            for label, i in test.pairing.items():
+                j, mode = data.labels.index(label), data.mode(label)
+                columns.append(np.eye(m + m * n)[j])
+                self.kinds.append((t, label, i, "frequency", None))
+                residual = modes.frequencies_hz[0, i - 1] / mode.frequency_hz - 1.0
+                self.residuals.append(residual)
+                unit, model = np.nan_to_num(mode.unit_shape), self.unit_model(test, modes, label, i)
+                tangent = model - (model @ unit) * unit
+                vector = tangent * math.sqrt(2.0 - 2.0 * model @ unit) / np.linalg.norm(tangent)
+                seen = np.isfinite(mode.unit_shape)
+                plane = np.zeros((seen.sum() - 1, n))
+                plane[:, seen] = np.linalg.svd(unit[seen][None])[2][1:]
+                turn = rotation(unit, model)
+                mean = self.means[label, tuple(seen)]
+                turn = rotation(model * np.sign(model @ mean), mean) @ turn * np.sign(model @ mean)
+                for direction in plane:
+                    column_of_shape = np.zeros(m + m * n)
+                    column_of_shape[m + n * j : m + n * (j + 1)] = direction
+                    columns.append(column_of_shape)
+                    self.kinds.append((t, label, tuple(seen), "shape", turn @ direction))
+                    self.residuals.append(direction @ vector)
+            own.append(np.array(columns) @ covariance @ np.array(columns).T)
+        self.residuals = np.array(self.residuals)
+        self.identification = block_diag(*own)
+        self.covariance = self.identification + np.array(
+            [[self.prediction(a, b) for b in self.kinds] for a in self.kinds]
+        )
+
+    @staticmethod
+    def unit_model(test, modes, label, i):
+        unit = test.data.mode(label).unit_shape
+        rows = [test.structure.degrees_of_freedom.index(sensor) for sensor in test.data.sensors]
+        model = np.where(np.isfinite(unit), modes.shapes[0, rows, i - 1], 0.0)
+        return model / np.linalg.norm(model) * np.sign(model @ np.nan_to_num(unit))
+
+    def mean_shapes(self, candidate, row):
+        """Of one mode at the same sensors in all tests, with the sign of the first."""
+        sums = {}
+        for test, likelihood, values in candidate.parts(row):
+            for label, i in test.pairing.items():
+                model = self.unit_model(test, likelihood.modes(values), label, i)
+                key = label, tuple(np.isfinite(test.data.mode(label).unit_shape))
+                first, total = sums.get(key, (model, np.zeros(len(model))))
+                sums[key] = first, total + model * np.sign(model @ first)
+        return {key: total / np.linalg.norm(total) for key, (_, total) in sums.items()}
+
+    def prediction(self, a, b):
+        if a[3] != b[3]:
+            return 0.0
+        same_test = a[0] == b[0]
+        if a[3] == "shape":
+            same = a[1:3] == b[1:3]
+            return same * self.ss**2 * (1.0 if same_test else self.tests) * (a[4] @ b[4])
+        correlation = self.between ** abs(a[2] - b[2]) * (1.0 if same_test else self.tests)
+        return self.sf**2 * (correlation if a[1] == b[1] or not self.by_label else 0.0)
+
+    def log_ratio(self):
+        """Of the joint density over the product of those of frequencies and isotropic shapes."""
+        variances, groups = self.covariance.diagonal().copy(), {}
+        for i, (t, label, _, kind, _) in enumerate(self.kinds):
+            if kind == "shape":
+                groups.setdefault((t, label), []).append(i)
+        for group in groups.values():
+            variances[group] = variances[group].mean()
+        ratio = multivariate_normal.logpdf(self.residuals, cov=self.covariance)
+        return ratio - norm.logpdf(self.residuals, scale=np.sqrt(variances)).sum()
+
+
+ALL_AT_ONCE = {
+    "tests": bs.ErrorModel(SD, SHAPE_SD, 0.8),
+    "modes": bs.ErrorModel(SD, SHAPE_SD, between_modes=0.6),
+    "both": bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.6),
+    "inferred": bs.ErrorModel(SIZE, bs.Parameter("sd", bs.LogNormal(SHAPE_SD, 0.4)), RHO, NEXT),
+    "all one size": bs.ErrorModel(SIZE, SIZE, RHO),
+}
+
+
+def jointly_identified_tests():
+    """Two tests with a joint covariance and one without; one mode is seen at other sensors."""
+    a, b, c = (
+        configuration(name, mass, numbers, seed, THREE)
+        for seed, (name, mass, numbers) in enumerate(
+            (("a", 1.0, (1, 2, 3)), ("b", 1.5, (1, 3, 4)), ("c", 2.0, (3, 1)))
+        )
+    )
+    return jointly_identified(a, 1), jointly_identified(b, 2, ("mode 1",)), c
+
+
+@pytest.mark.parametrize("error", ALL_AT_ONCE.values(), ids=ALL_AT_ONCE)
+def test_joint_identification_errors_and_correlated_prediction_errors_at_once(error):
+    candidate = model_class(error, jointly_identified_tests())
+    independent = replace(error, between_tests=0.0, between_modes=0.0)
+    alone = model_class(independent, candidate.configurations).with_independent_errors()
+    values = values_of(candidate, 8)
+    expected = alone.log_likelihood(values[:, : len(alone.parameters)])
+    modes = [each.compared_modes(own) for _, each, own in candidate.parts(values)]
+    _, numbers = candidate.correlated_errors.independent_residuals(values, modes)
+    squares = sum((each**2).sum(axis=1) for each in numbers.values())
+    for k, row in enumerate(values):
+        dense = Dense(candidate, row[None])
+        expected[k] += dense.log_ratio()
+        if error.between_tests != 0.0:  # all modes are in one group
+            distance = dense.residuals @ np.linalg.solve(dense.covariance, dense.residuals)
+            assert squares[k] == pytest.approx(distance, rel=1e-9)
+        # Of the same modes in another state, given the frequencies.
+        further = [ModeOfTest(3, "mode 3", 3), ModeOfTest(3, "mode 2", 2)]
+        of_frequencies = [i for i, kind in enumerate(dense.kinds) if kind[3] == "frequency"]
+        kinds = [(*mode, "frequency", None) for mode in further]
+        between = np.array([[dense.prediction(dense.kinds[i], b) for b in kinds]
+                            for i in of_frequencies])  # fmt: skip
+        own = np.array([[dense.prediction(a, b) for b in kinds] for a in kinds])
+        gain = np.linalg.solve(dense.covariance[np.ix_(of_frequencies, of_frequencies)], between)
+        model_hz = [each.frequencies_hz[[k]] for each in modes]
+        means, covariance = candidate.correlated_errors.conditional(row[None], model_hz, further)
+        np.testing.assert_allclose(means[0], dense.residuals[of_frequencies] @ gain, rtol=1e-8)
+        np.testing.assert_allclose(covariance[0], own - gain.T @ between, rtol=1e-8)
+    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-10)
 
 
 class Line(bs.Structure):

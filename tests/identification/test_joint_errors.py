@@ -10,9 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.misfit import misfit
-from bayes_ssi.inference.likelihood.joint_errors import JointErrors
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
+from bayes_ssi.inference.likelihood.joint_errors import ShapeAxes
 from bayes_ssi.inference.posterior.datum_terms import at_draws, compared_modes, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
@@ -168,9 +167,9 @@ def test_any_pairing_takes_each_modes_own_part(building):
         pairing = {label: i for label, i in zip("abc", numbers, strict=True) if i}
         if len(set(pairing.values())) < len(pairing):
             continue
-        one = ModalLikelihood(building, blocks, INFERRED, model_class.identification, pairing)
-        columns = [model_class.parameter_names.index(p.name) for p in one.parameters]
-        terms.append(one.log_density(values[:, columns]))
+        one = bs.ModelClass("one", building, blocks, INFERRED, pairing=pairing)
+        columns = [model_class.parameter_names.index(name) for name in one.parameter_names]
+        terms.append(one.log_likelihood(values[:, columns]))
     np.testing.assert_allclose(
         model_class.log_likelihood(values), logsumexp(terms, axis=0), rtol=1e-11
     )
@@ -234,8 +233,10 @@ def test_the_density_integrates_to_one_over_all_data(n):
             tuple(modes), (0.0, 5.0), structure.degrees_of_freedom,
             covariance=basis @ in_planes @ basis.T,
         )  # fmt: skip
-        likelihood = ModalLikelihood(structure, data, error, identification, {"a": 1, "b": 2})
-        total += weight * jacobian * math.exp(likelihood.log_density(np.zeros((1, 1)))[0])
+        candidate = bs.ModelClass(
+            "rigid", structure, data, error, pairing={"a": 1, "b": 2}, identification=identification
+        )
+        total += weight * jacobian * math.exp(candidate.log_likelihood(np.zeros((1, 1)))[0])
     # Each mode is identified with probability 1/2; either sign of a shape has the same density.
     assert total * 4.0 * 4.0 == pytest.approx(1.0, abs=1e-4)
 
@@ -300,6 +301,9 @@ def test_misfit_is_chi_square_of_all_errors_together_and_of_each_mode(building):
     values = drawn(joint)
     modes = compared_modes(joint, at_draws(joint, values))[0]
     result = misfit(joint.likelihoods[0], values, modes, np.random.default_rng(0))
+    _, numbers = joint.correlated_errors.independent_residuals(values, [modes])
+    squares = (numbers[0] ** 2).sum(axis=1)
+    joint_log_p = log_chi_square(squares, numbers[0].shape[1])
     for b, row in enumerate(values):
         for labels in (("a", "b", "c"), ("a",), ("b",)):
             covariance, kinds = covariance_in_planes(data, labels)
@@ -309,7 +313,7 @@ def test_misfit_is_chi_square_of_all_errors_together_and_of_each_mode(building):
             if len(labels) == 3:
                 squares = residual @ np.linalg.solve(covariance, residual)
                 expected = chi2.logsf(squares, len(kinds))
-                assert result.joint_log_p[b] == pytest.approx(expected, rel=1e-8)
+                assert joint_log_p[b] == pytest.approx(expected, rel=1e-8)
                 continue
             squares = residual[1:] @ np.linalg.solve(covariance[1:, 1:], residual[1:])
             j = data.labels.index(labels[0])
@@ -355,13 +359,6 @@ def test_paired_modes_are_one_datum_and_predicted_together(building):
     assert drawn_together == pytest.approx(correlation, abs=5.0 / math.sqrt(n))
 
 
-def test_prediction_errors_that_repeat_need_independent_identification_errors(building):
-    data = identified(building)
-    error = bs.ErrorModel(0.01, 0.05, between_modes=0.5)
-    with pytest.raises(ValueError, match=r"joint covariance; use data.without_covariance\(\)"):
-        bs.ModelClass("joint", building, data, error, pairing=PAIRING)
-
-
 def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
     data = identified(building)
     joint = bs.ModelClass("joint", building, data, FIXED, pairing=PAIRING)
@@ -376,14 +373,6 @@ def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-40, 1e-20])
 def test_a_direction_without_error_says_nothing_of_frequencies_but_by_rounding(rounding):
-    errors = JointErrors(
-        of_frequencies=np.array([[4.0]]),
-        of_axes=np.array([2.0, rounding]),
-        axes=np.eye(2),
-        between=np.array([[1.0, 1e-17]]),
-        single_frequency_var=np.array([4.0]),
-        single_shape_var=np.array([1.0]),
-        dimensions=np.array([2.0]),
-    )
+    axes = ShapeAxes(np.array([2.0, rounding]), np.eye(2)[None], np.array([[1.0], [1e-17]]))
     # 4 - 1²/2, of a frequency given the shape along the first axis.
-    np.testing.assert_allclose(errors.least_variances[0], [3.5])
+    np.testing.assert_allclose(axes.least_variances(np.array([[4.0]])), [3.5])

@@ -127,15 +127,19 @@ def test_rows_with_joint_errors(error, pairing):
     assert_rows_are_independent(model_class)
 
 
+@pytest.mark.parametrize("joint", [(), "b", "ab"], ids=["independent", "one joint", "two joint"])
 @pytest.mark.parametrize("between_modes", [0.0, 0.5], ids=["tests", "tests and modes"])
 @pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
-def test_rows_with_correlated_errors(error, between_modes):
+def test_rows_with_correlated_errors(error, between_modes, joint):
     rho = 0.8 if error is FIXED else bs.Parameter("rho", bs.Uniform(0.0, 1.0))
     error = replace(error, between_tests=rho, between_modes=between_modes)
     tests = []
     for name, numbers in (("a", (1, 2, 3)), ("b", (3, 1)), ("c", (2, 4, 1))):
         structure = building(4)
-        data = as_identified(structure, numbers, numbers, own_errors=True)
+        data = as_identified(structure, numbers, numbers, own_errors=name not in joint)
+        if name in joint:
+            factor = 0.01 * np.random.default_rng(0).standard_normal((5 * len(numbers),) * 2)
+            data = replace(data, covariance=factor @ factor.T)
         pairing = {str(number): number for number in numbers}
         tests.append(bs.Configuration(name, structure, data, pairing=pairing))
     assert_rows_are_independent(bs.ModelClass("rows", configurations=tests, error=error))

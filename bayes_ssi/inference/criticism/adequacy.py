@@ -34,6 +34,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.criticism.misfit import (
     CRITICISM,
     Misfit,
+    log_chi_square,
     log_combined,
     log_harmonic_mean,
     log_joint,
@@ -41,8 +42,7 @@ from bayes_ssi.inference.criticism.misfit import (
     misfit,
     standard_deviations,
 )
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
-from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
+from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product
@@ -188,10 +188,7 @@ def adequacy(
     is_size = np.array([name in sizes for name in model_class.parameter_names])
     # An error size that is smaller than expected is no misfit.
     of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
-    if model_class.error.is_correlated:
-        errors = list(_of_correlated_errors(model_class, values, modes, of_shapes))
-    else:
-        errors = [_of_paired_modes(parts, of_modes)]
+    errors = list(_of_errors(model_class, values, modes, of_modes, of_shapes))
     model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
     for part, which in ((errors, is_size), (model, ~is_size)):
         if which.any():
@@ -221,31 +218,36 @@ def _inferred_error(model_class: ModelClass, values: FloatArray) -> float | None
     return float(np.median(size.scale * np.prod(values[:, columns] ** powers, axis=1)))
 
 
-def _of_correlated_errors(
+def _of_errors(
     model_class: ModelClass,
     values: FloatArray,
     modes: Sequence[ComparedModes],
-    shapes: FloatArray,
+    of_modes: FloatArray,
+    of_shapes: FloatArray,
 ) -> Iterator[FloatArray]:
-    """Log p-values (B,) of all frequencies and of all shapes, whose errors repeat."""
-    frequencies_hz = [of_test.frequencies_hz for of_test in modes]
-    residuals = model_class.correlated_errors.independent_residuals(values, frequencies_hz)
-    if residuals.shape[1]:
-        yield log_combined(log_two_sided(residuals), axis=1)
-    scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
-    if scored.shape[1]:
-        yield log_harmonic_mean(scored, axis=1)
+    """Log p-values (B,) of all errors.
 
-
-def _of_paired_modes(parts: Sequence[Misfit], of_modes: FloatArray) -> FloatArray:
-    """Log p-values (B,) of all errors: mode by mode, or together in tests with joint errors."""
-    log_p, first = [], 0
-    for part in parts:
-        end = first + part.frequency_errors.shape[1]
-        of_test = of_modes[:, first:end] if part.joint_log_p is None else part.joint_log_p[:, None]
-        log_p.append(of_test)
-        first = end
-    return log_combined(np.concatenate(log_p, axis=1), axis=1)
+    Mode by mode, and all together in tests with a joint covariance; or of all frequencies and of
+    all shapes, where prediction errors repeat.
+    """
+    errors = model_class.correlated_errors
+    frequencies, joint = errors.independent_residuals(values, modes)
+    together = [log_chi_square((x * x).sum(axis=1), x.shape[1]) for x in joint.values()]
+    in_joint = [position for i in joint for position in errors.groups[i]]
+    if model_class.error.is_correlated:
+        frequencies = np.delete(frequencies, in_joint, axis=1)
+        if frequencies.shape[1]:
+            yield log_combined(log_two_sided(frequencies), axis=1)
+        shapes = np.delete(of_shapes, errors.identified[in_joint], axis=1)
+        scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
+        if scored.shape[1]:
+            yield log_harmonic_mean(scored, axis=1)
+        yield from together
+    else:
+        counts = [len(test.data.modes) for test in model_class.configurations]
+        joint_tests = [errors.modes[position].test for position in in_joint]
+        rest = ~np.isin(np.repeat(np.arange(len(counts)), counts), joint_tests)
+        yield log_combined(np.column_stack([of_modes[:, rest], *together]), axis=1)
 
 
 def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, gammaincc, gammaln, log_ndtr, logsumexp, ndtri_exp, pdtrc
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
-from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
+from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival
 
 LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
@@ -123,8 +122,6 @@ class Misfit(NamedTuple):
             be, by their probabilities to lie in the band.
         spurious_log_p: (B,), log probability of as many spurious modes or more.
         detected_log_p: (B,), log probability of as few identified model modes or fewer.
-        joint_log_p: (B,), log probability of a larger misfit of all paired modes together, where
-            their errors are joint; None elsewhere.
     """
 
     frequency_errors: FloatArray
@@ -136,7 +133,6 @@ class Misfit(NamedTuple):
     unidentified: FloatArray
     spurious_log_p: FloatArray
     detected_log_p: FloatArray
-    joint_log_p: FloatArray | None
 
 
 def misfit(
@@ -166,7 +162,7 @@ def misfit(
     frequency_log_p = log_two_sided(errors / sds)
     shape_log_p, expected_distances = _shape_misfit(likelihood, distances, shape_sds)
     if likelihood.joint_pairs is not None:
-        own = likelihood.joint_pairs.errors_of_pairs(likelihood.residuals(values, modes))
+        own = likelihood.joint_pairs.errors(likelihood.residuals(values, modes))
         frequency_log_p = log_two_sided(_taken(own.frequencies, which))
         directions = np.array([max(mode.n_measured - 1, 0) for mode in likelihood.data.modes])
         squares, variances, squared_variances = (
@@ -198,19 +194,7 @@ def misfit(
                 _at_least(n_data - n_paired, identification.expected_spurious_modes)
             ),
             detected_log_p=np.log(_at_most(n_paired, detected)),
-            joint_log_p=_joint_misfit(likelihood, values, modes),
         )
-
-
-def _joint_misfit(
-    likelihood: ModalLikelihood, values: FloatArray, modes: ComparedModes
-) -> FloatArray | None:
-    """Log probability (B,) of a larger misfit of all modes of a given pairing with joint errors."""
-    if likelihood.joint_pairs is None or not likelihood.pairing_is_given:
-        return None
-    white = likelihood.joint_pairs.together.white(*likelihood.residuals(values, modes))
-    n_errors = white.frequencies.shape[1] + white.shapes.shape[1]
-    return log_chi_square(white.frequency_squares + white.shape_squares, n_errors)
 
 
 def _taken(columns: FloatArray, which: NDArray[np.intp]) -> FloatArray:

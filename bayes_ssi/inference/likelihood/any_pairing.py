@@ -12,14 +12,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.inference.likelihood.inferred_pairing import (
     InferredPairing,
     inferred_pairing,
     thinned,
 )
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
-from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes, row_sums
+from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import (
     PairingWeights,
@@ -118,7 +117,7 @@ class AnyPairing(ModalLikelihood):
                 modes.shape_distances, error_var[:, 1:]
             )
             if self.joint_pairs is not None:
-                paired += self.joint_pairs.log_ratios_of_pairs(self.residuals(values, modes))
+                paired += self.joint_pairs.log_ratios(self.residuals(values, modes))
         paired = paired.reshape(len(values), n_data, n_model)
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
         frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])

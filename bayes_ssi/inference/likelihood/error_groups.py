@@ -1,15 +1,19 @@
-"""Groups of correlated normal errors of equal size, as arrays of one shape for a whole batch."""
+"""Groups of correlated normal errors, as arrays of one shape for a whole batch.
+
+A batch has B rows of parameter values. What no parameter enters has one row, for all of them. How
+sums are added up does not depend on B, so that a row gets the same last digit in any batch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
 
 class ModeOfTest(NamedTuple):
@@ -21,7 +25,7 @@ class ModeOfTest(NamedTuple):
 
 
 class ErrorSizes(NamedTuple):
-    """Variance and correlations of errors, (B,) each, or (1,) where they are fixed."""
+    """Variance and correlations of prediction errors, (B,), or (1,) for one that is fixed."""
 
     variance: FloatArray
     between_tests: FloatArray
@@ -44,15 +48,20 @@ class Separation(NamedTuple):
         cls, first: Sequence[ModeOfTest], second: Sequence[ModeOfTest], by_label: bool
     ) -> Separation:
         """Separation (n, m) of modes; in different tests by label alone, or by number."""
+        shape = len(first), len(second)
         tests = np.array([[float(a.test != b.test) for b in second] for a in first])
         modes = np.array([[_distance(a, b, by_label) for b in second] for a in first])
-        shape = len(first), len(second)
         return cls(tests.reshape(shape), modes.reshape(shape))
+
+    def within(self, members: NDArray[np.intp]) -> Separation:
+        """Separation (G, n, n) within groups (G, n) of the modes."""
+        pairs = members[:, :, None], members[:, None, :]
+        return Separation(self.tests[pairs], self.modes[pairs])
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
         """σ² ρ_tests^[t ≠ s] ρ_modes^|i - j|, (B or 1, ...)."""
         variance, tests, modes = (size.reshape(-1, *(1,) * self.tests.ndim) for size in sizes)
-        return variance * tests**self.tests * modes**self.modes
+        return variance * (tests**self.tests * modes**self.modes)
 
 
 def _distance(a: ModeOfTest, b: ModeOfTest, by_label: bool) -> float:
@@ -61,99 +70,98 @@ def _distance(a: ModeOfTest, b: ModeOfTest, by_label: bool) -> float:
     return abs(a.number - b.number)
 
 
-def grouped(keys: Iterable[Hashable]) -> list[list[int]]:
-    """Positions of equal keys, for keys that occur more than once, in order of appearance."""
-    positions: dict[Hashable, list[int]] = {}
-    for position, key in enumerate(keys):
-        positions.setdefault(key, []).append(position)
-    return [own for own in positions.values() if len(own) > 1]
-
-
 @dataclass(frozen=True, eq=False)
 class ErrorGroups:
-    """G groups of up to n correlated errors; smaller ones are filled up by nothing.
+    """G groups of n errors, which are correlated within their group.
 
     Attributes:
-        members: (G, n), positions of the errors; 0 where there is none.
-        present: (G, n), 1 for an error and 0 where there is none.
-        own_variance: (G, n), of what is added to each error alone; 1 where there is none.
-        separation: (G, n, n) each.
-        dimensions: (G,), of each error.
+        groups: (G,), indices of the groups among all.
+        members: (G, n), positions of the errors.
+        identification: (G, n, n), covariance of their identification errors.
+        separation: (G, n, n) each, for prediction errors.
+        dimensions: (G, 1), of each error: a number or a vector in a plane.
     """
 
+    groups: list[int]
     members: NDArray[np.intp]
-    present: FloatArray
-    own_variance: FloatArray
+    identification: FloatArray
     separation: Separation
-    dimensions: FloatArray
-
-    @classmethod
-    def of(
-        cls,
-        groups: Sequence[Sequence[int]],
-        modes: Sequence[ModeOfTest],
-        own_variance: FloatArray,
-        by_label: bool,
-        dimensions: Sequence[int],
-    ) -> ErrorGroups:
-        """Groups of positions in ``modes`` and in ``own_variance`` (N,)."""
-        most = max(map(len, groups))
-        members = np.array([[*own, *[-1] * (most - len(own))] for own in groups], dtype=np.intp)
-        present = members >= 0
-        members = np.where(present, members, 0)
-        whole = Separation.of(modes, modes, by_label)
-        rows, columns = members[:, :, None], members[:, None, :]
-        return cls(
-            members,
-            present.astype(float),
-            np.where(present, own_variance[members], 1.0),
-            Separation(whole.tests[rows, columns], whole.modes[rows, columns]),
-            np.array(dimensions, dtype=float),
-        )
+    dimensions: FloatArray | float = 1.0
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
-        """Covariance (B or 1, G, n, n) of the errors with what is added to each."""
-        shared = self.separation.covariance(sizes)
-        covariance = shared * (self.present[:, :, None] * self.present[:, None, :])
-        i = np.arange(self.members.shape[1])
-        covariance[:, :, i, i] += self.own_variance
+        """Covariance (B or 1, G, n, n) of the errors, whose components are independent."""
+        covariance: FloatArray = self.identification + self.separation.covariance(sizes)
         return covariance
 
-    def of_members(self, errors: FloatArray) -> FloatArray:
-        """The errors (B, N, k) of all members, (B, G, n, k), zero where there is none."""
-        taken: FloatArray = np.take(errors, self.members, axis=1) * self.present[:, :, None]
-        return taken
+    def variances(self, sizes: ErrorSizes) -> FloatArray:
+        """Variances (B or 1, G, n) of single errors."""
+        single = np.einsum("gii->gi", self.identification)
+        variances: FloatArray = single + sizes.variance[:, None, None]
+        return variances
 
     def log_ratios(self, errors: FloatArray, sizes: ErrorSizes) -> FloatArray:
         """Log of the joint density over the product of the single ones, (B, G).
 
-        ``errors`` (B, G, n, k); their k components are independent, of which only as many vary
-        as the error has dimensions. -inf where the joint covariance is singular.
+        ``errors`` (B, G, n, k) have k components, of which only as many vary as there are
+        dimensions.
         """
-        covariance = self.covariance(sizes)
-        variances = np.einsum("...ii->...i", covariance)
-        squares = (errors * errors).sum(axis=3)
-        of_each = squares / variances + self.dimensions[:, None] * np.log(variances)
-        joint = np.zeros(errors.shape[:2])
-        regular = np.ones(joint.shape, dtype=bool)
-        # The density of every error given those before it.
-        for pivot, residual in conditional_errors(covariance, errors):
-            square = (residual * residual).sum(axis=2)
-            joint += square / pivot + self.dimensions * np.log(pivot)
-            regular &= pivot > 0.0
-        single = np.ascontiguousarray(of_each).sum(axis=2)
-        return np.where(regular, 0.5 * (single - joint), -np.inf)
+        joint, single = (
+            log_density((residuals * residuals).sum(axis=-1), variances, self.dimensions)
+            for variances, residuals in (
+                conditional_errors(self.covariance(sizes), errors),
+                (self.variances(sizes), errors),
+            )
+        )
+        return joint - single
 
 
-def conditional_errors(
-    covariance: FloatArray, errors: FloatArray
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Variance (..., ) and residual (..., k) of each of n errors, given those before it."""
+def log_density(
+    squares: FloatArray, variances: FloatArray, dimensions: FloatArray | float = 1.0
+) -> FloatArray:
+    """Log density (B, ...) of independent errors at squared lengths (B, ..., n), but for constants.
+
+    -inf where a variance is not positive.
+    """
+    terms = squares / variances + dimensions * np.log(variances)
+    regular = (variances > 0.0).all(axis=-1)
+    return np.where(regular, -0.5 * row_sums(np.moveaxis(terms, -1, 1)), -np.inf)
+
+
+def conditional_errors(covariance: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Variances (..., n) and errors (..., n, k), of n errors each given those before it."""
     covariance, errors = covariance.copy(), errors.copy()
-    for i in range(covariance.shape[-1]):
-        variance, residual = covariance[..., i, i], errors[..., i, :]
-        yield variance, residual
+    for i in range(covariance.shape[-1] - 1):
         row = covariance[..., i, i + 1 :]
-        gain = (row / variance[..., None])[..., None]
-        errors[..., i + 1 :, :] -= gain * residual[..., None, :]
+        gain = (row / covariance[..., i, i, None])[..., None]
+        errors[..., i + 1 :, :] -= gain * errors[..., i, None, :]
         covariance[..., i + 1 :, i + 1 :] -= gain * row[..., None, :]
+    return np.einsum("...ii->...i", covariance), errors
+
+
+def many_conditional_errors(
+    covariance: FloatArray, errors: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Variances and errors (B, n), of n errors each given those before it; n may be a hundred.
+
+    NaN where the covariance (B, n, n) is singular.
+    """
+    n = errors.shape[1]
+    # The last row of the Cholesky factor of a covariance with the errors below it.
+    bordered = np.zeros((len(errors), n + 1, n + 1))
+    bordered[:, :n, :n] = covariance
+    bordered[:, n, :n] = errors
+    bordered[:, n, n] = np.finfo(float).max
+    factors = _cholesky(bordered)
+    roots = np.einsum("bii->bi", factors)[:, :n]
+    return roots * roots, factors[:, n, :n] * roots
+
+
+def _cholesky(matrices: FloatArray) -> FloatArray:
+    """Cholesky factors (B, n, n); NaN where a matrix is not positive definite."""
+    try:
+        return np.asarray(np.linalg.cholesky(matrices), dtype=float)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(matrices.shape, np.nan)
+    middle = len(matrices) // 2
+    return np.concatenate([_cholesky(matrices[:middle]), _cholesky(matrices[middle:])])

@@ -1,279 +1,231 @@
-"""Errors of identified modes that are jointly normal, with prediction errors added.
+"""Errors of frequencies and shapes together, where data have a joint covariance of both.
 
-Where the data have a joint covariance C of the logarithms of frequencies and of unit shapes, the
-residuals x of paired modes, r_f = f/f_e - 1 and the errors of shapes in the planes that touch the
-sphere of unit shapes at the identified ones, are normal with the covariance
-``C + diag(σ_f², σ_φ²)``. Their joint density over the product of single ones, each with the size of
-its own errors, multiplies the likelihood of independent errors. It is one where C is diagonal and
-the same for all components of a shape, so that the density on the sphere remains; otherwise the
-integral over all shapes differs from one by the order of σ².
+The residuals of paired modes are r_f = f/f_e - 1, and the errors of shapes in the planes that touch
+the sphere of unit shapes at the identified ones: r_φ long, as in the density on the sphere, and
+towards the model's shape. They are jointly normal with the covariance ``C + Σ``: C that of the
+identification, of the logarithms of frequencies and of unit shapes, and Σ that of the prediction
+errors (:mod:`~bayes_ssi.inference.likelihood.correlated_errors`). Their joint density over the
+product of single ones multiplies the likelihood of independent errors. It is one where C + Σ is
+diagonal and the same for all components of a shape, so that the density on the sphere remains;
+otherwise the integral over all shapes differs from one by the order of σ².
 
-A shape's error is r_φ long, as in the density on the sphere, and points from the identified shape
-to the model's. In the axes of the shapes' own covariance, that of shapes with any prediction error
-is diagonal, and only frequencies need a factorisation at each row of a batch.
+In the axes of C's part of the shapes, ``C + Σ`` of all shapes is diagonal where their prediction
+errors are independent, and only frequencies need a factorisation at each row of a batch. Where
+tests share the errors of their shapes, all of ``C + Σ`` is factorised at each row, whose model
+shapes say how the tests' planes are turned into common ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.error_groups import conditional_errors
-from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
-from bayes_ssi.inference.likelihood.paired_modes import PairedModes
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.inference.likelihood.error_groups import (
+    ErrorGroups,
+    ErrorSizes,
+    conditional_errors,
+    log_density,
+    many_conditional_errors,
+)
+from bayes_ssi.inference.likelihood.shape_planes import in_common_plane, tangents, turned
 from bayes_ssi.measurements.modes.joint_covariance import plane_bases
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import SOLVER
 
 
 class WhiteErrors(NamedTuple):
-    """Residuals as independent normal numbers with variances, for a batch of B.
+    """Errors as independent normal numbers with variances, for a batch of B.
 
     Attributes:
         frequencies: (B, P), each given all shapes and the frequencies before it.
         frequency_var: (B or 1, P).
-        shapes: (B, K), in the axes of the shapes' covariance.
+        shapes: (B, K), along the axes of the shapes' covariance.
         shape_var: (B or 1, K).
+        shape_squares: (B, S), squared lengths of the errors of shapes.
     """
 
     frequencies: FloatArray
     frequency_var: FloatArray
     shapes: FloatArray
     shape_var: FloatArray
+    shape_squares: FloatArray
 
     @property
-    def frequency_squares(self) -> FloatArray:
-        """The sum (B,) of squares of the frequencies' residuals over their variances."""
-        return row_sums(self.frequencies * self.frequencies / self.frequency_var)
-
-    @property
-    def shape_squares(self) -> FloatArray:
-        """The sum (B,) of squares of the shapes' residuals over their variances."""
-        return row_sums(self.shapes * self.shapes / self.shape_var)
-
-    @property
-    def log_determinant(self) -> FloatArray:
-        """Of the covariance, (B or 1,)."""
-        return row_sums(np.log(self.frequency_var)) + row_sums(np.log(self.shape_var))
+    def numbers(self) -> FloatArray:
+        """Standard-normal numbers (B, P + K)."""
+        frequencies = self.frequencies / np.sqrt(self.frequency_var)
+        return np.concatenate([frequencies, self.shapes / np.sqrt(self.shape_var)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class JointErrors:
-    """The joint covariance of P identified modes, of which S have a shape that is scored.
+class ShapeAxes:
+    """The covariance of the identification errors of S shapes and P frequencies of one test.
 
     Attributes:
-        of_frequencies: (P, P), covariance of identification errors.
-        of_axes: (K,), variances of the errors of all shapes along the axes of their covariance.
-        axes: (S n, K), components of the axes, shape by shape.
-        between: (P, K), covariance of frequencies with the axes.
-        single_frequency_var: (P,).
-        single_shape_var: (S,), of a component of each shape, the mean over its directions.
-        dimensions: (S,), directions in which each shape can err.
+        variances: (K,), of the errors of all shapes along the axes of their covariance.
+        axes: (S, n, K), their components at n sensors.
+        between: (K, P), covariance of the errors along the axes with those of frequencies.
     """
 
-    of_frequencies: FloatArray
-    of_axes: FloatArray
+    variances: FloatArray
     axes: FloatArray
     between: FloatArray
-    single_frequency_var: FloatArray
-    single_shape_var: FloatArray
-    dimensions: FloatArray
 
     @classmethod
-    def of(cls, data: ModalData, labels: Sequence[str]) -> JointErrors:
-        """The errors of some modes of data with a joint covariance."""
-        assert data.covariance is not None
+    def of(cls, data: ModalData, labels: Sequence[str]) -> ShapeAxes:
+        """Those of the modes with these labels."""
         m, n = len(data.modes), len(data.sensors)
+        covariance = identification_covariance(data)
         places = [data.labels.index(label) for label in labels]
         scored = [i for i in places if data.modes[i].scored_shape is not None]
         rows = [m + n * i + k for i in scored for k in range(n)]
         bases = plane_bases([data.modes[i] for i in scored], n)
         basis = block_diag(*bases) if bases else np.zeros((0, 0))
-        of_shapes = basis.T @ data.covariance[np.ix_(rows, rows)] @ basis
-        variances, turn = np.linalg.eigh(of_shapes)
+        variances, turn = np.linalg.eigh(basis.T @ covariance[np.ix_(rows, rows)] @ basis)
         axes = basis @ turn
-        own = [data.modes[i].shape_sd or 0.0 for i in scored]
         return cls(
-            of_frequencies=data.covariance[np.ix_(places, places)],
-            of_axes=np.maximum(variances, 0.0),  # by rounding below zero
-            axes=axes,
-            between=data.covariance[np.ix_(places, rows)] @ axes,
-            single_frequency_var=data.covariance[places, places],
-            single_shape_var=np.array(own) ** 2,
-            dimensions=np.array([data.modes[i].n_measured - 1.0 for i in scored]),
+            np.maximum(variances, 0.0),  # by rounding below zero
+            axes.reshape(len(scored), n, len(variances)),
+            axes.T @ covariance[np.ix_(rows, places)],
         )
 
-    @property
-    def least_variances(self) -> tuple[FloatArray, FloatArray]:
-        """Variances of frequencies and of shapes in the directions that the data determine best.
-
-        Those of frequencies (P,) are conditional on shapes.
-        """
-        known = self.of_axes > SOLVER.rounding * self.of_axes.max(initial=0.0)
-        gain = self.between[:, known] / self.of_axes[known]
-        given_shapes = self.of_frequencies - gain @ self.between[:, known].T
-        return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.of_axes
-
-    def of_frequencies_with(self, prediction_var: FloatArray) -> FloatArray:
-        """Covariance (B, P, P) of frequencies with squared prediction errors (B,) added."""
-        covariance = np.tile(self.of_frequencies, (len(prediction_var), 1, 1))
-        i = np.arange(len(self.of_frequencies))
-        covariance[:, i, i] += prediction_var[:, None]
-        return covariance
-
-    def white(
-        self,
-        residuals: FloatArray,
-        errors: FloatArray,
-        frequency_var: FloatArray,
-        shape_var: FloatArray,
-    ) -> WhiteErrors:
-        """The residuals without correlation.
-
-        Args:
-            residuals: (B, P), of frequencies.
-            errors: (B, S n), of shapes in their planes.
-            frequency_var: (B or 1,), squared prediction error of frequencies.
-            shape_var: (B or 1,), of shapes.
-        """
-        along = np.zeros((len(errors), len(self.of_axes)))
-        for i, axis in enumerate(self.axes):
-            along += errors[:, i : i + 1] * axis
-        variances = self.of_axes + shape_var[:, None]
-        covariance = self.of_frequencies_with(frequency_var)
-        rest = residuals.copy()
-        # A direction at a time: how products are added must not depend on the batch.
-        for k, column in enumerate(self.between.T):
-            gain = column / variances[:, k : k + 1]
-            rest -= gain * along[:, k : k + 1]
-            covariance -= gain[:, :, None] * column
-        steps = list(conditional_errors(covariance, rest[:, :, None]))
-        return WhiteErrors(
-            np.stack([residual[:, 0] for _, residual in steps], axis=1),
-            np.stack([variance for variance, _ in steps], axis=1),
-            along,
+    @classmethod
+    def joined(
+        cls, tests: Sequence[ShapeAxes], columns: Sequence[NDArray[np.intp]], n: int
+    ) -> ShapeAxes:
+        """Those of several tests, whose sensors are ``columns`` of n."""
+        variances = np.concatenate([test.variances for test in tests])
+        axes = np.zeros((sum(len(test.axes) for test in tests), n, len(variances)))
+        shape = axis = 0
+        for test, sensors in zip(tests, columns, strict=True):
+            end, last = shape + len(test.axes), axis + len(test.variances)
+            axes[shape:end, sensors, axis:last] = test.axes
+            shape, axis = end, last
+        return cls(
             variances,
+            axes,
+            block_diag(*(test.between for test in tests)),
         )
 
-    def log_ratio(
-        self,
-        residuals: FloatArray,
-        errors: FloatArray,
-        frequency_var: FloatArray,
-        shape_var: FloatArray,
-    ) -> FloatArray:
-        """Log of the joint density over the product of single ones, (B,); see :meth:`white`."""
-        white = self.white(residuals, errors, frequency_var, shape_var)
-        joint = white.frequency_squares + white.shape_squares + white.log_determinant
-        of_each = self.single_frequency_var + frequency_var[:, None]
-        single = row_sums(residuals * residuals / of_each) + row_sums(np.log(of_each))
-        if len(self.dimensions):
-            of_shapes = self.single_shape_var + shape_var[:, None]
-            squares = (errors * errors).reshape(len(errors), len(self.dimensions), -1)
-            squares = row_sums(squares.transpose(0, 2, 1))
-            single += row_sums(squares / of_shapes)
-            single += row_sums(self.dimensions * np.log(of_shapes))
-        return 0.5 * (single - joint)
+    def least_variances(self, of_frequencies: FloatArray) -> FloatArray:
+        """Least variances (P,) of frequencies, whose covariance is (P, P), given the shapes."""
+        known = self.variances > SOLVER.rounding * self.variances.max(initial=0.0)
+        gain = self.between[known] / self.variances[known, None]
+        given_shapes = of_frequencies - self.between[known].T @ gain
+        return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0)
 
 
-class Residuals(NamedTuple):
-    """Residuals of all pairs at a batch of B parameter values.
-
-    Attributes:
-        frequencies: (B, P).
-        shapes: (B, S n), in the planes at the identified shapes.
-        frequency_var: (B or 1,), squared prediction error of frequencies.
-        shape_var: (B or 1,), of shapes.
-    """
-
-    frequencies: FloatArray
-    shapes: FloatArray
-    frequency_var: FloatArray
-    shape_var: FloatArray
-
-
-class OwnErrors(NamedTuple):
-    """Each pair's errors regardless of the others', which are independent of each other.
-
-    Attributes:
-        frequencies: (B, P), standard-normal: residuals given those of the shape.
-        shape_squares: (B, P), chi-square with as many degrees of freedom as the shape has
-            directions to err in; zero without a shape.
-        shape_variances: (B, P), the sum of the variances in these directions.
-        shape_squared_variances: (B, P), the sum of their squares.
-    """
-
-    frequencies: FloatArray
-    shape_squares: FloatArray
-    shape_variances: FloatArray
-    shape_squared_variances: FloatArray
+def identification_covariance(data: ModalData) -> FloatArray:
+    """That of the logarithms of m frequencies and of m unit shapes at n sensors, (m + m n, ...)."""
+    if data.covariance is not None:
+        return data.covariance
+    frequencies = [mode.frequency_cov or 0.0 for mode in data.modes]
+    shapes = np.repeat([mode.shape_sd or 0.0 for mode in data.modes], len(data.sensors))
+    return np.diag(np.concatenate([frequencies, shapes]) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
-class JointPairs:
-    """The errors of pairs whose identified modes have a joint covariance."""
+class JointErrors:
+    """The errors of P frequencies and S shapes that are correlated with one another.
 
-    data: ModalData
-    pairs: PairedModes
+    Attributes:
+        frequencies: the frequencies, one group.
+        shapes: positions (S,) of the shapes.
+        identified: (S, n), the identified shapes at unit length, at all sensors.
+        single_var: (S,), of identification errors of a component, the mean over its directions.
+        dimensions: (S,), directions in which each shape can err.
+        repeated: groups of all shapes, those of one mode in several tests in one; none where no
+            test repeats the error of another.
+    """
 
-    @cached_property
-    def together(self) -> JointErrors:
-        """The errors of all pairs, each of another identified mode."""
-        return JointErrors.of(self.data, [mode.label for mode in self.pairs.modes])
+    frequencies: ErrorGroups
+    shapes: list[int]
+    axes: ShapeAxes
+    identified: FloatArray
+    single_var: FloatArray
+    dimensions: FloatArray
+    repeated: Sequence[Sequence[int]] = ()
 
     @property
-    def least_variances(self) -> tuple[FloatArray, FloatArray]:
-        """Variances of all identified modes' frequencies and shapes, where best determined."""
-        return JointErrors.of(self.data, list(self._of_modes)).least_variances
+    def largest_array(self) -> int:
+        """Size of the largest array for a row of a batch that no other row shares."""
+        size = len(self.axes.variances) + self.frequencies.members.shape[1]
+        return size**2 if self.repeated else size
 
-    def log_ratio(self, residuals: Residuals) -> FloatArray:
-        """Log of the joint density of all pairs over the product of single ones, (B,)."""
-        return self.together.log_ratio(*residuals)
+    def white(
+        self, residuals: FloatArray, shapes: FloatArray, sizes: tuple[ErrorSizes, ErrorSizes]
+    ) -> WhiteErrors:
+        """The errors without correlation.
 
-    def log_ratios_of_pairs(self, residuals: Residuals) -> FloatArray:
-        """Log of the joint density of each pair over the product of single ones, (B, P)."""
-        n = len(residuals.frequencies)
-        each = [errors.log_ratio(*own).reshape(n, -1) for errors, own in self._each(residuals)]
-        return np.concatenate(each, axis=1)
+        Args:
+            residuals: (B, P), of frequencies.
+            shapes: (B, S, n), model shapes at unit length, with the signs of the identified ones.
+            sizes: prediction errors of frequencies and of shapes.
+        """
+        covariance = self.frequencies.covariance(sizes[0])[:, 0]
+        errors = tangents(self.identified, shapes)
+        # Products of single rows: how they are added up must not depend on the batch.
+        s, n, k = self.axes.axes.shape
+        along = (errors.reshape(len(errors), 1, s * n) @ self.axes.axes.reshape(s * n, k))[:, 0]
+        squares = (errors * errors).sum(axis=2)
+        if self.repeated:
+            of_all = self._all_at_once(residuals, covariance, along, shapes, sizes[1])
+            return WhiteErrors(*of_all, squares)
+        variances = self.axes.variances + sizes[1].variance[:, None]
+        gain = self.axes.between.T / variances[:, None]
+        rest = residuals[:, :, None] - gain @ along[:, :, None]
+        given_shapes = covariance - gain @ self.axes.between
+        frequency_var, frequencies = conditional_errors(given_shapes, rest)
+        return WhiteErrors(frequencies[:, :, 0], frequency_var, along, variances, squares)
 
-    def errors_of_pairs(self, residuals: Residuals) -> OwnErrors:
-        """The errors of each pair, whatever those of the others."""
-        n, parts = len(residuals.frequencies), []
-        for errors, own in self._each(residuals):
-            white = errors.white(*own)
-            variances = np.broadcast_to(white.shape_var, white.shapes.shape)
-            each = (
-                white.frequencies / np.sqrt(white.frequency_var),
-                white.shape_squares,
-                row_sums(variances),
-                row_sums(variances * variances),
-            )
-            parts.append([rows.reshape(n, -1) for rows in each])
-        return OwnErrors(*(np.concatenate(rows, axis=1) for rows in zip(*parts, strict=True)))
+    def _all_at_once(
+        self,
+        residuals: FloatArray,
+        of_frequencies: FloatArray,
+        along: FloatArray,
+        shapes: FloatArray,
+        sizes: ErrorSizes,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The errors without correlation, where shapes of several tests err together."""
+        n = along.shape[1]
+        variance, rho = sizes.variance[:, None], sizes.between_tests[:, None]
+        covariance = np.zeros((len(along), n + residuals.shape[1], n + residuals.shape[1]))
+        covariance[:, :n, :n] = (variance * rho)[:, :, None] * self._alike(shapes)
+        i = np.arange(n)
+        covariance[:, i, i] += self.axes.variances + variance * (1.0 - rho)
+        covariance[:, n:, :n] = self.axes.between.T
+        covariance[:, n:, n:] = of_frequencies
+        both = np.concatenate([along, residuals], axis=1)
+        variances, white = many_conditional_errors(covariance, both)
+        return white[:, n:], variances[:, n:], white[:, :n], variances[:, :n]
 
-    def _each(self, residuals: Residuals) -> Iterator[tuple[JointErrors, Residuals]]:
-        """The errors of each identified mode, and its pairs' residuals, a row for each of them."""
-        n_sensors, first = len(self.data.sensors), 0
-        labels = [mode.label for mode in self.pairs.modes]
-        for label, errors in self._of_modes.items():
-            pairs = [i for i, other in enumerate(labels) if other == label]
-            frequencies = residuals.frequencies[:, pairs].reshape(-1, 1)
-            width = n_sensors * len(errors.dimensions)
-            columns = slice(first, first + width * len(pairs))
-            first = columns.stop
-            shapes = residuals.shapes[:, columns].reshape(len(frequencies), width)
-            variances = residuals.frequency_var, residuals.shape_var
-            if len(residuals.frequency_var) > 1:
-                variances = np.repeat(variances[0], len(pairs)), np.repeat(variances[1], len(pairs))
-            yield errors, Residuals(frequencies, shapes, *variances)
+    def _alike(self, shapes: FloatArray) -> FloatArray:
+        """Correlations (B, K, K) of errors along the axes, if those of a mode are all the same."""
+        n = shapes.shape[2]
+        vectors = []
+        for members in self.repeated:
+            of_tests = shapes[:, None, members]
+            at_model = turned(np.eye(n)[:, None], self.identified[members], of_tests)
+            rotations = in_common_plane(at_model, of_tests).transpose(0, 2, 1, 3)  # (B, m, n, n)
+            axes = self.axes.axes[members].transpose(0, 2, 1)
+            vectors.append(row_sums(axes @ rotations))
+        joined = np.concatenate(vectors, axis=2)
+        return joined @ joined.transpose(0, 2, 1)
 
-    @cached_property
-    def _of_modes(self) -> dict[str, JointErrors]:
-        labels = dict.fromkeys(mode.label for mode in self.pairs.modes)
-        return {label: JointErrors.of(self.data, [label]) for label in labels}
+    def log_ratio(
+        self, residuals: FloatArray, shapes: FloatArray, sizes: tuple[ErrorSizes, ErrorSizes]
+    ) -> FloatArray:
+        """Log of the joint density over the product of single ones, (B,); as :meth:`white`."""
+        white = self.white(residuals, shapes, sizes)
+        joint = log_density(white.frequencies**2, white.frequency_var)
+        joint += log_density(white.shapes**2, white.shape_var)
+        single = log_density(residuals**2, self.frequencies.variances(sizes[0])[:, 0])
+        of_shapes = self.single_var + sizes[1].variance[:, None]
+        single += log_density(white.shape_squares, of_shapes, self.dimensions)
+        return joint - single

@@ -10,9 +10,9 @@ modes,
 
 with p_D the probability that a model mode in the band is identified, ν the expected number of
 spurious modes, uniform over the band and over the sphere of shapes, and P_in the probability
-that a model mode would have been identified inside the band. Where the data have a joint
-covariance, the joint density of all pairs takes the place of their product
-(:mod:`~bayes_ssi.inference.likelihood.joint_errors`).
+that a model mode would have been identified inside the band. Where errors are correlated, the joint
+density of pairs takes the place of their product
+(:mod:`~bayes_ssi.inference.likelihood.correlated_errors`).
 """
 
 from __future__ import annotations
@@ -21,17 +21,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel, is_zero
 from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
-from bayes_ssi.inference.likelihood.joint_errors import JointPairs, Residuals
-from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes, ModalTerms, row_sums
-from bayes_ssi.inference.likelihood.pair_errors import PairErrors, UnpairedModes, prediction_sizes
+from bayes_ssi.inference.likelihood.pair_errors import (
+    JointPairs,
+    PairErrors,
+    PairResiduals,
+    UnpairedModes,
+    prediction_sizes,
+)
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes, check_pairing
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -42,6 +46,44 @@ from bayes_ssi.structures.structure import Structure
 
 # The datum that no other modes were identified.
 MISSED = "no other mode"
+
+
+class ComparedModes(NamedTuple):
+    """The modes of a model at a batch of B parameter values, compared with the identified ones.
+
+    Attributes:
+        frequencies_hz: (B, n_modes), of the model.
+        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+        unit_shapes: (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the
+            signs of the identified ones, pair by pair; (B, 0) where errors are independent.
+    """
+
+    frequencies_hz: FloatArray
+    shape_distances: FloatArray
+    unit_shapes: FloatArray
+
+    def rows(self, which: slice) -> ComparedModes:
+        """Some rows of the batch."""
+        return ComparedModes(*(array[which] for array in self))
+
+
+class ModalTerms(NamedTuple):
+    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
+
+    Attributes:
+        frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
+        shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
+        undetected: (B,), terms of the unpaired model modes.
+    """
+
+    frequency: FloatArray
+    shape: FloatArray
+    undetected: FloatArray
+    spurious: float
+
+    def total(self) -> FloatArray:
+        """The log-likelihood (B,)."""
+        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +106,6 @@ class ModalLikelihood:
     def __post_init__(self) -> None:
         self.structure.sensor_matrix(self.data.sensors)
         check_pairing(self.pairing, self.data, self.structure.n_modes)
-        if self.error.is_correlated and self.data.covariance is not None:
-            raise ValueError(
-                "between_tests and between_modes need independent identification errors, but the "
-                "data have a joint covariance; use data.without_covariance()"
-            )
 
     @cached_property
     def pairs(self) -> PairedModes:
@@ -136,7 +173,6 @@ class ModalLikelihood:
                 shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
                 undetected=row_sums(missed),
                 spurious=self._unpaired_data,
-                joint=self._joint_terms(values, modes),
             )
 
     @property
@@ -148,8 +184,7 @@ class ModalLikelihood:
         """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
 
         One column for each identified mode, paired or spurious; the last one for what was not
-        identified: unpaired model modes, and no further spurious modes. What the paired modes of
-        data with a joint covariance have in common is in the column of the first of them.
+        identified: unpaired model modes, and no further spurious modes.
 
         Args:
             values: (B, n_parameters).
@@ -163,8 +198,6 @@ class ModalLikelihood:
         )
         log_likelihoods[:, column] = terms.frequency
         log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
-        if len(column):
-            log_likelihoods[:, column[0]] += terms.joint
         return log_likelihoods
 
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
@@ -180,14 +213,20 @@ class ModalLikelihood:
     def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
         """The structure's modes at ``values``, or the given ones, compared with the data's."""
         modes = self.modes(values) if modes is None else modes
-        distances, errors = np.zeros((2, len(values), 0))
+        distances, unit = np.zeros((2, len(values), 0))
         if len(self.pairs.with_shape):
             shapes = self.shapes_at_sensors(modes)
             distances = self.pairs.shape_distances(shapes)
-            if self.data.covariance is not None:
-                errors = self.pairs.errors_at_identified(shapes)
+            if self.needs_unit_shapes:
+                unit = self.pairs.unit_model_shapes(shapes)
         # In memory the rows of the batch next to each other: columns are longer than rows.
-        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, errors)
+        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, unit)
+
+    @cached_property
+    def needs_unit_shapes(self) -> bool:
+        """Whether the errors of scored shapes are correlated."""
+        repeated = not is_zero(self.error.correlations[0])
+        return bool(self.pairs.n_measured) and (repeated or self.data.covariance is not None)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
@@ -229,34 +268,17 @@ class ModalLikelihood:
 
     @cached_property
     def joint_pairs(self) -> JointPairs | None:
-        """The joint errors of the pairs; None where the data give independent ones."""
+        """The errors of single pairs; None where the data have no joint covariance."""
         if self.data.covariance is None or not self.pairs.modes:
             return None
         return JointPairs(self.data, self.pairs)
 
-    def residuals(self, values: FloatArray, modes: ComparedModes) -> Residuals:
+    def residuals(self, values: FloatArray, modes: ComparedModes) -> PairResiduals:
         """Residuals of all pairs, and squared prediction errors; one row where they are fixed."""
-        variances = self.errors.prediction_var_once(values)
         frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
-        return Residuals(frequencies, modes.shape_errors, variances[:, 0], variances[:, -1])
-
-    def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
-        """Standard-normal numbers (B, P) with the correlation of the pairs' frequencies.
-
-        ``normals`` (B, P) are independent ones, and remain so where the data's errors are.
-        """
-        if self.joint_pairs is None:
-            return normals
-        prediction_var = self.errors.prediction_var(values)[:, 0]
-        covariance = self.joint_pairs.together.of_frequencies_with(prediction_var)
-        factors = np.linalg.cholesky(covariance)
-        joint: FloatArray = (factors * normals[:, None, :]).sum(axis=2)
-        return joint / np.sqrt(np.einsum("bii->bi", covariance))
-
-    def _joint_terms(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
-        if self.joint_pairs is None:
-            return np.zeros(len(values))
-        return self.joint_pairs.log_ratio(self.residuals(values, modes))
+        return PairResiduals(
+            frequencies, modes.unit_shapes, self.errors.prediction_var_once(values)
+        )
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = (prediction_var.T + self._own_var[0]).T

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
+from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice, row_sums
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
@@ -80,22 +79,10 @@ class PairedModes:
         sign = np.where(row_sums(shapes * self.unit_shapes) < 0, -1.0, 1.0)[:, None]
         return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
 
-    def shape_errors(self, shapes_at_sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Unit model shapes φ, and errors of the identified shapes, (B, s, S) each.
-
-        An error is at right angles to φ, towards φ_e, and r_φ long; φ has the sign of φ_e.
-        """
+    def unit_model_shapes(self, shapes_at_sensors: FloatArray) -> FloatArray:
+        """Unit model shapes φ with the sign of φ_e, (B, S s), 0 where not measured."""
         shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
-        cosine = row_sums(shapes * self.unit_shapes)[:, None]
-        # φ_e - φ cos t is sin t long, and r_φ is 2 sin(t/2).
-        return shapes, (self.unit_shapes - cosine * shapes) / np.sqrt(0.5 * (1.0 + cosine))
-
-    def errors_at_identified(self, shapes_at_sensors: FloatArray) -> FloatArray:
-        """Errors of the shapes, (B, S s): r_φ long, at right angles to φ_e and towards φ."""
-        shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
-        cosine = row_sums(shapes * self.unit_shapes)[:, None]
-        errors = (shapes - cosine * self.unit_shapes) / np.sqrt(0.5 * (1.0 + cosine))
-        return errors.transpose(0, 2, 1).reshape(len(errors), -1)
+        return shapes.transpose(0, 2, 1).reshape(len(shapes), self.unit_shapes.size)
 
     def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """Model shapes of the pairs, (B, s, S), 0 where not measured."""

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
 WINDOW = 10
 _FLOAT = np.finfo(float)

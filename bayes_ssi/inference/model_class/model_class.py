@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
-from bayes_ssi.inference.likelihood.likelihood_terms import row_sums
 from bayes_ssi.inference.model_class.configuration import (
     Configuration,
     choose_configuration,
@@ -154,7 +153,7 @@ class ModelClass(Displayed):
 
     @cached_property
     def correlated_errors(self) -> CorrelatedErrors:
-        """Prediction errors of the paired modes of all configurations together."""
+        """Errors of the paired modes of all configurations together."""
         return CorrelatedErrors(self.error, self.likelihoods, self.parameters)
 
     @cached_property
@@ -247,11 +246,12 @@ class ModelClass(Displayed):
 
         NaN where a structure has no modes.
         """
-        total = np.zeros(len(values))
+        total, compared = np.zeros(len(values)), []
         for (_, likelihood, own), of_test in zip(self.parts(values), modes, strict=True):
-            total += likelihood.log_density(own, likelihood.compared_modes(own, of_test))
-        if self.error.is_correlated:
-            total += row_sums(self.correlated_errors.log_ratios(values, modes))
+            compared.append(likelihood.compared_modes(own, of_test))
+            total += likelihood.log_density(own, compared[-1])
+        if self.correlated_errors.groups:
+            total += row_sums(self.correlated_errors.log_ratios(values, compared))
         return total
 
     def frequencies_hz(self, values: FloatArray) -> FloatArray:

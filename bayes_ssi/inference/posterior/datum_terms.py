@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.inference.likelihood.likelihood_terms import ComparedModes
+from bayes_ssi.inference.likelihood.likelihood import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
@@ -27,8 +27,8 @@ class AtDraws(NamedTuple):
         frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
             the model's.
         shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
-        shape_errors: (B, n_shape_errors), of data with a joint covariance, as in
-            :class:`~bayes_ssi.inference.likelihood.likelihood_terms.ComparedModes`.
+        unit_shapes: (B, n_pairs_and_sensors), of pairs where errors of shapes are correlated, as
+            in :class:`~bayes_ssi.inference.likelihood.likelihood.ComparedModes`.
         sensor_shapes: (B, n_components), shapes at the sensors of the modes that the likelihood
             compares: sensor by sensor, and mode by mode.
     """
@@ -37,7 +37,7 @@ class AtDraws(NamedTuple):
     log_likelihoods: FloatArray
     frequency_sds_hz: FloatArray
     shape_distances: FloatArray
-    shape_errors: FloatArray
+    unit_shapes: FloatArray
     sensor_shapes: FloatArray
 
 
@@ -68,14 +68,14 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
         compared = likelihood.compared_modes(columns, modes)
         compared_shapes = modes_with_shape(test.data, test.pairing, test.structure.n_modes)
         shapes = likelihood.shapes_at_sensors(modes)[:, :, compared_shapes]
-        of_tests.append(modes)
+        of_tests.append(compared)
         parts.append(
             AtDraws(
                 modes.frequencies_hz,
                 likelihood.log_likelihoods(columns, compared),
                 likelihood.frequency_sds_hz(columns),
                 compared.shape_distances,
-                compared.shape_errors,
+                compared.unit_shapes,
                 shapes.reshape(len(values), -1),
             )
         )
@@ -84,29 +84,21 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     if not groups:
         return model
     terms = model.log_likelihoods
-    if model_class.error.is_correlated:  # data with joint errors have their own part already
-        ratios = model_class.correlated_errors.log_ratios(values, of_tests)
-        for group, ratio in zip(groups, ratios.T, strict=True):
-            terms[:, group[0]] += ratio
-    for group in groups:
-        terms[:, group[0]] = terms[:, group].sum(axis=1)
+    ratios = model_class.correlated_errors.log_ratios(values, of_tests)
+    for group, ratio in zip(groups, ratios.T, strict=True):
+        terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
     return model._replace(log_likelihoods=np.delete(terms, _joined_to_others(groups), axis=1))
 
 
 def _joint_columns(model_class: ModelClass) -> list[list[int]]:
-    """The columns of separate terms, all tests in turn, that joint or correlated errors join."""
+    """The columns of separate terms, all tests in turn, that correlated errors join."""
     errors = model_class.correlated_errors
     first = np.cumsum([0, *(len(own.datum_names) for own in model_class.likelihoods)])
     columns = [
         int(first[mode.test]) + model_class.likelihoods[mode.test].data.labels.index(mode.label)
         for mode in errors.modes
     ]
-    groups = [[columns[position] for position in group] for group in errors.groups]
-    for test, likelihood in enumerate(model_class.likelihoods):
-        if likelihood.joint_pairs is not None and likelihood.pairing:
-            own = [i for i, mode in enumerate(errors.modes) if mode.test == test]
-            groups.append([columns[position] for position in own])
-    return groups
+    return [[columns[position] for position in group] for group in errors.groups]
 
 
 def _joined_to_others(groups: list[list[int]]) -> list[int]:
@@ -120,12 +112,12 @@ def compared_modes(model_class: ModelClass, model: AtDraws) -> list[ComparedMode
         (
             likelihood.structure.n_modes,
             len(likelihood.pairs.with_shape),
-            0 if likelihood.joint_pairs is None else likelihood.pairs.unit_shapes.size,
+            likelihood.pairs.unit_shapes.size if likelihood.needs_unit_shapes else 0,
         )
         for likelihood in model_class.likelihoods
     ]
     ends = np.cumsum(sizes, axis=0)[:-1].T
-    arrays = (model.frequencies_hz, model.shape_distances, model.shape_errors)
+    arrays = (model.frequencies_hz, model.shape_distances, model.unit_shapes)
     of_tests = (np.split(array, end, axis=1) for array, end in zip(arrays, ends, strict=True))
     return [ComparedModes(*of_test) for of_test in zip(*of_tests, strict=True)]
 
@@ -160,18 +152,8 @@ def datum_terms(
     numbers = np.stack(normals, axis=-1)
     errors = model_class.correlated_errors
     if errors.groups:
-        columns = [
-            identified.index(label_in(model_class.configurations[mode.test].name, mode.label))
-            for mode in errors.modes
-        ]
-        numbers[:, columns] = errors.correlated_normals(numbers[:, columns], values)
-    first_mode = 0
-    for _, likelihood, own in model_class.parts(values):
-        labels = likelihood.data.labels
-        if likelihood.joint_pairs is not None and likelihood.pairing:
-            columns = [first_mode + labels.index(mode.label) for mode in likelihood.pairs.modes]
-            numbers[:, columns] = likelihood.correlated_normals(numbers[:, columns], own)
-        first_mode += len(labels)
+        paired = numbers[:, errors.identified]
+        numbers[:, errors.identified] = errors.correlated_normals(paired, values)
     predicted = np.stack(centres, axis=-1) + model.frequency_sds_hz * numbers
     return DatumTerms(
         tuple(_datum_names(model_class)),
