@@ -24,6 +24,7 @@ from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.ranking.study_file import load_study
 
@@ -342,6 +343,17 @@ def no_automatic_workers(monkeypatch):
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
     monkeypatch.setattr("bayes_ssi.plots.result_figures.result_figures", lambda *_: [])
+
+
+@pytest.fixture
+def no_drawings(monkeypatch):
+    """Reports and predictions without their figures, which take longest."""
+
+    def none(stored, *_):
+        return ReportFigures(tests={name: [] for name in stored.tests})
+
+    monkeypatch.setattr("bayes_ssi.report.report_figures.draw_figures", none)
+    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", lambda *_: [])
 
 
 @pytest.fixture

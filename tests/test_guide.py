@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 import sys
+from functools import partial
 from html import unescape
 
 import click
@@ -32,6 +33,10 @@ def printed(tmp_path, monkeypatch, capsys):
         (tmp_path / folder).mkdir()
     for source in (ROOT / "model_classes").iterdir():
         (tmp_path / "model_classes" / source.name).symlink_to(source)
+    # As coarsely as the commands, where a chapter does not say how finely.
+    coarse = bs.SamplingSettings(particles=60, searches=1, max_steps=400)
+    for sampled in (bs.rank, bs.sample):
+        monkeypatch.setattr(bs, sampled.__name__, partial(sampled, settings=coarse), raising=False)
 
     def run(page):
         run_page(page)
@@ -101,7 +106,7 @@ def check_plots_and_arviz(printed):
 CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "check_" in name}
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures")
+@pytest.mark.usefixtures("coarse_command", "no_figures", "no_drawings")
 @pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")  # arviz 0.23
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_a_chapter_runs(page, printed):

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, EstimatedPeak
 from bayes_ssi.report import write_report
-from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.studies.ranking.study import Ranking
 
@@ -54,12 +53,7 @@ def ranking(make_posterior):
     return ranking
 
 
-@pytest.fixture(autouse=True)
-def _no_drawings(monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.report.report_figures.draw_figures",
-        lambda stored, *_: ReportFigures(tests={name: [] for name in stored.tests}),
-    )
+pytestmark = pytest.mark.usefixtures("no_drawings")
 
 
 def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking, tmp_path):

@@ -15,7 +15,7 @@ import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import write_report
 from bayes_ssi.report.page_content import _structure
-from bayes_ssi.report.report_figures import ReportFigures, embedded_file
+from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.write import (
     error_percent,
     fixed,
@@ -154,16 +154,6 @@ def test_a_damaged_result_is_one_line(run, reported, tmp_path, file, content, wo
     (copy / file).write_text(content)
     assert_one_line_error(run("report", copy), str(copy), words)
     assert not (copy / "report").exists()
-
-
-@pytest.fixture
-def no_drawings(monkeypatch):
-    """Reports without their figures, which take longest."""
-
-    def none(stored, *_):
-        return ReportFigures(tests={name: [] for name in stored.tests})
-
-    monkeypatch.setattr("bayes_ssi.report.report_figures.draw_figures", none)
 
 
 def two_classes(make_posterior, **changes):
