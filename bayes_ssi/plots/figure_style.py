@@ -180,8 +180,7 @@ def without_math(*texts: Any) -> None:
 def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
     """The axes given, or those of a new figure, with named rows, the first one at the top.
 
-    Args:
-        extra: inches of a new figure that are not for rows.
+    ``extra`` are the inches of a new figure that are not for rows.
     """
     shown = [wrapped(name, STYLE.row_names, STYLE.small) for name in names]
     lines = max((name.count("\n") + 1 for name in shown), default=1)

@@ -47,11 +47,7 @@ def result_figures(
     comparison: Comparison,
     search: SearchRecord | None = None,
 ) -> list[ResultFigure]:
-    """The figures of a result, the one that takes longest first.
-
-    Args:
-        comparison: the ranking, of which the best classes are drawn.
-    """
+    """The figures of a result, of its best classes, the one that takes longest first."""
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
     most = STYLE.most_classes
     for i, (configuration, modes) in enumerate(tests.items(), 1):

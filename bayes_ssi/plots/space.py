@@ -100,8 +100,7 @@ def panels_in_space(
 ) -> tuple[Figure, list[Any]]:
     """A figure with a panel in three dimensions for each title, all of one view.
 
-    Args:
-        points: (n, 3), to be drawn in every panel, with room of ``reach`` around them.
+    All ``points`` (n, 3) fit in every panel, with room of ``reach`` around them.
     """
     height, above = 2.9, 0.4  # inches: of a panel, and of the title above it
     across = panels_across(len(titles))
@@ -271,11 +270,7 @@ def by_corners(faces: Sequence[Sequence[int]]) -> Iterator[Corners]:
 
 
 def outline(points: FloatArray, faces: Sequence[Sequence[int]]) -> Corners:
-    """Sides of faces, pairs (n, 2) of points, at which a surface ends or bends.
-
-    Args:
-        points: (n_points, 3).
-    """
+    """Sides of faces, pairs (n, 2) of ``points`` (n_points, 3), where a surface ends or bends."""
     sides, normals = [], []
     for corners in by_corners(faces):
         at, following = points[corners], np.roll(corners, -1, axis=1)

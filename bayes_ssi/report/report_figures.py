@@ -129,11 +129,7 @@ def draw_figures(
     predictions: SavedPredictions | None,
     progress: Callable[[float], object] = float,
 ) -> ReportFigures:
-    """Every figure of a report, from stored records.
-
-    Args:
-        progress: called with the fraction of the figures drawn so far.
-    """
+    """Every figure of a report; ``progress`` is called with the fraction drawn so far."""
     figures = ReportFigures()
     planned: list[tuple[list[EmbeddedFigure], Plot]] = []
     evidence = partial(plot_evidence, stored.comparison, most=STYLE.most_classes)

@@ -120,11 +120,7 @@ def _longest(texts: Iterable[str]) -> int:
 def new_table(
     title: str, texts: Sequence[str], numbers: Sequence[str], last: Sequence[str] = ()
 ) -> WholeTable:
-    """An empty table with columns of words, which may wrap, of numbers, which may not, and words.
-
-    Args:
-        last: headings of the words after the numbers.
-    """
+    """An empty table: columns of words, which may wrap, numbers, which may not, and last words."""
     table = WholeTable(title=Text(title) if title else None)
     columns: list[tuple[Sequence[str], JustifyMethod]]
     columns = [(texts, "left"), (numbers, "right"), (last, "left")]

@@ -108,11 +108,7 @@ def populations_table(hierarchy: Hierarchy) -> Table:
 
 
 def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Table:
-    """The most probable population, and what the next test will give, parameter by parameter.
-
-    Args:
-        covariate: its value in the next test; the mean of the tests if None.
-    """
+    """The most probable population, and what the next test will give, parameter by parameter."""
     best, scale = hierarchy.best, hierarchy.covariate
     columns: dict[str, FloatArray] = {"centre": hierarchy.centres(best)}
     if best.population.follows and scale is not None:

@@ -189,11 +189,9 @@ class LikelihoodFit:
 def fit_likelihood(
     z: FloatArray, log_likelihoods: FloatArray, log_evidence: float, rng: np.random.Generator
 ) -> LikelihoodFit:
-    """Fit bumps to the likelihood of one test, their number growing until it no longer helps.
+    """Fit bumps to the ``log_likelihoods`` (n,) of one test at draws ``z`` (n, d) of its posterior.
 
-    Args:
-        z: (n, d), draws from the posterior, in standard-normal coordinates.
-        log_likelihoods: (n,), at the draws.
+    Their number grows until it no longer helps.
     """
     fitting = _Fitting.of(z, log_likelihoods, log_evidence)
     n, d = z.shape

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.results.result_files import write_csv
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.structure import Structure
@@ -30,8 +29,8 @@ class NodalModes:
             none.
         frequencies_hz: (n_modes,).
         displacements: (n_modes, n_nodes, 6), along x, y, z and about them, the largest
-            displacement of a mode being 1; zero where the
-            model has no row, as where a node is restrained.
+            displacement of a mode being 1; zero where the model has no row, as where a node is
+            restrained.
     """
 
     nodes: tuple[str, ...]
@@ -42,12 +41,10 @@ class NodalModes:
 
 
 def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
-    """Modes at one set of parameter values, of the exact model where it is approximated.
+    """Modes at ``values`` (n_parameters,), of the exact model where it is approximated.
 
-    Args:
-        structure: degrees of freedom are labelled "node direction", such as ``12 x``; others, of
-            elements on it for instance, have no node.
-        values: (n_parameters,).
+    Degrees of freedom are labelled "node direction", such as ``12 x``; others, of elements on the
+    structure for instance, have no node.
     """
     labels, frequencies, shapes = structure.labelled_modes(values)
     places = [_place(label) for label in labels]
@@ -92,14 +89,12 @@ def write_modes_csv(path: Path, modes: NodalModes) -> None:
     moving = np.flatnonzero(modes.displacements.any(axis=(0, 1)))
     numbers = range(1, len(modes.frequencies_hz) + 1)
     columns = [f"mode {mode} {DIRECTIONS[i]}" for mode in numbers for i in moving]
-    with path.open("x", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["# frequencies_hz", *map(repr, modes.frequencies_hz.tolist())])
-        rows.writerow(["node", "x_coord", "y_coord", "z_coord", *columns])
-        for i, node in enumerate(modes.nodes):
-            at = ["" if np.isnan(x) else repr(x) for x in modes.positions[i].tolist()]
-            shown = modes.displacements[:, i, moving].ravel().tolist()
-            rows.writerow([node, *at, *(f"{each:.9g}" for each in shown)])
+    rows = [["node", "x_coord", "y_coord", "z_coord", *columns]]
+    for i, node in enumerate(modes.nodes):
+        at = ["" if np.isnan(x) else repr(x) for x in modes.positions[i].tolist()]
+        shown = modes.displacements[:, i, moving].ravel().tolist()
+        rows.append([node, *at, *(f"{component:.9g}" for component in shown)])
+    write_csv(path, ["# frequencies_hz", *map(repr, modes.frequencies_hz.tolist())], rows)
 
 
 def node_numbers(modes: NodalModes) -> list[int]:
@@ -113,16 +108,18 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
     """Nodes (15), lines and sides of faces (82), where coordinates are known, and modes (55).
 
     The formats are those of the Structural Dynamics Research Laboratory, University of Cincinnati,
-    "Universal File Formats for Modal Analysis Testing"; numbers have six digits.
-
-    Args:
-        modes: nodes that are not numbered are numbered from 1, in their order.
+    "Universal File Formats for Modal Analysis Testing"; numbers have six digits. Nodes that are not
+    numbered are numbered from 1, in their order.
     """
     numbers = node_numbers(modes)
     known = ~np.isnan(modes.positions).any(axis=1)
     with path.open("x", encoding="ascii", errors="replace") as file:
         if known.any():
-            file.write(_data_set(15, _node_lines(numbers, modes, known)))
+            lines_of_nodes = [
+                _whole(numbers[i], 0, 0, 0) + _real(*modes.positions[i].tolist())
+                for i in np.flatnonzero(known).tolist()
+            ]
+            file.write(_data_set(15, lines_of_nodes))
         number = dict(zip(modes.nodes, numbers, strict=True))
         edges = modes.geometry.edges if modes.geometry is not None else ()
         most = 250 // 3  # a data set 82 holds 250 entries, of which a line takes two and a zero
@@ -145,11 +142,6 @@ def _whole(*numbers: int) -> str:
 
 def _real(*numbers: float) -> str:
     return "".join(f"{each:13.5E}" for each in numbers)
-
-
-def _node_lines(numbers: Sequence[int], modes: NodalModes, known: Any) -> Iterator[str]:
-    for i in np.flatnonzero(known).tolist():
-        yield _whole(numbers[i], 0, 0, 0) + _real(*modes.positions[i].tolist())
 
 
 def _trace_lines(trace: int, entries: Sequence[int]) -> Iterator[str]:

@@ -84,9 +84,8 @@ class PosteriorDraws:
     ) -> FloatArray:
         """A function of parameter values (B, n_parameters), for all draws.
 
-        Args:
-            size_per_draw: size of its largest array for each draw, in numbers; that of the mode
-                shapes if they are larger.
+        ``size_per_draw`` is the size of its largest array for each draw, in numbers, if that is
+        larger than the mode shapes.
         """
         shapes_size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
         rows = max(1, PREDICTION_SETTINGS.array_size // max(shapes_size, size_per_draw))

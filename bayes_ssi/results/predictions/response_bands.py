@@ -178,9 +178,6 @@ def default_frequencies(
     """Equally spaced frequencies that resolve every peak of a band.
 
     At least 400, for smooth curves, and else as many as the narrowest peak needs, up to a limit.
-
-    Args:
-        data: the identified modes; their band if ``band_hz`` is None.
     """
     low, high = data.band_hz if band_hz is None else band_hz
     if not 0.0 <= low < high < math.inf:

@@ -29,11 +29,7 @@ from bayes_ssi.studies.ranking.study_file import load_study
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
-    """Name → model class, for all that were sampled.
-
-    Args:
-        study: the study, from ``study_file``.
-    """
+    """Name → model class, for all that were sampled, from the study of ``study_file``."""
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
     hypotheses = {each.name: each for each in search.hypotheses} if search else {}
