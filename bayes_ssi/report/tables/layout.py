@@ -148,5 +148,9 @@ def number(value: float | None, form: str) -> str:
     return text.removeprefix("-") if float(text) == 0.0 else text
 
 
+def percent(fraction: float | None, form: str) -> str:
+    return number(None if fraction is None else 100.0 * fraction, form)
+
+
 def interval(low: float, high: float, form: str = ".4g") -> str:
     return f"{low:{form}} to {high:{form}}"
