@@ -22,7 +22,8 @@ import numpy as np
 from simulated_records import FRAME, Truth, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.methods import NAMES, MethodModes, modes_by
+from bayes_ssi.measurements.records.methods import NAMES, modes_by
+from bayes_ssi.measurements.records.modal_estimates import MethodModes
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)

@@ -75,22 +75,22 @@ def test_four_modes_with_errors_that_are_right(ground):
     assert chi2(16).cdf(squares.sum()) == pytest.approx(0.5, abs=0.495)
 
 
-SIX = bs.ShearBuilding(masses=(1e5,) * 6, stiffnesses=(2e8,) * 6)
-SIX_SENSORS = tuple(f"floor {i}" for i in range(1, 7))
+FOUR = bs.ShearBuilding(masses=(1e5,) * 4, stiffnesses=(2e8,) * 4)
+FOUR_SENSORS = tuple(f"floor {i}" for i in range(1, 5))
 
 
 @cache
 def plain_building():
     rng = np.random.default_rng(1)
     return simulated_record(
-        SIX, SIX_SENSORS, rng, damping=0.012, duration_s=600.0, rate_hz=50.0, noise=0.02
+        FOUR, FOUR_SENSORS, rng, damping=0.012, duration_s=600.0, rate_hz=50.0, noise=0.02
     )
 
 
-@pytest.mark.parametrize(("band", "n_modes"), [((0.8, 16.0), 6), ((7.0, 10.5), 1), ((1.2, 2.2), 1)])
+@pytest.mark.parametrize(("band", "n_modes"), [((1.2, 16.0), 4), ((5.0, 9.0), 1), ((1.8, 3.2), 1)])
 def test_a_plain_building_has_all_its_modes_in_every_band(band, n_modes):
-    """2 / (2π) √(k/m) sin((2i - 1) π / 26) Hz: modes beyond the band do not hide those in it."""
-    hz = np.sqrt(2e3) / np.pi * np.sin((2.0 * np.arange(1, 7) - 1.0) * np.pi / 26.0)
+    """2 / (2π) √(k/m) sin((2i - 1) π / 18) Hz: modes beyond the band do not hide those in it."""
+    hz = np.sqrt(2e3) / np.pi * np.sin((2.0 * np.arange(1, 5) - 1.0) * np.pi / 18.0)
     truth = hz[(hz > band[0]) & (hz < band[1])]
     result = bs.identify(plain_building(), band)
     assert result.quoted.n_modes == n_modes == len(truth)

@@ -131,20 +131,15 @@ class _Section:
     def _peaks_of(
         self, spectra: Spectra, scales: FloatArray
     ) -> Iterator[tuple[Prominence, ComplexArray]]:
-        from scipy.signal import peak_prominences
+        from scipy.signal import find_peaks
 
         values, vectors = np.linalg.eigh(spectra.matrices / scales / scales[:, None])
         levels = 10.0 * np.log10(np.maximum(values[:, -1], np.finfo(float).tiny))
-        inner = np.arange(1, len(levels) - 1)
-        tops = inner[(levels[inner] > levels[inner - 1]) & (levels[inner] >= levels[inner + 1])]
-        for top, prominence in zip(tops, peak_prominences(levels, tops)[0], strict=True):
+        tops, properties = find_peaks(levels, prominence=CANDIDATES.peak_db)
+        for top, db in zip(tops, properties["prominences"].tolist(), strict=True):
             f = float(spectra.frequencies_hz[top])
-            db, sds = float(prominence), prominence / (4.34 * math.sqrt(2.0 / spectra.weights[top]))
-            if (
-                db < CANDIDATES.peak_db
-                or sds < CANDIDATES.peak_sds
-                or not self.low <= f < self.high
-            ):
+            sds = db / (4.34 * math.sqrt(2.0 / spectra.weights[top]))
+            if sds < CANDIDATES.peak_sds or not self.low <= f < self.high:
                 continue
             clear = db > CANDIDATES.clear_peak_db and sds > CANDIDATES.clear_peak_sds
             shape = scales * vectors[top, :, -1]

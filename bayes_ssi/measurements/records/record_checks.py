@@ -93,29 +93,25 @@ def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
     frequencies = machine_lines(samples, rate_hz)
     if not len(frequencies):
         return []
-    where = f"lines at {len(frequencies)} frequencies, the strongest"
+    n = len(frequencies)
+    lines = f"lines at {n} frequencies, the strongest" if n > 1 else "a line"
     named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[: CHECKS.named_lines])
     return [
-        f"{where if len(frequencies) > 1 else 'a line'} at {named} Hz, as of a machine; a mode so "
-        "narrow would have decayed less than once over the record"
+        f"{lines} at {named} Hz, as of a machine; a mode so narrow would have decayed less than "
+        "once over the record"
     ]
 
 
 def _copies(samples: FloatArray, sensors: Sequence[str]) -> list[str]:
     """Sensors whose samples are those of another one, perhaps with the other sign."""
-    remarks = []
-    for i in range(len(samples)):
-        for j in range(i):
-            # A few samples tell nearly all sensors apart.
-            for sign, how in (
-                (1.0, "the same samples"),
-                (-1.0, "the same samples but for the sign"),
-            ):
-                if np.array_equal(samples[i, :100], sign * samples[j, :100]) and np.array_equal(
-                    samples[i], sign * samples[j]
-                ):
-                    remarks.append(f"sensors {sensors[j]!r} and {sensors[i]!r}: {how}")
-    return remarks
+    return [
+        f"sensors {sensors[j]!r} and {sensors[i]!r}: the same samples{how}"
+        for i in range(len(samples))
+        for j in range(i)
+        for sign, how in ((1.0, ""), (-1.0, " but for the sign"))
+        # A few samples tell nearly all sensors apart.
+        if all(np.array_equal(samples[i, :n], sign * samples[j, :n]) for n in (100, None))
+    ]
 
 
 def _is_clipped(row: FloatArray) -> bool:

@@ -8,19 +8,11 @@ A clock that runs at another rate is later in the second half of the record than
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import CHECKS
-
-
-class _Lateness(NamedTuple):
-    """Of each sensor against the others: τ in s, and its standard deviation."""
-
-    seconds: FloatArray
-    deviations: FloatArray
 
 
 def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
@@ -40,8 +32,8 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
     if whole is None or first is None or second is None:
         return []
     remarks = []
-    growths = second.seconds - first.seconds
-    grow = np.abs(growths) > CHECKS.late_sds * np.hypot(first.deviations, second.deviations)
+    growths = second[0] - first[0]
+    grow = np.abs(growths) > CHECKS.late_sds * np.hypot(first[1], second[1])
     for name, seconds, deviation, growth, grows in zip(sensors, *whole, growths, grow, strict=True):
         if grows:
             remarks.append(
@@ -74,8 +66,13 @@ def _peaks(samples: FloatArray, rate_hz: float, n_window: int) -> tuple[FloatArr
     return lines * rate_hz / n_window, np.array([spectra_of(row)[lines] for row in samples])
 
 
-def _lateness(frequencies_hz: FloatArray, transforms: ComplexArray) -> _Lateness | None:
-    """None where too few peaks show one mode alone."""
+def _lateness(
+    frequencies_hz: FloatArray, transforms: ComplexArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """τ in s of each sensor against the others, and its standard deviation.
+
+    None where too few peaks show one mode alone.
+    """
     values, vectors = np.linalg.eigh(np.einsum("ilw,jlw->lij", transforms, transforms.conj()))
     alone = values[:, -1] > CHECKS.share_of_one_mode * values.sum(1)
     if alone.sum() < CHECKS.fewest_peaks:
@@ -96,7 +93,7 @@ def _lateness(frequencies_hz: FloatArray, transforms: ComplexArray) -> _Lateness
     against_mean = np.eye(n) - 1.0 / n
     deviations = np.sqrt((against_mean @ covariance @ against_mean).diagonal())
     # Overlapping modes turn each other by more at higher frequencies, as lateness does.
-    return _Lateness(seconds, np.maximum(deviations, sound / mean_omega))
+    return seconds, np.maximum(deviations, sound / mean_omega)
 
 
 def common_delays(
