@@ -37,34 +37,48 @@ class Group(NamedTuple):
     is_wanted: bool
 
 
-_Prepared = tuple[Group, LocalSpectra, Resonances]
+class _Band:
+    """The spectra of a group of modes, and the group's fits under independent loads or one source.
+
+    A fit is made once: of the same band it may be needed twice.
+    """
+
+    def __init__(self, group: Group, data: LocalSpectra, neighbours: Resonances) -> None:
+        self.group = group
+        self.start = group.modes.in_directions(data)
+        self.fitters = {one: Fitter(data, neighbours, one_source=one) for one in (False, True)}
+        self._fits: dict[bool, tuple[LocalFit, LocalFit]] = {}
+
+    def fits(self, one_source: bool) -> tuple[LocalFit, LocalFit]:
+        """The most probable modes with real shapes, and whose sensors have phases."""
+        if one_source not in self._fits:
+            real = self.fitters[one_source].fit(self.start, has_phases=False)
+            turned = self.fitters[one_source].fit(real, has_phases=True)
+            self._fits[one_source] = real, turned
+        return self._fits[one_source]
 
 
 def explain(
     transforms: Transforms,
     found: Candidates,
     band_hz: tuple[float, float],
-    fixed: bool = False,
-    is_driven: bool = False,
+    fixed: bool,
+    is_driven: bool,
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
     modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
-    prepared = _prepared(transforms, modes, band_hz)
-    if is_driven:
-        one_source, bands = True, _all_explained(prepared, True, found, fixed)
-    else:
-        # Where independent loads do not explain the spectra, one source may: as they stand, or when
-        # more modes have been tried.
-        one_source = _is_one_source(_plain(prepared, True), _plain(prepared, False))
-        bands = _all_explained(prepared, one_source, found, fixed)
-        if not one_source and _n_doubtful(bands):
-            of_one_source = _all_explained(prepared, True, found, fixed)
-            if _n_doubtful(of_one_source) < _n_doubtful(bands):
-                one_source, bands = True, of_one_source
+    first = _bands(transforms, modes, band_hz)
+    # Where independent loads do not explain the spectra, one source may: as they stand, or when
+    # more modes have been tried.
+    one_source = is_driven or _is_one_source(first)
+    bands = _all_explained(first, one_source, found, fixed)
+    if not one_source and _n_doubtful(bands):
+        of_one_source = _all_explained(first, True, found, fixed)
+        if _n_doubtful(of_one_source) < _n_doubtful(bands):
+            one_source, bands = True, of_one_source
     # Again, with the neighbours that are known now.
     modes = _modes_of(bands, len(transforms.values))
-    prepared = _prepared(transforms, modes, band_hz)
-    bands = _all_explained(prepared, one_source, found, fixed)
+    bands = _all_explained(_bands(transforms, modes, band_hz), one_source, found, fixed)
     modes = _modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, BANDS.least_bandwidths_of_known_modes)
     narrow = groups_of(transforms, modes, band_hz, share=BANDS.unexplained_reach)
@@ -85,13 +99,10 @@ def _between_bands(
     return found.others.at(np.flatnonzero(free).tolist())
 
 
-def _prepared(
-    transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]
-) -> list[_Prepared]:
-    """Bands with their spectra and neighbours."""
+def _bands(transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]) -> list[_Band]:
     groups = groups_of(transforms, modes, band_hz)
     spectra = [(group, spectra_of(transforms, group, modes)) for group in groups]
-    return [(group, *data) for group, data in spectra if data is not None]
+    return [_Band(group, *data) for group, data in spectra if data is not None]
 
 
 def _modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
@@ -128,18 +139,15 @@ def _of_other_reach(
     return other if is_same and fit.are_modes.all() and other.doubt is None else band
 
 
-def _plain(prepared: Sequence[_Prepared], one_source: bool) -> list[Explained]:
-    """Bands as the candidates have them, whose sensors may have phases: late ones are no source."""
-    bands = []
-    for group, data, neighbours in prepared:
-        fitter = Fitter(data, neighbours, one_source)
-        real = fitter.fit(group.modes.in_directions(data), has_phases=False)
-        bands.append(Explained(fitter.fit(real, has_phases=True), (), group.is_wanted))
-    return bands
+def _is_one_source(bands: Sequence[_Band]) -> bool:
+    """Whether one process drives everything: it explains more bands, or as many and better.
 
-
-def _is_one_source(one: Sequence[Explained], many: Sequence[Explained]) -> bool:
-    """Whether one process drives everything: it explains more bands, or as many and better."""
+    As the candidates have them; sensors may have phases: late ones are no source.
+    """
+    one, many = (
+        [Explained(band.fits(drive)[1], (), band.group.is_wanted) for band in bands]
+        for drive in (True, False)
+    )
     if _n_doubtful(one) != _n_doubtful(many):
         return _n_doubtful(one) < _n_doubtful(many)
     nats = [
@@ -155,19 +163,25 @@ def _n_doubtful(bands: Sequence[Explained]) -> int:
 
 
 def _all_explained(
-    prepared: Sequence[_Prepared], one_source: bool, found: Candidates, fixed: bool
+    bands: Sequence[_Band], one_source: bool, found: Candidates, fixed: bool
 ) -> list[Explained]:
     """Bands with their modes and peaks; without those that hold no mode.
 
     What is beside the search is only estimated.
     """
-    bands = []
-    for group, data, neighbours in prepared:
-        fitter = Fitter(data, neighbours, one_source)
-        real, turned = _fits(fitter, group.modes.in_directions(data))
+    all_explained = []
+    for band in bands:
+        fitter, is_wanted = band.fitters[one_source], band.group.is_wanted
+        real, turned = band.fits(one_source)
+        if (band.start.dampings < SELECTION.damping_of_spikes).any():
+            # Perhaps a spike of a wider resonance.
+            wider = band.start._replace(dampings=band.start.dampings.clip(1.3 * FIT.damping))
+            other = fitter.fit(wider, has_phases=False)
+            if other.log_evidence > real.log_evidence:
+                real, turned = other, fitter.fit(other, has_phases=True)
         fit = _with_phases_if_needed(real, turned)
         if not fixed:
-            if group.is_wanted:
+            if is_wanted:
                 fit = with_others(fitter, fit, found.poles)
             fit = without_needless(fitter, fit, [peak for peak in found.peaks if peak.is_clear])
             if not fit.modes.n_modes:
@@ -177,22 +191,11 @@ def _all_explained(
             turned = fitter.fit(real, has_phases=True)
         best = _with_phases_if_needed(real, turned)
         peaks: list[ExplainedPeak] = []
-        if group.is_wanted:
+        if is_wanted:
             by_phases = turned.log_evidence - real.log_evidence - SELECTION.nats_of_phases
             best, peaks = _peaks(fitter, best, by_phases, fixed)
-        bands.append(Explained(best, tuple(peaks), group.is_wanted))
-    return bands
-
-
-def _fits(fitter: Fitter, start: Resonances) -> tuple[LocalFit, LocalFit]:
-    """The most probable modes with real shapes, and whose sensors have phases."""
-    starts = [start]
-    if (start.dampings < SELECTION.damping_of_spikes).any():
-        # Perhaps a spike of a wider resonance.
-        starts.append(start._replace(dampings=start.dampings.clip(1.3 * FIT.damping)))
-    fits = [fitter.fit(modes, has_phases=False) for modes in starts]
-    real = max(fits, key=lambda fit: fit.log_evidence)
-    return real, fitter.fit(real, has_phases=True)
+        all_explained.append(Explained(best, tuple(peaks), is_wanted))
+    return all_explained
 
 
 def _with_phases_if_needed(real: LocalFit, turned: LocalFit) -> LocalFit:
