@@ -31,7 +31,7 @@ def simulated(seed, **changed):
 
 
 @cache
-def identified(seed, *, ground=False):
+def identified(seed, *, ground):
     return bs.identify(simulated(seed, ground=ground), BAND)
 
 
@@ -210,13 +210,13 @@ def test_a_sensor_on_the_ground_is_one_of_the_sensors():
 
 
 def test_a_clear_peak_without_a_mode_is_named():
-    candidates = identified(0).candidates
+    candidates = identified(0, ground=False).candidates
     named = _not_identified(candidates, [], BAND)
     clear = [peak.frequency_hz for peak in candidates.peaks if peak.is_clear]
     assert [hz for hz, _ in named] == [hz for hz in clear if BAND[0] < hz < BAND[1]]
     assert len(named) >= 3
     assert all("explained by no mode there" in why for _, why in named)
-    assert not _not_identified(candidates, list(identified(0).bands), BAND)
+    assert not _not_identified(candidates, list(identified(0, ground=False).bands), BAND)
 
 
 def test_modes_that_given_frequencies_leave_out_fail_a_check():
@@ -298,7 +298,7 @@ def test_simple_methods_find_the_modes(method):
 
 def test_methods_are_compared_and_one_of_them_is_used():
     """NExT-ERA's errors are from a jackknife of twenty parts: known to a sixth, in two records."""
-    record, result = simulated(1), identified(1)
+    record, result = simulated(1), identified(1, ground=False)
     modes = compared(record, result.quoted)
     assert list(modes) == list(NAMES)
     era = modes["next-era"]
@@ -316,7 +316,7 @@ def test_ssi_through_pyoma2_agrees_with_the_bayesian_fft():
     pytest.importorskip("pyoma2", reason="pip install bayes_ssi[oma]")
     record = simulated(1)
     found = ssi_cov(record, BAND, Resonances(*TRUTH))
-    result = identified(1)
+    result = identified(1, ground=False)
     apart = np.log(found.frequencies_hz / result.quoted.frequencies_hz)
     assert np.abs(apart / found.frequency_covs).max() < 3.0
     assert (np.abs((found.shapes * TRUTH.shapes).sum(0)) > 0.999).all()
