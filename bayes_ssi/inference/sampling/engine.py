@@ -1,16 +1,21 @@
 """From a log-likelihood to draws of its posterior and its evidence.
 
-1. Independent searches find the maxima of the posterior.
-2. Importance draws from Laplace's approximation around them give a mixture close to the posterior,
-   where the target knows its problem, its searches agree, and the draws are good. Else two
-   independent compressions of the prior carry particles to the regions around the maxima and to
-   others, from which further ascents begin, and the mixture is fitted to the particles.
-3. Two independent emcee ensembles sample the posterior, with proposals from that mixture. Where
-   importance draws from it serve as posterior draws, short ones check where these do not go.
-4. Mixture importance sampling gives the evidence and the share of the posterior in each region.
-5. Everything that should agree is compared: bridge sampling with the draws of an ensemble, the
-   compressions, the searches, the regions. Disagreement without particles begins again with them
-   (2.); with them, it is a warning in the result.
+1. Independent searches (``multistart``) find the maxima of the posterior (``maxima``).
+2. Importance draws (``importance``) from Laplace's approximation around them give a mixture close
+   to the posterior (``mixture``, ``mixture_fitting``), where the target knows its problem, its
+   searches agree, and the draws are good. Else two independent compressions of the prior
+   (``compression``) carry particles to the regions around the maxima and to others, from which
+   further ascents begin, and the mixture is fitted to the particles.
+3. Two independent emcee ensembles (``chains``, ``ensembles``, ``moves``) sample the posterior, with
+   proposals from that mixture. Where importance draws from it serve as posterior draws, short ones
+   check where these do not go.
+4. Mixture importance sampling gives the evidence and the share of the posterior in each region
+   (``regions``).
+5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an
+   ensemble, the compressions, the searches, the regions. Disagreement without particles begins
+   again with them (2.); with them, it is a warning in the result.
+
+The numbers by which all of them decide are in ``settings``.
 """
 
 from __future__ import annotations
