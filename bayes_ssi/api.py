@@ -56,8 +56,8 @@ from bayes_ssi.structures.space_frame import SpaceFrame
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.candidates import read_candidates
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings
 from bayes_ssi.studies.appendages.ranked_study import rank
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
 from bayes_ssi.studies.ranking.comparison import compare
 from bayes_ssi.studies.ranking.study import Study

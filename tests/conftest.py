@@ -246,9 +246,9 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return posteriors
 
-        for module in ("appendage_search", "screening_in_steps"):
-            monkeypatch.setattr(f"bayes_ssi.studies.appendages.{module}.screen_all", screen_all)
-        monkeypatch.setattr("bayes_ssi.studies.appendages.appendage_search.sample_all", sample_all)
+        for module in ("appendages.appendage_search", "search.ladder"):
+            monkeypatch.setattr(f"bayes_ssi.studies.{module}.screen_all", screen_all)
+        monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
         return levels
 
     return install

@@ -83,7 +83,7 @@ def search(
     from bayes_ssi.studies.appendages.appendage_search import search as search_appendages
     from bayes_ssi.studies.appendages.baselines import choose_baselines
     from bayes_ssi.studies.appendages.candidates import read_candidates
-    from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+    from bayes_ssi.studies.appendages.search_settings import SearchSettings
 
     loaded = load(study)
     search_settings = SearchSettings(

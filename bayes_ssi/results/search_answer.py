@@ -12,7 +12,8 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
-from bayes_ssi.studies.appendages.search_result import CREDIBLE, SearchRecord
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.search_settings import CRITERIA
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
@@ -92,7 +93,7 @@ def _further(search: SearchRecord) -> Iterator[str]:
             f"{each.place.name} ({probability_in_words(each.probability)})" for each in credible
         ]
         yield (
-            f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
+            f"{100 * CRITERIA.credible:g} % of the probability of an appendage, summed over all "
             f"{len(search.places)} places, rests on {len(credible)} of them: "
             f"{shortened(shown)}."
         )

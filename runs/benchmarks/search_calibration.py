@@ -45,7 +45,6 @@ from simulated import IdentificationErrors, print_bands, simulate
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.required_accuracy import with_exact_structures
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.hypotheses import (
     frequency_name,
@@ -55,6 +54,7 @@ from bayes_ssi.studies.appendages.hypotheses import (
 )
 from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
 from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"
 # True masses over the mean floor mass, or the median modal mass; the search's prior is wider.
@@ -242,8 +242,8 @@ def one(task: Task) -> Searched:
 def screened(made: Drawn, question: Question, seed: int) -> Searched:
     """What screening alone says of a data set."""
     study = bs.Study(made.baseline.name, [made.baseline])
-    baselines = choose_baselines(study, None, question.candidates)
-    hypotheses, _ = screened_hypotheses(baselines, made.settings, seed, bs.Run())
+    baselines = choose_baselines(study, None, question.candidates, options=made.settings)
+    hypotheses, _ = screened_hypotheses(baselines, seed, bs.Run())
     by_name = {each.model_class.name: each for each in hypotheses.values()}
     shares = softmax([each.approximate_log_mass.log_evidence for each in by_name.values()])
     true = by_name[made.truth]

@@ -9,9 +9,10 @@ from searches import ONE, by_count
 import bayes_ssi as bs
 from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.baselines import choose_baselines, compact, prior_draws
+from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.hypotheses import hypothesis, scale_of
 from bayes_ssi.studies.appendages.places import PendulumPlace, places_of
+from bayes_ssi.studies.search.family import compact, prior_draws
 
 K = np.array([[1600.0, -700.0, 0.0], [-700.0, 1100.0, -400.0], [0.0, -400.0, 400.0]])
 MASSES = (3.0, 2.0, 1.5)
@@ -35,7 +36,7 @@ def baseline(structure, sensors=LABELS, name="b"):
 
 
 def test_sensors_are_the_places_of_a_structure_without_floors():
-    (places,) = choose_baselines(bs.Study("s", [baseline(matrices())])).places.values()
+    (places,) = choose_baselines(bs.Study("s", [baseline(matrices())])).features.values()
     assert [place.name for place in places] == [f"pendulum {label}" for label in LABELS]
     assert places[2].coordinates == (4.0, 0.0, 3.0)
     assert places[2].direction == (0.0, 1.0, 0.0)

@@ -11,10 +11,11 @@ from searches import INFILL_12, ONE, PENDULUM_1, screened
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis
-from bayes_ssi.studies.appendages.sampling_choice import most_probability_unsampled, to_sample
-from bayes_ssi.studies.appendages.screening import FULL, QUICK, SCAN, ToScreen, screen, screen_all
-from bayes_ssi.studies.appendages.screening_in_steps import screen_best
+from bayes_ssi.studies.appendages.hypotheses import hypothesis
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen, screen_all
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 
 def estimates(*log_masses, error=0.0):
@@ -172,27 +173,26 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
         calls.append((effort, len(hypotheses)))
         return [screened(each, each.parameter_names[0]) for each in hypotheses]
 
-    steps = "bayes_ssi.studies.appendages.screening_in_steps"
-    monkeypatch.setattr(f"{steps}.screen_all", screen_all)
-    monkeypatch.setattr(f"{steps}.first_looks", lambda *_: {})
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.screen_all", screen_all)
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.looks_at", lambda *_: {})
     heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]
     hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
     results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
     assert [each.log_evidence for each in results] == heights
-    assert calls == [(QUICK, 40), (FULL, 2)]
+    assert calls == [(EFFORTS.quick, 40), (EFFORTS.full, 2)]
     calls.clear()
     screen_best(10 * hypotheses, [1.0] * 400, 2, 0, bs.Run())
-    assert calls == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
+    assert calls == [(EFFORTS.scan, 400), (EFFORTS.quick, 300), (EFFORTS.full, 20)]
     calls.clear()
     screen_best(hypotheses[:30], [1.0] * 30, 1, 0, bs.Run())
-    assert calls == [(FULL, 30)]
+    assert calls == [(EFFORTS.full, 30)]
 
 
 @pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
 def test_quick_screening_agrees_with_full_screening(bare, place):
     parent = screen(ToScreen(hypothesis(bare, ()), None), 0)
     candidate = ToScreen(hypothesis(bare, (place,)), parent)
-    full, quick = (screen(candidate, 1, effort) for effort in (FULL, QUICK))
+    full, quick = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.quick))
     assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert quick.n_evaluations < 0.3 * full.n_evaluations
 
@@ -209,7 +209,7 @@ def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
     )
     parent = screen(ToScreen(hypothesis(made, ()), None), 0)
     candidate = ToScreen(hypothesis(made, (PENDULUM_1,)), parent)
-    full, scan = (screen(candidate, 1, effort) for effort in (FULL, SCAN))
+    full, scan = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.scan))
     assert full.log_evidence < parent.log_evidence
     assert scan.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert (scan.n_evaluations, math.isnan(scan.laplace)) == (250, True)

@@ -24,9 +24,10 @@ from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings, hypothesis
+from bayes_ssi.studies.appendages.hypotheses import hypothesis
 from bayes_ssi.studies.appendages.places import KINDS, AppendagePlace
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
 
 
 def test_places_are_floors_and_storeys(augmented):
@@ -362,7 +363,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
-    monkeypatch.setattr("bayes_ssi.studies.appendages.appendage_search.sample_all", sample_all)
+    monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
     result = search(bare, ONE, 5, COARSE, run)

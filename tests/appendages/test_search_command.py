@@ -10,8 +10,8 @@ from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.results.stored_result import load_result
-from bayes_ssi.studies.appendages.next_level import NextLevel
-from bayes_ssi.studies.appendages.screening import Key
+from bayes_ssi.studies.search.family import Key
+from bayes_ssi.studies.search.family_search import Level
 
 ONE_K = ("--baseline", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")
@@ -177,7 +177,7 @@ def test_a_test_that_the_study_lacks_is_refused(run, tiny_study_file):
 def all_sampled(monkeypatch):
     """The search samples every hypothesis."""
     monkeypatch.setattr(
-        "bayes_ssi.studies.appendages.appendage_search.to_sample",
+        "bayes_ssi.studies.search.family_search.to_sample",
         lambda approximate, sampled, *_: [each for each in approximate if each not in sampled],
     )
 
@@ -204,7 +204,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     )
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.studies.appendages.appendage_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.search.family_search.compare_and_diagnose", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
     assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
@@ -232,13 +232,14 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     )
     arguments = ("search", tiny_study_file, *ONE_K, "--out", out)
 
-    def one_with_both(hypotheses, *_):
+    def one_with_both(family, hypotheses, n):
+        del family, n
         levels = {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}
-        return NextLevel([Key("one k", places) for places in levels.get(len(hypotheses), [])])
+        return Level([Key("one k", places) for places in levels.get(len(hypotheses), [])])
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.studies.appendages.appendage_search.next_level", one_with_both)
-        patch.setattr("bayes_ssi.studies.appendages.appendage_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.search.family_search._next_level", one_with_both)
+        patch.setattr("bayes_ssi.studies.search.family_search.compare_and_diagnose", stop)
         assert run(*arguments).exit_code == 130
     names = {"no appendage", "pendulum 1", "infill 0-1"}
     assert len(list(checkpoint.glob("*.journal"))) == 4

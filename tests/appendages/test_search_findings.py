@@ -8,7 +8,7 @@ from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):

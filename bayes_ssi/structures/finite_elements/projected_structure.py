@@ -295,11 +295,12 @@ class AlternativePlaces:
     vectors: ElementVectors
 
     @classmethod
-    def of(cls, structures: Sequence[ProjectedStructure]) -> Self:
-        """Join the structures, which are of one model, with elements of the same kinds each."""
-        each = [structure.vectors for structure in structures]
-        joined = ElementVectors(*(np.concatenate(rows) for rows in zip(*each, strict=True)))
-        return cls(structures[0], joined)
+    def of(cls, structures: Sequence[Structure]) -> Self:
+        """Join projected structures of one model, with elements of the same kinds each."""
+        projected = [each for each in structures if isinstance(each, ProjectedStructure)]
+        vectors = [each.vectors for each in projected]
+        joined = ElementVectors(*(np.concatenate(rows) for rows in zip(*vectors, strict=True)))
+        return cls(projected[0], joined)
 
     def modes(self, values: FloatArray, which: NDArray[np.intp]) -> Modes:
         """The modes (B, ...) of structures ``which`` (B,), one for each row of values.
@@ -310,3 +311,10 @@ class AlternativePlaces:
         """
         rows = ElementVectors(*(array[which] for array in self.vectors))
         return self.first.modes_with(values, rows)
+
+
+def kinds_of_elements(structure: Structure) -> tuple[type[Element], ...] | None:
+    """What joined structures have in common; None of one that cannot be joined with others."""
+    if not isinstance(structure, ProjectedStructure):
+        return None
+    return tuple(map(type, structure.elements))

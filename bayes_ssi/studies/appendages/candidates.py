@@ -15,16 +15,9 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.structures.geometry import Candidate, Place, Point, motion_of
+from bayes_ssi.structures.geometry import Candidate, Place, motion_of
 from bayes_ssi.structures.structure import Structure
-
-# A mode that the sensors see moves them by at least this share of the one that moves them most, at
-# unit modal mass.
-VISIBLE = 0.05
-# A place takes part in a mode if it moves by this share of what the sensors do: less, and an
-# appendage of a tenth of the modal mass, in resonance, moves the two frequencies apart by less than
-# 0.3 % (the square root of 0.1 times this share), and no other mode by a part of that.
-TAKES_PART = 0.01
+from bayes_ssi.studies.appendages.search_settings import CRITERIA
 
 
 def are_observed(
@@ -39,12 +32,14 @@ def are_observed(
     modes = structure.modes(values)
     at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0]
     seen = np.abs(at_sensors).max(axis=0, initial=0.0)
-    counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= VISIBLE * seen.max())
+    counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= CRITERIA.visible * seen.max())
     ends = [end for candidate in candidates for end in candidate.ends]
     moved = structure.place_shapes(ends, values)
     if moved is None or not counts.any():
         return np.ones(len(candidates), dtype=bool)
-    takes_part = (np.abs(moved)[:, : len(seen)] >= TAKES_PART * seen)[:, counts].any(axis=1)
+    takes_part = (np.abs(moved)[:, : len(seen)] >= CRITERIA.takes_part * seen)[:, counts].any(
+        axis=1
+    )
     of_candidate = np.repeat(np.arange(len(candidates)), [len(each.ends) for each in candidates])
     return np.bincount(of_candidate, takes_part, minlength=len(candidates)) > 0
 
@@ -155,19 +150,17 @@ def _columns(names: list[str], path: Path) -> list[str]:
 
 def _candidate(cells: Mapping[str, str]) -> Candidate:
     place: Place | dict[str, float] = cells.get("place", "")
-    direction = _numbers(cells, DIRECTION)
+    direction, coordinates = _numbers(cells, DIRECTION), _numbers(cells, COORDINATES)
     if direction is not None:
         length = math.hypot(*direction)
         if length == 0.0:
             raise ValueError("x, y, z: a direction of zeros")
-        x, y, z = (cosine / length for cosine in direction)
-        direction = x, y, z
-        each = zip(DIRECTION, direction, strict=True)
-        place = {f"{place} {axis}": cosine for axis, cosine in each if cosine != 0.0}
-    to: Place | None = cells.get("to") or None
-    coordinates = _numbers(cells, COORDINATES)
+        direction = [cosine / length for cosine in direction]
+        axes = zip(DIRECTION, direction, strict=True)
+        place = {f"{place} {axis}": cosine for axis, cosine in axes if cosine != 0.0}
     if coordinates is not None and any(not cells.get(name) for name in COORDINATES):
         raise ValueError("x_coord, y_coord, z_coord: give all three, or none")
+    to: Place | None = cells.get("to") or None
     return Candidate(
         cells.get("name", ""),
         place,
@@ -177,7 +170,7 @@ def _candidate(cells: Mapping[str, str]) -> Candidate:
     )
 
 
-def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | None:
+def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> list[float] | None:
     """Three numbers, zero where a cell is empty; None where all are."""
     if not any(cells.get(name) for name in names):
         return None
@@ -191,5 +184,4 @@ def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | N
         if not math.isfinite(number):
             raise ValueError(f"{name}: {cell!r} is not a number")
         numbers.append(number)
-    x, y, z = numbers
-    return x, y, z
+    return numbers

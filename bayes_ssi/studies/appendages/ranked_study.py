@@ -21,15 +21,12 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings, name_of
-from bayes_ssi.studies.appendages.screening import QUICK, ToScreen, screen_all
+from bayes_ssi.studies.appendages.search_settings import CRITERIA
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
+from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen_all
+from bayes_ssi.studies.search.efforts import EFFORTS
 
-# Frequencies closer than this are near each other whatever their shapes.
-NEAR = 0.1
-# More places than this are not screened in a few seconds.
-MOST_PLACES = 30
 ASK = "; ask with bayes-ssi search STUDY"
 
 
@@ -57,7 +54,7 @@ def unmodelled_appendage(study: Study, ranking: Ranking, seed: int, run: Run) ->
         baselines = choose_baselines(Study(study.name, [best]))
     except ValueError:  # nothing can be hung on it
         return looks and f"{looks}, and no class models one"
-    if not is_cheap(best) or len(baselines.places[best.name]) > MOST_PLACES:
+    if not is_cheap(best) or len(baselines.features[best.name]) > CRITERIA.most_places:
         return looks and f"{looks}, and no class models one{ASK}"
     nats, where = _screened(baselines, best, seed, run)
     if nats <= 0.0:
@@ -78,7 +75,9 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
     for low, high in zip(data.modes, data.modes[1:], strict=False):
         gap = high.frequency_hz / low.frequency_hz - 1.0
         mac = alike.get((low.label, high.label))
-        if not {low.label, high.label}.intersection(spurious) or (mac is None and gap > NEAR):
+        if not {low.label, high.label}.intersection(spurious) or (
+            mac is None and gap > CRITERIA.near
+        ):
             continue
         shapes = "" if mac is None else f", MAC {mac:.2f}"
         two = f"{low.label!r} and {high.label!r} ({100.0 * gap:.0f} % apart{shapes})"
@@ -88,14 +87,11 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
 
 def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tuple[float, str]:
     """Nats by which one appendage anywhere is more probable than none, and the best place."""
-    options, places = SearchSettings(), baselines.places[best.name]
-    none = ToScreen(baselines.hypothesis(best, (), options, best.name), None)
-    alone = screen_all([none], seed, run, QUICK)[0]
-    ones = [
-        ToScreen(baselines.hypothesis(best, (place,), options, name_of((place,))), alone)
-        for place in places
-    ]
-    evidences = np.array([each.log_evidence for each in screen_all(ones, seed, run, QUICK)])
+    places = baselines.features[best.name]
+    none = ToScreen(baselines.hypothesis(best, (), best.name), None)
+    alone = screen_all([none], seed, run, EFFORTS.quick)[0]
+    ones = [ToScreen(baselines.hypothesis(best, (place,), place.name), alone) for place in places]
+    evidences = np.array([each.log_evidence for each in screen_all(ones, seed, run, EFFORTS.quick)])
     nats = float(logsumexp(evidences)) - math.log(len(places)) - alone.log_evidence
     return nats, places[int(evidences.argmax())].description
 

@@ -9,22 +9,20 @@ from typing import Any, TypeVar
 
 from bayes_ssi.foundations.displayed import Displayed, InWords, columns, counted
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.studies.appendages.hypotheses import MassScale, SearchSettings
+from bayes_ssi.studies.appendages.hypotheses import MassScale
 from bayes_ssi.studies.appendages.places import AppendagePlace
-from bayes_ssi.studies.ranking.averages import AveragedParameter
+from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
+from bayes_ssi.studies.ranking.averages import AveragedAndNaive
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Ranking
 
 T = TypeVar("T")
 
-# Share of the probability of appendages that the places together hold that are named.
-CREDIBLE = 0.95
-
 
 def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ...]:
     """The fewest first places that hold 95 % of the probabilities, which fall."""
     sums = list(accumulate(probabilities))
-    n = next((i for i, one in enumerate(sums, 1) if one >= CREDIBLE * sums[-1]), len(sums))
+    n = next((i for i, one in enumerate(sums, 1) if one >= CRITERIA.credible * sums[-1]), len(sums))
     return tuple(places[:n])
 
 
@@ -43,18 +41,6 @@ class AppendageSummary:
     mass: tuple[float, float, float]
     mass_ratio: tuple[float, float, float]
     frequency_hz: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class AveragedAndNaive(AveragedParameter):
-    """A parameter of the baseline, averaged over all hypotheses by their probability.
-
-    Attributes:
-        naive_mean, naive_sd: under the most probable hypothesis of no appendage that infers it.
-    """
-
-    naive_mean: float
-    naive_sd: float
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
-from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
 Change = Callable[[ModalData], ModalData]
@@ -58,7 +55,6 @@ class Repair:
 
     @property
     def data_digest(self) -> str:
-        """That of its class."""
         return joint_digest({test.name: test.data for test in self.configurations})
 
 
@@ -75,23 +71,40 @@ def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
 def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
     changes = [
-        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], _in_mode(mode, change))
+        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], change)
         for test in model_class.configurations
         for mode in test.data.modes
         if mode.scored_shape is not None
-        for mistake, change in _changes([test.data])
+        for mistake, change in _changes([test.data], mode.label)
     ]
     return _different(model_class, changes)
 
 
-def _changes(tests: Sequence[ModalData]) -> Iterator[tuple[str, Change]]:
-    """Mistakes in the sensors that all tests have, and the changes that undo them."""
+def _changes(tests: Sequence[ModalData], label: str | None = None) -> Iterator[tuple[str, Change]]:
+    """Mistakes in the sensors that all tests have, in one mode or in all, and what undoes them."""
     sensors = [s for s in tests[0].sensors if all(s in data.sensors for data in tests)]
     if len(sensors) <= MOST_CHANNELS:
         for a, b in combinations(sensors, 2):
-            yield f"channels {a!r} and {b!r} seem to be exchanged", _exchanged(a, b)
+            exchanged = partial(_with_shapes, {a: b, b: a}, "", label)
+            yield f"channels {a!r} and {b!r} seem to be exchanged", exchanged
     for sensor in sensors:
-        yield f"the sign of {sensor!r} seems to be wrong", _turned(sensor)
+        turned = partial(_with_shapes, {}, sensor, label)
+        yield f"the sign of {sensor!r} seems to be wrong", turned
+
+
+def _with_shapes(
+    other: Mapping[str, str], turned: str, label: str | None, data: ModalData
+) -> ModalData:
+    """Data in which sensors stand for ``other`` ones, or one is ``turned``, in one mode or all."""
+    order = [data.sensors.index(other.get(sensor, sensor)) for sensor in data.sensors]
+    signs = np.where(np.array(data.sensors) == turned, -1.0, 1.0)
+    modes = (
+        replace(mode, shape=signs * mode.shape[order])
+        if mode.shape is not None and label in (None, mode.label)
+        else mode
+        for mode in data.modes
+    )
+    return replace(data, modes=tuple(modes))
 
 
 def _different(
@@ -158,41 +171,6 @@ def _with_data(
         replace(test, data=change(test.data)) if test in tests else test
         for test in model_class.configurations
     )
-
-
-def _exchanged(a: str, b: str) -> Change:
-    other = {a: b, b: a}
-
-    def change(data: ModalData) -> ModalData:
-        order = [data.sensors.index(other.get(sensor, sensor)) for sensor in data.sensors]
-        return _with_shapes(data, lambda shape: shape[order])
-
-    return change
-
-
-def _turned(sensor: str) -> Change:
-    def change(data: ModalData) -> ModalData:
-        signs = np.where(np.array(data.sensors) == sensor, -1.0, 1.0)
-        return _with_shapes(data, lambda shape: signs * shape)
-
-    return change
-
-
-def _with_shapes(data: ModalData, change: Callable[[NDArray[Any]], NDArray[Any]]) -> ModalData:
-    modes = (
-        mode if mode.shape is None else replace(mode, shape=change(mode.shape))
-        for mode in data.modes
-    )
-    return replace(data, modes=tuple(modes))
-
-
-def _in_mode(mode: IdentifiedMode, change: Change) -> Change:
-    def change_one(data: ModalData) -> ModalData:
-        changed = change(data).mode(mode.label)
-        modes = tuple(changed if each.label == mode.label else each for each in data.modes)
-        return replace(data, modes=modes)
-
-    return change_one
 
 
 def _scaled(

@@ -27,6 +27,18 @@ class AveragedParameter(Summary):
     probability: float
 
 
+@dataclass(frozen=True)
+class AveragedAndNaive(AveragedParameter):
+    """A parameter of the baseline, averaged over all hypotheses by their probability.
+
+    Attributes:
+        naive_mean, naive_sd: under the most probable hypothesis of no appendage that infers it.
+    """
+
+    naive_mean: float
+    naive_sd: float
+
+
 def averaged_parameters(
     posteriors: Sequence[Posterior], comparison: Comparison
 ) -> tuple[AveragedParameter, ...]:

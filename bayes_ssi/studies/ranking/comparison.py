@@ -30,26 +30,21 @@ class RankingSettings:
     """When model classes, and rankings under other settings, count as different.
 
     Attributes:
-        standard_errors: a class is distinguishable from the best one if their difference exceeds
-            this multiple of its standard error: about 95 % of a normal distribution lie within two.
+        standard_errors: of a difference from the best class beyond which it is distinguishable:
+            about 95 % of a normal distribution lie within two.
         probable: a class less probable than this is not flagged for lying at the edge of its
             priors: having to do so is what makes it improbable.
-        negligible: less probable classes, the least probability that is shown, are taken as
-            unchanged by any setting.
+        negligible: the least probability that is shown; less changes by no setting.
         most_diagnosed: classes whose misfit is diagnosed, the most probable first.
-        varied_by: a prior, and the probabilities of missed and spurious modes, may be wrong by this
-            factor in their widths and sizes.
-        band_moved: nobody knows the end of a band to a few per cent: filters roll off and
-            identification gets worse over about this much of it.
+        varied_by: factor by which widths of priors, and probabilities of missed and spurious modes,
+            may be wrong.
+        band_moved: filters roll off and identification gets worse over about this much of a band.
         probability_moved: a setting that moves a class's probability by more fails a check.
         parameter_moved: so does one that moves a parameter of the structure by more of its standard
             deviations, which is the error it is quoted with.
-        untailed_weight: where no weight of a draw is larger than this multiple of the mean, there
-            is no tail to judge.
-        share_at_bound: draws stop at the bounds of the prior that they were sampled with. Beyond a
-            bound, a posterior that falls off by its standard deviation has about half of what it
-            has within one standard deviation of it: with this share there, one hundredth of the
-            evidence, or 0.01 nats, is not seen.
+        untailed_weight: weights of no more than this multiple of the mean have no tail to judge.
+        share_at_bound: of a posterior within its standard deviation of a bound, where it has half
+            as much beyond: one hundredth of the evidence, or 0.01 nats, is not seen.
     """
 
     standard_errors: float = 2.0

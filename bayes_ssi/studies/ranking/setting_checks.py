@@ -72,7 +72,6 @@ def _is_probable(row: RankedClass) -> bool:
 
 
 def _with_edges_checked(row: RankedClass, study: _MovableStudy) -> RankedClass:
-    """A class whose edges fail a check where the setting changes the answer."""
     row = replace(row, checks=tuple(check for check in row.checks if check.kind != "edge"))
     if _is_probable(row):
         for edge in study.sampled.posteriors[row.name].edges:

@@ -59,7 +59,6 @@ def load_study(path: str | Path) -> Study:
 
 
 def _run(spec: ModuleSpec) -> Mapping[str, Any]:
-    """The names that a study's file defines."""
     module = importlib.util.module_from_spec(spec)
     # Dataclasses and pickles defined in a study look their module up by name.
     sys.modules[spec.name] = module

@@ -142,7 +142,6 @@ class Varied:
 
     @cached_property
     def parameters(self) -> tuple[ParameterSpread, ...]:
-        """The parameters under the varied class."""
         return _spreads(self.posterior, self.values, self.weights)
 
 

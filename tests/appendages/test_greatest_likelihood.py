@@ -1,5 +1,6 @@
 """A first look at many hypotheses on a finite-element model, against screening each of them."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -7,14 +8,16 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages import screening_in_steps
-from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
-from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, compact
-from bayes_ssi.studies.appendages.first_look import first_looks
-from bayes_ssi.studies.appendages.screening import Screened, ToScreen
-from bayes_ssi.studies.appendages.screening_in_steps import LEFT_OUT, screen_best
+from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
+from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.family import compact
+from bayes_ssi.studies.search.family_search import screened_hypotheses
+from bayes_ssi.studies.search.greatest_likelihood import looks_at
+from bayes_ssi.studies.search.ladder import screen_best
 
 N, PLACES = 40, range(6, 40, 6)
+TWO_IN_FULL = replace(EFFORTS, most_full=2)
 
 
 class Chain(NamedTuple):
@@ -58,9 +61,9 @@ def chain():
     error = bs.ErrorModel(frequency_cov=0.003, shape_sd=0.02)
     baseline = bs.ModelClass("chain", model.reduced(), data, error, pairing="any")
     candidates = [bs.Candidate(str(i), str(i)) for i in PLACES]
-    chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates)
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
-    without, *ones = screened_hypotheses(chosen, settings, 0, bs.Run())[0].values()
+    chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates, options=settings)
+    without, *ones = screened_hypotheses(chosen, 0, bs.Run())[0].values()
     wanted = [ToScreen(each.model_class, without.screened) for each in ones]
     return Chain(chosen, wanted, [each.screened for each in ones])
 
@@ -68,7 +71,7 @@ def chain():
 def test_the_greatest_likelihood_is_that_of_full_screening(chain):
     """Within a few nats, at the true place within a hundredth; evidences are well below it."""
     _, hypotheses, screened = chain
-    looks = first_looks(hypotheses, 0, bs.Run())
+    looks = looks_at(hypotheses, 0, bs.Run())
     names = [each.model_class.name for each in hypotheses]
     for i, (hypothesis, full) in enumerate(zip(hypotheses, screened, strict=True)):
         of_class = hypothesis.model_class.log_likelihood_at
@@ -81,28 +84,27 @@ def test_the_greatest_likelihood_is_that_of_full_screening(chain):
 
 def test_looking_together_changes_nothing(chain, two_workers):
     hypotheses = chain.hypotheses
-    alone = [first_looks([each], 0, bs.Run())[0] for each in hypotheses]
+    alone = [looks_at([each], 0, bs.Run())[0] for each in hypotheses]
     for together in (
-        first_looks(hypotheses, 0, bs.Run()),
-        first_looks(hypotheses, 0, bs.Run(two_workers)),
+        looks_at(hypotheses, 0, bs.Run()),
+        looks_at(hypotheses, 0, bs.Run(two_workers)),
     ):
         for i, look in enumerate(alone):
             assert np.array_equal(look.z, together[i].z)
             assert np.array_equal(look.log_likelihoods, together[i].log_likelihoods)
 
 
-def test_what_a_first_look_leaves_out_does_not_matter(chain, monkeypatch):
+def test_what_a_first_look_leaves_out_does_not_matter(chain):
     """Of more hypotheses than are screened in full, only those within reach go on."""
     _, hypotheses, full = chain
-    monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
-    steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run())
+    steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run(), efforts=TWO_IN_FULL)
     left_out = [i for i, each in enumerate(steps) if np.isnan(each.laplace)]
     assert len(left_out) == len(hypotheses) - 2
     true = [each.model_class.name for each in hypotheses].index("pendulum 30")
     assert steps[true].log_evidence == full[true].log_evidence
     total = logsumexp([each.log_evidence for each in full])
     bounds = {i: steps[i].log_evidence + 3.0 * steps[i].error for i in left_out}
-    assert logsumexp(list(bounds.values())) < total + np.log(LEFT_OUT)
+    assert logsumexp(list(bounds.values())) < total + np.log(EFFORTS.share_left_out)
     for i, bound in bounds.items():
         assert full[i].log_evidence < bound
         # As far below its greatest likelihood as the others, which may be higher than was seen.
@@ -122,12 +124,11 @@ def test_several_appendages_are_screened_in_full_only_where_they_matter(chain):
     assert quick.n_evaluations < 0.2 * in_full.n_evaluations
 
 
-def test_hypotheses_that_explain_nothing_are_all_screened(chain, monkeypatch):
+def test_hypotheses_that_explain_nothing_are_all_screened(chain):
     """Where evidences are alike, none is out of reach of the others."""
     hypotheses = chain.hypotheses
-    monkeypatch.setattr(screening_in_steps, "MOST_IN_FULL", 2)
     some = [each for each in hypotheses if each.model_class.name != "pendulum 30"]
-    steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run())
+    steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run(), efforts=TWO_IN_FULL)
     assert not np.isnan([each.laplace for each in steps]).any()
 
 

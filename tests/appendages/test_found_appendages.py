@@ -1,22 +1,24 @@
 """What the data determine of an appendage, whatever the prior of its mass."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.results.search_answer import search_sentences
-from bayes_ssi.studies.appendages.appendage_search import screened_hypotheses
+from bayes_ssi.studies.appendages.appendage_search import hypothesis_records
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.findings import _hypothesis_records, appendage_draws
-from bayes_ssi.studies.appendages.hypotheses import SearchSettings
-from bayes_ssi.studies.appendages.matched_appendages import (
+from bayes_ssi.studies.appendages.found_appendages import (
     AppendageDraws,
-    _by_frequency,
-    _matched,
+    appendage_draws,
+    matched,
     matched_appendages,
+    ranked_draws,
 )
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 FLOORS, MASS, FLOOR = 5, 0.01, 4
 SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
@@ -53,33 +55,29 @@ def baseline(main_structure):
     return bs.ModelClass("frame", frame(factor), data, error, pairing="any")
 
 
-def matched(baseline, **settings):
+def found(baseline, **settings):
     options = SearchSettings(number_weights=(1.0, 1.0), **settings)
-    baselines = choose_baselines(bs.Study("frame", [baseline]))
-    pendulums = tuple(p for p in baselines.places["frame"] if p.word == "pendulum")
-    baselines.places["frame"] = pendulums
-    tried, _ = screened_hypotheses(baselines, options, 0, bs.Run())
+    baselines = choose_baselines(bs.Study("frame", [baseline]), options=options)
+    pendulums = tuple(p for p in baselines.features["frame"] if p.word == "pendulum")
+    baselines.features["frame"] = pendulums
+    tried = tuple(screened_hypotheses(baselines, 0, bs.Run())[0].values())
     scale = baselines.scales["frame"].mass
-    draws = {
-        each.model_class.name: {
-            place: appendage_draws(each, None, place, scale) for place in each.key.places
-        }
-        for each in tried.values()
-    }
-    rows = _hypothesis_records(list(tried.values()), {}, draws)
-    (found,) = matched_appendages(draws, rows, baselines, list(tried.values()), options)
-    return found
+    draws = {each.model_class.name: appendage_draws(each, None, scale) for each in tried}
+    nothing_sampled = SimpleNamespace(posteriors=())
+    rows = hypothesis_records(FamilySearch(nothing_sampled, tried, ()), draws)
+    (one,) = matched_appendages(draws, rows, baselines, tried)
+    return one
 
 
 @pytest.fixture(scope="module")
 def uniform(baseline):
-    return matched(baseline)
+    return found(baseline)
 
 
 @pytest.fixture(scope="module")
 def of_heavy_ones(baseline):
     """With a prior under which a pendulum of a hundredth of a floor is far too light."""
-    return matched(baseline, mass_ratio=bs.LogNormal(0.05, 0.7))
+    return found(baseline, mass_ratio=bs.LogNormal(0.05, 0.7))
 
 
 def test_the_effective_mass_is_that_of_the_motion_of_its_place(uniform, main_structure):
@@ -124,9 +122,10 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
 
     of_first = draws(np.where(swapped, high, low), np.where(swapped, 0.2, 0.1))
     of_second = draws(np.where(swapped, low, high), np.where(swapped, 0.1, 0.2))
-    row = type("Row", (), {"baseline": "b"})()
-    split = _by_frequency(row, {first: of_first, second: of_second}, 1.0, bs.LogUniform(0.01, 1.0))
-    lower, upper = (_matched([each], {"b": None}) for each in split)
+    places = (first, second)
+    both = dict(zip(places, (of_first, of_second), strict=True))
+    by_rank = ranked_draws([both], [1.0], [bs.LogUniform(0.01, 1.0)], places)
+    lower, upper = (matched(each, places, [None]) for each in by_rank)
     assert lower.frequency_hz == (1.0, 1.1, 1.3)
     assert upper.frequency_hz == (4.0, 4.1, 4.3)
     for each in (lower, upper):
@@ -140,20 +139,24 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
 def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
     """Places whose appendage explains one mode are not averaged with those that explain another."""
     first, second = (place.place for place in of_heavy_ones.places[:2])
-    row = type("Row", (), {"baseline": "b"})()
 
-    def split(place, hz, share):
-        draws = AppendageDraws(np.full(3, 0.1), np.full(3, 1.0), np.array(hz), np.full(3, 1.0 / 3))
-        return _by_frequency(row, {place: draws}, share, bs.LogUniform(0.01, 1.0))[0]
+    def of_two(share_of_first):
+        third, tenth = np.full(3, 1.0 / 3.0), np.full(3, 0.1)
+        low, high = (
+            AppendageDraws(tenth, np.ones(3), np.array(hz), third)
+            for hz in ((3.7, 3.8, 3.9), (17.0, 17.5, 18.0))
+        )
+        shares = [share_of_first, 1.0 - share_of_first]
+        priors = [bs.LogUniform(0.01, 1.0)] * 2
+        (only,) = ranked_draws([{first: low}, {second: high}], shares, priors, (first, second))
+        return matched(only, (first, second), [None, None])
 
-    parts = [split(first, (3.7, 3.8, 3.9), 0.4), split(second, (17.0, 17.5, 18.0), 0.6)]
-    found = _matched(parts, {"b": None})
-    assert (found.frequency_hz, found.probability) == ((17.0, 17.5, 18.0), pytest.approx(0.6))
-    ((share, frequency),) = found.other_frequencies_hz
+    answer = of_two(0.4)
+    assert (answer.frequency_hz, answer.probability) == ((17.0, 17.5, 18.0), pytest.approx(0.6))
+    ((share, frequency),) = answer.other_frequencies_hz
     assert (frequency, share) == ((3.7, 3.8, 3.9), pytest.approx(0.4))
-    assert {each.place: each.probability for each in found.places} == {second: pytest.approx(1.0)}
-    rare = [split(first, (3.7, 3.8, 3.9), 0.02), split(second, (17.0, 17.5, 18.0), 0.98)]
-    assert _matched(rare, {"b": None}).other_frequencies_hz == ()
+    assert {each.place: each.probability for each in answer.places} == {second: pytest.approx(1.0)}
+    assert of_two(0.02).other_frequencies_hz == ()
 
 
 def test_a_heaviest_mass_is_in_the_unit_of_the_structure():

@@ -1,13 +1,10 @@
 """Approximate evidences of hypotheses: which of them matter, and which need no sampling?
 
 The maxima of a hypothesis follow from ascents from draws of its prior, from least squares in the
-residuals of plausible pairings, and from draws of a hypothesis with one appendage less, next to
-which the new appendage's mass and frequency scan their priors evenly. Laplace's approximation at
-the maxima, corrected by some hundred importance draws, gives the evidence to a few tenths of a nat,
-in a tenth of the evaluations of sampling.
-
-Of hundreds of hypotheses, most are so improbable that less will do: one search without descents in
-residuals, and one batch of draws, in a hundredth of the evaluations of sampling.
+residuals of plausible pairings, and from draws of a hypothesis with one feature less, next to which
+the new feature's parameters, such as an appendage's mass and frequency, scan their priors evenly.
+Laplace's approximation at the maxima, corrected by some hundred importance draws, gives the
+evidence.
 """
 
 from __future__ import annotations
@@ -16,7 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.special import ndtri
@@ -24,9 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.to_posterior import class_target, seed_of
-from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
@@ -37,37 +32,10 @@ from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import evaluate
-from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.search.efforts import EFFORTS, Effort
 
-
-class Effort(NamedTuple):
-    """What screening one hypothesis may cost.
-
-    Attributes:
-        n_ascents: ascents from each of these; if zero, importance draws are of the simpler
-            hypothesis alone.
-        is_full: whether searches are repeated until they agree, with descents in residuals, and
-            draws are added until the error is ``WANTED_ERROR``.
-    """
-
-    n_draws: int
-    n_ascents: int
-    batch: int
-    is_full: bool
-
-
-# A region with half a hundredth of the prior of mass and frequency is hit by five of 500 draws.
-FULL = Effort(500, 4, 600, is_full=True)
-# And by two or three of the scan here; half of the draws are the scan's.
-QUICK = Effort(250, 3, 300, is_full=False)
-# Draws alone, of the simpler hypothesis with the new appendage all over its prior.
-SCAN = Effort(250, 0, 250, is_full=False)
-# The wanted error of the log evidence: below that, what decides is whether a hypothesis has a
-# hundredth or a thousandth of the probability.
-WANTED_ERROR = 0.1
-# Half of the importance draws keep to the hypothesis with one appendage less: where the new one
-# explains nothing, the posterior is that one's times the prior of mass and frequency.
-SHARE_OF_SIMPLER = 0.5
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +67,17 @@ class Screened:
         """Draws (n, d) of some parameters, half from the posterior and half from the proposal."""
         rng = np.random.default_rng(0)
         of_posterior = self.z[systematic_indices(self.weights, n // 2, rng)]
-        return self._columns(
-            np.concatenate([of_posterior, _drawn(self.mixture, n - n // 2, rng)]), names
-        )
+        proposed = _drawn(self.mixture, n - n // 2, rng)
+        return self._columns(np.concatenate([of_posterior, proposed]), names)
 
     def posterior_draws(self, names: Sequence[str], n: int) -> FloatArray:
-        """Draws (n, d) of some parameters from the posterior."""
         rng = np.random.default_rng(0)
         return self._columns(self.z[systematic_indices(self.weights, n, rng)], names)
 
     def wide_draws(self, names: Sequence[str], n: int) -> FloatArray:
         """Draws (n, d) of some parameters from a region twice as wide as the posterior.
 
-        Where an appendage explains what the structure's parameters had to, these lie next to the
+        Where a feature explains what the structure's parameters had to, these lie next to the
         posterior without it; a tenth of the draws is from the prior.
         """
         rng = np.random.default_rng(0)
@@ -124,17 +90,16 @@ class Screened:
 
 
 class ToScreen(NamedTuple):
-    """A hypothesis, and a screened one of the same structure with one appendage less, if any."""
+    """A hypothesis, and a screened one of the same baseline with one feature less, if any."""
 
     model_class: ModelClass
     simpler: Screened | None
 
 
 def screen_all(
-    hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
+    hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = EFFORTS.full
 ) -> list[Screened]:
     """Screen hypotheses, side by side in the workers of ``run``."""
-    one = partial(screen, seed=seed, effort=effort)
     n_done = 0
 
     def done(_: int) -> None:
@@ -142,18 +107,36 @@ def screen_all(
         n_done += 1
         run.report("all hypotheses", "screening", n_done / len(hypotheses))
 
-    screened: dict[int, Screened] = {}
+    return each_in_workers(partial(screen, seed=seed, effort=effort), hypotheses, run, done)
+
+
+def each_in_workers(
+    function: Callable[[T], R],
+    items: Sequence[T],
+    run: Run,
+    done: Callable[[int], None] = lambda _: None,
+) -> list[R]:
+    """A quick function of each item, side by side in workers; here where there are none, or died.
+
+    Args:
+        done: called with the number of each item that is done.
+    """
+    results: dict[int, R] = {}
     if run.workers is not None:
-        screened = run.workers.try_each(one, hypotheses, done, are_brief=True)
-    for i, each in enumerate(hypotheses):
-        if i not in screened:
-            screened[i] = one(each)
+        results = run.workers.try_each(function, items, done, are_brief=True)
+    for i, item in enumerate(items):
+        if i not in results:
+            results[i] = function(item)
             done(i)
-    return [screened[i] for i in range(len(hypotheses))]
+    return [results[i] for i in range(len(items))]
 
 
-def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
-    """The approximate evidence of one hypothesis; arguments and errors as in :func:`screen_all`."""
+def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Screened:
+    """The approximate evidence of one hypothesis.
+
+    Raises:
+        ValueError: no maximum was found; the message names the class.
+    """
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
     own_seed = seed_of(f"screening of {model_class.name}", seed)
@@ -171,7 +154,11 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
                 raise type(error)(f"model class {model_class.name!r}: {error}") from error
             parts.append(maxima.as_mixture().widened())
             laplace, positions = maxima.laplace_estimate.log_evidence, maxima.z
-        mixture = parts[-1] if len(parts) == 1 else parts[1].mixed_with(parts[0], SHARE_OF_SIMPLER)
+        mixture = (
+            parts[-1]
+            if len(parts) == 1
+            else parts[1].mixed_with(parts[0], EFFORTS.share_of_simpler)
+        )
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate
@@ -223,8 +210,8 @@ def _importance_sample(
     trial = sampler.refined(trial, math.inf)
     # Components were added at the heaviest draws, which now weigh too little: new draws only.
     sample = sampler.sample(trial.mixture.reweighted(trial.z, trial.weights))
-    while sample.estimate.error > WANTED_ERROR and len(sample.z) < sampler.max_draws:
-        sample = sampler.extended(sample, (sample.estimate.error / WANTED_ERROR) ** 2)
+    while sample.estimate.error > EFFORTS.wanted_error and len(sample.z) < sampler.max_draws:
+        sample = sampler.extended(sample, (sample.estimate.error / EFFORTS.wanted_error) ** 2)
     return sample
 
 
@@ -288,29 +275,3 @@ def _latin_hypercube(n: int, d: int, rng: np.random.Generator) -> FloatArray:
     strata = rng.permuted(np.tile(np.arange(n)[:, None], (1, d)), axis=0)
     normal: FloatArray = ndtri((strata + rng.random((n, d))) / n)
     return normal
-
-
-class Key(NamedTuple):
-    """What a hypothesis claims: the name of its baseline, and the places of its appendages."""
-
-    baseline: str
-    places: tuple[AppendagePlace, ...]
-
-
-class ScreenedHypothesis(NamedTuple):
-    """A hypothesis: its claim, its model class, its prior weight, and its approximate evidence."""
-
-    key: Key
-    model_class: ModelClass
-    prior_weight: float
-    screened: Screened
-
-    @property
-    def approximate_log_mass(self) -> Estimate:
-        """Log of prior weight times approximate evidence."""
-        weight = math.log(self.prior_weight)
-        return Estimate(weight + self.screened.log_evidence, self.screened.error)
-
-    def log_mass(self, posterior: Posterior) -> float:
-        """Log of prior weight times the evidence that sampling gave."""
-        return math.log(self.prior_weight) + posterior.evidence.log_evidence

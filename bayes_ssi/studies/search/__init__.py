@@ -1,0 +1,1 @@
+"""The search through a family of hypotheses: with how much effort, in which order, how far."""

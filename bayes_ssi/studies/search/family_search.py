@@ -1,0 +1,291 @@
+"""The search through a family of hypotheses: screened, extended by one more feature, sampled.
+
+One feature is tried everywhere. More are tried as long as the evidence grows: on the best
+hypotheses, everywhere; and wherever the evidence that is to be expected gives the hypothesis a
+noticeable probability. A feature is expected to add what it adds alone, as it does where two act on
+different modes. Where both explain the same modes this is too much, which costs work alone; a
+feature that shows only next to another one is tried with the best, not with all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, NamedTuple
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.ranking.averages import AveragedAndNaive, averaged_parameter
+from bayes_ssi.studies.ranking.class_sampling import sample_all
+from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
+from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, compact, prior_draws
+from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
+
+
+class Level(NamedTuple, Generic[Feature]):
+    """Hypotheses with one number of features to try, and those with as many that are not.
+
+    Attributes:
+        log_mass_not_tried: log of their expected evidences times prior weights, summed.
+    """
+
+    keys: list[Key[Feature]]
+    n_not_tried: int = 0
+    log_mass_not_tried: float = -math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class FamilySearch(Generic[Feature]):
+    """What a search found: the ranking of what was sampled, and all hypotheses."""
+
+    ranking: Ranking
+    hypotheses: tuple[Hypothesis[Feature], ...]
+    levels: tuple[Level[Feature], ...]
+
+    @cached_property
+    def posteriors(self) -> dict[str, Posterior]:
+        """Name of a hypothesis that was sampled → its posterior."""
+        return {posterior.name: posterior for posterior in self.ranking.posteriors}
+
+    @cached_property
+    def log_masses(self) -> dict[str, float]:
+        """Name of a hypothesis → log of prior weight times evidence."""
+        names = [each.model_class.name for each in self.hypotheses]
+        return {
+            name: each.log_mass(self.posteriors.get(name))
+            for name, each in zip(names, self.hypotheses, strict=True)
+        }
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Name of a hypothesis → its probability among all."""
+        log_total = float(logsumexp(list(self.log_masses.values())))
+        return {name: math.exp(mass - log_total) for name, mass in self.log_masses.items()}
+
+    @property
+    def most_probability_unsampled(self) -> float:
+        """An upper bound on the probability of the hypotheses that were not sampled."""
+        approximate = {each.model_class.name: each.approximate_log_mass for each in self.hypotheses}
+        sampled = {name: self.log_masses[name] for name in approximate if name in self.posteriors}
+        return most_probability_unsampled(approximate, sampled)
+
+    @property
+    def n_not_tried(self) -> int:
+        """The number of hypotheses that were not tried though others with as many features were."""
+        return sum(level.n_not_tried for level in self.levels)
+
+    @property
+    def expected_not_tried(self) -> float:
+        """The probability that these would have, if every feature added what it adds alone."""
+        not_tried = float(logsumexp([level.log_mass_not_tried for level in self.levels]))
+        return float(expit(not_tried - float(logsumexp(list(self.log_masses.values())))))
+
+    def averaged_parameters(self) -> Iterator[AveragedAndNaive]:
+        """The baselines' parameters averaged over hypotheses that were sampled."""
+        without = {each.model_class.name for each in self.hypotheses if not each.key.features}
+        ranked = [(self.posteriors[row.name], row.probability)
+                  for row in self.ranking.comparison.classes]  # fmt: skip
+        naive = [posterior for posterior, _ in ranked if posterior.name in without]
+        for name in dict.fromkeys(name for each in naive for name in each.parameter_names):
+            inferring = [each for each in ranked if name in each[0].parameter_names]
+            if not any(probability > 0.0 for _, probability in inferring):
+                continue
+            averaged = averaged_parameter(name, *map(list, zip(*inferring, strict=True)))
+            first = next(each for each in naive if name in each.parameter_names)
+            values = first.values[:, first.parameter_names.index(name)]
+            yield AveragedAndNaive(
+                **vars(averaged), naive_mean=float(values.mean()), naive_sd=float(values.std())
+            )
+
+
+def search_family(
+    family: Family[Feature], title: str, seed: int, settings: SamplingSettings, run: Run
+) -> FamilySearch[Feature]:
+    """Screen the hypotheses of a family, sample those on which the answer rests, and rank them."""
+    hypotheses, levels = screened_hypotheses(family, seed, run)
+    sampled = _sampled(family, hypotheses, seed, settings, run)
+    classes, posteriors = zip(*sampled.values(), strict=True)
+    weights = {made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()}
+    study = Study(title, classes, prior_weights=weights)
+    ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
+    return FamilySearch(ranking, tuple(hypotheses.values()), tuple(levels))
+
+
+def screened_hypotheses(
+    family: Family[Feature], seed: int, run: Run
+) -> tuple[dict[Key[Feature], Hypothesis[Feature]], list[Level[Feature]]]:
+    """All hypotheses with their approximate evidences, and the levels in which they were tried."""
+    names = family.study.names
+    carriers = {name: family.projected(name, prior_draws) for name in names}
+    hypotheses: dict[Key[Feature], Hypothesis[Feature]] = {}
+    levels: list[Level[Feature]] = [Level([Key(name, ()) for name in names])]
+    while keys := levels[-1].keys:
+        classes = [
+            family.hypothesis(carriers[key.baseline], key.features, family.full_name(key))
+            for key in keys
+        ]
+        wanted = [
+            ToScreen(made, _simpler(key, hypotheses))
+            for key, made in zip(keys, classes, strict=True)
+        ]
+        weights = [family.prior_weight(key.baseline, len(key.features)) for key in keys]
+        masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
+        fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
+        results = screen_best(wanted, weights, len(keys[0].features), seed, run, fewer)
+        rows = zip(keys, classes, weights, results, strict=True)
+        hypotheses.update((row[0], Hypothesis(*row)) for row in rows)
+        if len(levels) == 1:
+            # Where the posterior is, a smaller basis is more accurate.
+            for key in keys:
+                draws = hypotheses[key].screened.wide_draws
+                carriers[key.baseline] = family.projected(key.baseline, draws)
+        levels.append(_next_level(family, hypotheses, len(levels)))
+    return hypotheses, levels
+
+
+def _simpler(
+    key: Key[Feature], hypotheses: Mapping[Key[Feature], Hypothesis[Feature]]
+) -> Screened | None:
+    """The best hypothesis with one of these features less; None where there is none to leave."""
+    fewer = [
+        Key(key.baseline, tuple(other for other in key.features if other != feature))
+        for feature in key.features
+    ]
+    known = [hypotheses[each].screened for each in fewer if each in hypotheses]
+    return max(known, key=lambda each: each.log_evidence) if known else None
+
+
+def _next_level(
+    family: Family[Feature], hypotheses: Mapping[Key[Feature], Hypothesis[Feature]], n: int
+) -> Level[Feature]:
+    """Hypotheses with ``n`` features; none where so many are not considered, or do not help."""
+    if n == len(family.limits.number_weights):
+        return Level([])
+    if n == 1:
+        return Level(
+            [Key(name, (one,)) for name, all_of in family.features.items() for one in all_of]
+        )
+    heights = {key: each.screened.log_evidence for key, each in hypotheses.items()}
+    ranked = sorted(hypotheses, key=lambda key: -heights[key])
+    best, before = ([key for key in ranked if len(key.features) == k] for k in (n - 1, n - 2))
+    if heights[best[0]] <= heights[before[0]]:
+        return Level([])
+    masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
+    known = float(logsumexp(masses))
+    extensions = [
+        _Extensions(heights, name, features, n, math.log(family.prior_weight(name, n)) - known)
+        for name, features in family.features.items()
+        if len(features) >= n
+    ]
+    chosen: dict[Key[Feature], float] = {}
+    for of_baseline in extensions:
+        for parent in best[: family.limits.branches]:
+            if parent in of_baseline.parents:
+                chosen.update(of_baseline.above(-math.inf, of_baseline.parents.index(parent)))
+    likely: dict[Key[Feature], float] = {}
+    for of_baseline in extensions:
+        for row in range(len(of_baseline.parents)):
+            likely.update(of_baseline.above(math.log(EFFORTS.least_expected), row))
+    for key in sorted(likely, key=lambda key: -likely[key])[: EFFORTS.most_expected]:
+        chosen[key] = likely[key]
+    n_all = sum(math.comb(len(of_baseline.features), n) for of_baseline in extensions)
+    if n_all == len(chosen):
+        return Level(list(chosen))
+    # Each hypothesis extends as many as it has features.
+    total = sum(float(np.exp(each.log_masses).sum()) / n for each in extensions)
+    left = total - sum(map(math.exp, chosen.values()))
+    log_left = known + math.log(left) if left > 0.0 else -math.inf
+    return Level(list(chosen), n_all - len(chosen), log_left)
+
+
+class _Extensions(Generic[Feature]):
+    """Hypotheses with ``n`` features that extend known ones on a baseline, the parents.
+
+    Attributes:
+        log_masses: (n_parents, n_features), as expected; minus infinity where a parent has the
+            feature.
+    """
+
+    def __init__(
+        self,
+        heights: Mapping[Key[Feature], float],
+        name: str,
+        features: Sequence[Feature],
+        n: int,
+        log_weight: float,
+    ) -> None:
+        self.name, self.features = name, features
+        self.parents = [
+            key for key in heights if key.baseline == name and len(key.features) == n - 1
+        ]
+        index = {feature: i for i, feature in enumerate(features)}
+        self.taken = [[index[feature] for feature in key.features] for key in self.parents]
+        alone = np.array([heights[Key(name, (feature,))] for feature in features])
+        so_far = np.array([heights[parent] for parent in self.parents])
+        gains = alone - heights[Key(name, ())]
+        self.log_masses: FloatArray = so_far[:, None] + gains + log_weight
+        for row, taken in enumerate(self.taken):
+            self.log_masses[row, taken] = -math.inf
+
+    def above(self, least: float, row: int) -> Iterator[tuple[Key[Feature], float]]:
+        """Those that extend one parent and whose expected log masses are above a bound."""
+        for column in np.flatnonzero(self.log_masses[row] > least).tolist():
+            numbers = sorted((*self.taken[row], column))
+            key = Key(self.name, tuple(self.features[i] for i in numbers))
+            yield key, float(self.log_masses[row, column])
+
+
+def _sampled(
+    family: Family[Feature],
+    hypotheses: Mapping[Key[Feature], Hypothesis[Feature]],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+) -> dict[Key[Feature], tuple[ModelClass, Posterior]]:
+    """Classes and posteriors of the hypotheses on which the answer rests, and their baselines."""
+    # Screening has searched, too, and has found where posteriors lie.
+    settings = replace(settings, searches=math.ceil(settings.searches / 2))
+    known_regions = RefinementSettings(
+        error_share=EFFORTS.error_share, most_searches=0, most_rounds=2
+    )
+    approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
+    sampled: dict[Key[Feature], tuple[ModelClass, Posterior]] = {}
+    log_masses: dict[Key[Feature], float] = {}
+    accurate: dict[str, ModelClass] = {}
+    limits = family.limits
+    while chosen := set(
+        to_sample(approximate, log_masses, limits.most_unsampled, limits.most_sampled)
+    ):
+        # Parameters without any feature are part of the answer.
+        chosen |= {Key(key.baseline, ()) for key in chosen}
+        now = [key for key in hypotheses if key in chosen and key not in sampled]
+        for name in {key.baseline for key in now} - accurate.keys():
+            on_it = [each for key, each in hypotheses.items() if key.baseline == name]
+            best = max(on_it, key=lambda each: each.approximate_log_mass.log_evidence)
+            accurate[name] = family.accurate(name, best.screened.posterior_draws)
+        classes = [
+            family.hypothesis(
+                # Compact where its own posterior lies.
+                compact(accurate[key.baseline], hypotheses[key].screened.draws),
+                key.features,
+                hypotheses[key].model_class.name,
+            )
+            for key in now
+        ]
+        starts = [hypotheses[key].screened.maxima for key in now]
+        posteriors = sample_all(classes, seed, settings, run, known_regions, starts)
+        for key, made, posterior in zip(now, classes, posteriors, strict=True):
+            sampled[key] = made, posterior
+            log_masses[key] = hypotheses[key].log_mass(posterior)
+    return {key: sampled[key] for key in hypotheses if key in sampled}
