@@ -42,11 +42,15 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
     """
     from bayes_ssi.measurements.records.record_files import is_record, read_record
 
-    if data[0].suffix == ".py" or data[0].is_dir():
-        what, use = ("a directory", "report") if data[0].is_dir() else ("a study", "rank")
+    if data[0].suffix == ".py":
         raise ValueError(
-            f"{data[0]}: {what}; check reads files of modes or records. If it is "
-            f"{'a result' if use == 'report' else 'one'}, run: bayes-ssi {use} {data[0]}"
+            f"{data[0]}: a study; check reads files of modes or records. If it is one, run: "
+            f"bayes-ssi rank {data[0]}"
+        )
+    if data[0].is_dir():
+        raise ValueError(
+            f"{data[0]}: a directory; check reads files of modes or records. If it is a result, "
+            f"run: bayes-ssi report {data[0]}"
         )
     if len(data) > 1 or is_record(data[0]):
         _check_record(read_record(data, **stated))

@@ -101,7 +101,8 @@ class _Given:
 
 
 def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
-    from bayes_ssi.foundations.universal_files import is_universal_file
+    from bayes_ssi.foundations.text_files import first_bytes
+    from bayes_ssi.foundations.universal_files import begins_universal
     from bayes_ssi.structures.solver_files.sensor_points import (
         metres_of_universal_file,
         points_of_universal_file,
@@ -111,7 +112,7 @@ def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
 
     if path is None:
         return _Given()
-    if is_universal_file(path):
+    if begins_universal(first_bytes(path)):
         sensors = measured or _sensors_of_universal_file(path)
         return _Given(points_of_universal_file(path, sensors), metres_of_universal_file(path))
     nodes = read_node_table(path)

@@ -68,6 +68,13 @@ def damage_named(path: Path) -> Iterator[None]:
         ) from error
 
 
+def first_bytes(path: Path) -> bytes:
+    """The beginning of a file, by which formats are recognised."""
+    require_regular_file(path)
+    with path.open("rb") as file:
+        return file.read(8192)
+
+
 def read_columns(path: Path) -> tuple[str, str | None]:
     """The text of a file of columns, and the delimiter that it states.
 

@@ -36,8 +36,8 @@ from typing import TypeVar
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.text_files import read_columns
-from bayes_ssi.foundations.universal_files import is_universal_file
+from bayes_ssi.foundations.text_files import first_bytes, read_columns
+from bayes_ssi.foundations.universal_files import begins_universal
 from bayes_ssi.measurements.modes.companion_files import (
     covariance_path,
     identification_path,
@@ -111,7 +111,7 @@ def read_modal_data(
             a CSV file; the message names the file and, for CSV, the line and the column.
     """
     path = Path(path)
-    if is_universal_file(path):
+    if begins_universal(first_bytes(path)):
         if band_hz is None:
             raise ValueError(f"{path}: give band_hz; a universal file does not state the band")
         return read_modal_uff(path, band_hz=band_hz, sensors=sensors)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
-from bayes_ssi.foundations.text_files import require_regular_file
-from bayes_ssi.foundations.universal_files import is_universal_file, read_data_sets
+from bayes_ssi.foundations.text_files import first_bytes
+from bayes_ssi.foundations.universal_files import begins_universal, has_data_set
 from bayes_ssi.measurements.records.channels import Channels, read_channels
 from bayes_ssi.measurements.records.columns import read_columns_of_record
 from bayes_ssi.measurements.records.instrument_files import (
@@ -125,14 +125,12 @@ def is_record(path: Path) -> bool:
     any of its spellings.
     """
     suffix = path.suffix.lower()
-    require_regular_file(path)
+    head = first_bytes(path)
     if suffix in ARRAY_FILES or suffix in (".tdms", *STRONG_MOTION):
         return True
-    if is_universal_file(path):
-        return bool(read_data_sets(path, 58))
-    with path.open("rb") as file:
-        head = file.read(4096)  # where its rows of names are
-    return bool(head.strip()) and OF_MODES.search(head) is None
+    if begins_universal(head):
+        return has_data_set(path, 58)
+    return bool(head.strip()) and OF_MODES.search(head[:4096]) is None
 
 
 def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
@@ -145,7 +143,8 @@ def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
     if suffix in STRONG_MOTION:
         return read_strong_motion(path, quantity or "acceleration")
-    return read_universal(path) if is_universal_file(path) else read_columns_of_record(path)
+    universal = begins_universal(first_bytes(path))
+    return read_universal(path) if universal else read_columns_of_record(path)
 
 
 def _one_rate(rates: Sequence[float]) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.foundations.text_files import first_bytes
 from bayes_ssi.structures.solver_files.abaqus_matrices import read_abaqus, recognises_abaqus
 from bayes_ssi.structures.solver_files.ansys_full import read_ansys
 from bayes_ssi.structures.solver_files.calculix_storage import read_calculix
@@ -127,10 +127,3 @@ def read_model(
         model = in_si(model, units)
     note = mass_note(model)
     return model if note is None else replace(model, notes=(*model.notes, note))
-
-
-def first_bytes(path: Path) -> bytes:
-    """The beginning of a file, in which formats are recognised."""
-    require_regular_file(path)
-    with path.open("rb") as file:
-        return file.read(8192)
