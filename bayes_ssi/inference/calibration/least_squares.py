@@ -21,30 +21,15 @@ from bayes_ssi.structures.modal import Modes
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What counts as a minimum, and as determined.
+    """What counts as a minimum, and as determined; distances are in prior standard deviations."""
 
-    Attributes:
-        most_starts: so many miss a minimum to which a thousandth of them lead with probability
-            e^-10.
-        farthest: that a search goes out in standard-normal coordinates, in prior standard
-            deviations.
-        same_minimum: largest difference between ends of searches at one minimum, likewise.
-        equally_good: misfits are computed to about this: exact fits differ by less.
-        most_rounds: towards the nearest fit, which is reached in two or three where the fit is
-            smooth at all.
-        zero_sensitivity: share of the largest one that counts as zero: far below any real one and
-            far above rounding.
-        mixed: parameters that share less than this of what is determined have no combination in
-            common: it would not be seen in three digits.
-    """
-
-    most_starts: int = 10_000
-    farthest: float = 8.0
-    same_minimum: float = 1e-2
-    equally_good: float = 1e-7
-    most_rounds: int = 20
-    zero_sensitivity: float = 1e-6
-    mixed: float = 1e-3
+    most_starts: int = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
+    farthest: float = 8.0  # that a search goes out
+    same_minimum: float = 1e-2  # largest distance between the ends of searches at one minimum
+    equally_good: float = 1e-7  # to about this misfits are computed: exact fits differ by less
+    most_rounds: int = 20  # to the nearest fit: two or three where the fit is smooth at all
+    zero_sensitivity: float = 1e-6  # over the largest: far below real ones, far above rounding
+    mixed: float = 1e-3  # share of what is determined that would not be seen in three digits
 
 
 CALIBRATION = CalibrationSettings()

@@ -21,26 +21,15 @@ Residuals = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 @dataclass(frozen=True)
 class DescentSettings:
-    """How descents go on.
+    """How descents go on; lengths are in prior standard deviations."""
 
-    Attributes:
-        tolerance: fall of half the sum of squares that is not worth a step, in nats.
-        difference_step: of forward differences. Rounding of residuals, which are differences of
-            numbers near one divided by errors, and truncation balance.
-        first_damping: as a share of the squares' curvature (Marquardt 1963).
-        damping_factor: by which damping changes after every step.
-        most_damping: with which a step is too short to go on.
-        longest_step: in prior standard deviations.
-        farthest: that a search goes out, in prior standard deviations.
-    """
-
-    tolerance: float = 1e-3
-    difference_step: float = 1e-7
-    first_damping: float = 1e-3
-    damping_factor: float = 10.0
-    most_damping: float = 1e8
+    tolerance: float = 1e-3  # fall of half the sum of squares that is worth no step, in nats
+    difference_step: float = 1e-7  # where rounding of residuals and truncation balance
+    first_damping: float = 1e-3  # as a share of the squares' curvature (Marquardt 1963)
+    damping_factor: float = 10.0  # by which every step changes it
+    most_damping: float = 1e8  # with which steps are too short to go on
     longest_step: float = 2.0
-    farthest: float = 8.0
+    farthest: float = 8.0  # that a search goes out
 
 
 DEFAULT = DescentSettings()

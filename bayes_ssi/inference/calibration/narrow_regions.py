@@ -39,38 +39,24 @@ from bayes_ssi.structures.modal import Modes
 
 @dataclass(frozen=True)
 class NarrowRegionSettings:
-    """How narrow regions are sought.
+    """How narrow regions are sought."""
 
-    Attributes:
-        descents: of one search. Where a wrong model fits some of the modes only, in one of many
-            ways, each of its regions is reached by two in three searches of 16 descents, and by
-            nearly all of 32.
-        widest: first size of errors: the spread of frequencies under a prior whose stiffness may
-            be off by half; of shapes likewise.
-        narrowing: from one width to the next. A fit of linear residuals keeps its place, and pairs
-            that do not fit fall behind by ten times their nats.
-        lowest_size: where widths end, of inferred errors: the smallest that is plausible, in prior
-            standard deviations from the median.
-        steps_at_width: which the next width continues.
-        steps_with_pair: with the errors' own size, where a fit is reached in half as many.
-        steps_to_end: of the descent to its end.
-        sizes: of inferred errors that are tried, from the lowest to the highest and their number:
-            an exact fit of n residuals draws them down by about n prior standard deviations of
-            their logarithm, which ascents complete.
-        rounds_of_sizes: how often sizes, pairs and the descent take turns.
-        draws: that are tried for each descent, where the model fails at most of them.
-    """
-
+    # Of one search. Where a wrong model fits some of the modes only, in one of many ways, each of
+    # its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
     descents: int = 24
+    # The first size of errors: the spread of frequencies where a stiffness may be off by half.
     widest: float = 0.3
+    # From width to width a linear fit keeps its place, and wrong pairs fall behind by ten times.
     narrowing: float = math.sqrt(10.0)
-    lowest_size: float = -3.0
-    steps_at_width: int = 2
-    steps_with_pair: int = 8
+    lowest_size: float = -3.0  # plausible one of inferred errors, in prior sds from the median
+    steps_at_width: int = 2  # which the next width continues
+    steps_with_pair: int = 8  # with the errors' own size, where a fit takes half as many
     steps_to_end: int = 20
+    # Of errors, the first, the last and their number: an exact fit of n residuals draws them down
+    # by about n prior standard deviations of their logarithm, which ascents complete.
     sizes: tuple[float, float, int] = (-6.0, 3.0, 13)
-    rounds_of_sizes: int = 3
-    draws: int = 30
+    rounds_of_sizes: int = 3  # in which sizes, pairs and the descent take turns
+    draws: int = 30  # tried for each descent, where the model fails at most of them
 
 
 @dataclass(frozen=True, eq=False)

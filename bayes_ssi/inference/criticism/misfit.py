@@ -23,28 +23,15 @@ LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
 
 @dataclass(frozen=True)
 class CriticismSettings:
-    """When a class is called inadequate, and a posterior at an edge.
+    """When a class is called inadequate, and a posterior at an edge."""
 
-    Attributes:
-        limit: p-value below which a class is called inadequate, as a right one is this often.
-        rough: largest inferred error of frequencies of a model that fits: with a larger one,
-            stiffnesses that are wrong by tens of per cent fit as well.
-        n_draws: of the posterior, that are compared with the data. A quantile of one in a hundred
-            needs no more, and the cost of each is the shapes' quadrature.
-        expected_share: of the shapes of a right model have at least the MAC called expected.
-        prior_edge: where the edge of a prior begins, in standard deviations in standard-normal
-            coordinates: one prior draw in a thousand lies beyond, on either side.
-        edge_share: of the posterior, that may lie at an edge, of a prior or of the band.
-        most_named: misfits in a sentence. The largest say what is wrong; all would hide it.
-    """
-
-    limit: float = 0.01
-    rough: float = 0.05
-    n_draws: int = 400
-    expected_share: float = 0.95
-    prior_edge: float = 3.09
-    edge_share: float = 0.5
-    most_named: int = 3
+    limit: float = 0.01  # p-value below which a class is inadequate; right ones are this often
+    rough: float = 0.05  # with a larger error of frequencies, wrong stiffnesses fit as well
+    n_draws: int = 400  # a quantile of 0.01 needs no more; each takes the shapes' quadrature
+    expected_share: float = 0.95  # of a right model's shapes that have the MAC called expected
+    prior_edge: float = 3.09  # in prior sds: one prior draw in a thousand lies beyond, each side
+    edge_share: float = 0.5  # of the posterior, that may lie at an edge, of a prior or the band
+    most_named: int = 3  # the largest misfits say what is wrong; a list of all would hide it
 
     @property
     def limit_sds(self) -> float:

@@ -26,21 +26,13 @@ from bayes_ssi.structures.structure import Structure
 
 @dataclass(frozen=True)
 class KeptSettings:
-    """What a posterior keeps of the model's modes.
+    """What a posterior keeps of the model's modes."""
 
-    Attributes:
-        level: probability of intervals.
-        draws: for intervals of modes: enough for the quantiles that a plot shows, at a small part
-            of the sampling's cost.
-        places: of shapes; of a structure with more degrees of freedom, shapes are kept at its
-            sensors only.
-        draws_with_shapes: at which shapes at the sensors are kept: enough for means and evidences
-            under changed settings to a few hundredths of a standard deviation and of a nat.
-    """
-
-    level: float = 0.95
-    draws: int = 200
-    places: int = 100
+    level: float = 0.95  # of intervals
+    draws: int = 200  # for intervals: enough for a plot, at a small part of the sampling's cost
+    places: int = 100  # with more degrees of freedom, shapes are kept at the sensors only
+    # At which shapes at the sensors are kept: enough for means and evidences under changed settings
+    # to a few hundredths of a standard deviation and of a nat.
     draws_with_shapes: int = 4000
 
 

@@ -214,22 +214,11 @@ class Posterior(Displayed):
         between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
         mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
         fourth = ((self.values - means) ** 4).mean(0)
-        sd_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
+        variance_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
+        sd_errors = np.divide(variance_errors, 2.0 * sds, out=np.zeros_like(sds), where=sds > 0)
         quantiles = np.quantile(self.values, LEVELS, axis=0)
-        return tuple(
-            ParameterSummary(
-                name=name,
-                mean=float(means[i]),
-                sd=float(sds[i]),
-                mean_error=float(mean_errors[i]),
-                sd_error=float(sd_errors[i] / (2.0 * sds[i])) if sds[i] > 0 else 0.0,
-                quantile_05=float(quantiles[0, i]),
-                median=float(quantiles[1, i]),
-                quantile_95=float(quantiles[2, i]),
-                relative_spread=float(self.relative_spreads[i]),
-            )
-            for i, name in enumerate(self.parameter_names)
-        )
+        numbers = np.stack([means, sds, *quantiles, mean_errors, sd_errors, self.relative_spreads])
+        return tuple(map(ParameterSummary, self.parameter_names, *numbers.tolist()))
 
     def _line(self) -> str:
         evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"

@@ -16,33 +16,25 @@ from bayes_ssi.structures.structure import Structure
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """How accurate approximate structures are made where the posterior lies.
+    """How accurate approximate structures are made where the posterior lies."""
 
-    Attributes:
-        error_share: largest error of the approximation, as a share of the data's and the model's
-            own errors: added in quadrature, a tenth widens them by half a per cent.
-        stricter: factor of this share where a certified error was small enough by itself, but what
-            it changes in the likelihood is not: that is proportional to it.
-        near_the_band: modes beyond the band by more than this factor can hardly be taken for
-            identified ones.
-        correction_share: largest error of the correction, as a share of the wanted error of the
-            log evidence: the rest is left to sampling.
-        largest_correction: largest correction of the log evidence that these draws can support.
-    """
-
+    # Largest error of the approximation, as a share of the data's and the model's own errors: added
+    # in quadrature, a tenth widens them by half a per cent.
     error_share: float = 0.1
-    error_quantile: float = 0.05
-    n_certified: int = 200
-    n_searched: int = 1000
-    n_climbs: int = 16
-    n_confirmed: int = 16
-    most_confirmed: int = 64
-    most_searches: int = 50
-    most_rounds: int = 4
-    largest_correction: float = 0.3
-    correction_share: float = 0.5
+    error_quantile: float = 0.05  # of these errors, which may be inferred, at draws
+    n_certified: int = 200  # draws at which errors of the approximation are certified
+    n_searched: int = 1000  # prior draws of a quick search for maxima
+    n_climbs: int = 16  # from the best of them
+    n_confirmed: int = 16  # draws at which full solutions confirm the evidence, at first
+    most_confirmed: int = 64  # where the first leave too large an error
+    most_searches: int = 50  # each of which may refine the structures
+    most_rounds: int = 4  # of sampling
+    largest_correction: float = 0.3  # of the log evidence, that so few draws can support
+    correction_share: float = 0.5  # of the wanted error of the log evidence; the rest is sampling's
+    # Of the share above, where an error is certified, but what it changes in the likelihood, which
+    # is proportional to it, is not small enough.
     stricter: float = 0.2
-    near_the_band: float = 1.05
+    near_the_band: float = 1.05  # beyond, modes can hardly be taken for identified ones
 
 
 def with_exact_structures(model_class: ModelClass) -> ModelClass:

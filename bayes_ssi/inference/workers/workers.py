@@ -77,20 +77,14 @@ class SafeFunction:
 
 @dataclass(frozen=True)
 class WorkerSettings:
-    """How work is divided, and when a run gives up.
+    """How work is divided, and when a run gives up."""
 
-    Attributes:
-        parts_per_worker: of a batch: more than one, so that none waits long for the slowest.
-        groups: into which lost points are divided to be evaluated again, down to single points:
-            four isolate the point of a batch of 1024 at which a worker dies after six deaths.
-        most_deaths: enough to find some twenty points at which workers die.
-        cluster_seconds: for a cluster to answer, to have its first worker, and to replace its last.
-    """
-
-    parts_per_worker: int = 4
+    parts_per_worker: int = 4  # of a batch: none should wait long for the slowest
+    # Into which lost points are divided to be evaluated again, down to single points: four isolate
+    # the point of a batch of 1024 at which a worker dies after six deaths at most.
     groups: int = 4
-    most_deaths: int = 100
-    cluster_seconds: float = 10.0
+    most_deaths: int = 100  # enough to find some twenty points at which workers die
+    cluster_seconds: float = 10.0  # to answer, to have its first worker, to replace its last one
 
 
 class Workers:
