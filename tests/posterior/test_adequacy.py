@@ -15,7 +15,7 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.studies.diagnosis.repairs import repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
-COARSE = bs.SamplingSettings(log_evidence_error=0.1, economical=True)
+COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=256, searches=2, economical=True)
 
 
 def at(model_class, values, rng=None):
