@@ -60,27 +60,23 @@ class CalibrationProblem:
     def __init__(
         self, model_class: ModelClass, shape_weight: float, with_prior: bool = False
     ) -> None:
-        self.model_class = model_class
+        self.model_class, self.shape_weight = model_class, shape_weight
         self.with_prior = with_prior
-        if not all(each.pairing_is_given for each in model_class.likelihoods):
-            raise NothingToCalibrateError(
-                f"model class {model_class.name!r}: its pairing is 'any', but a fit needs "
-                "an explicit pairing"
-            )
         self.parameters = model_class.structural_parameters
         self.names = tuple(parameter.name for parameter in self.parameters)
-        self.shape_weight = shape_weight
-        if not self.parameters:
-            raise NothingToCalibrateError(
-                f"model class {model_class.name!r}: its structure has no parameter to calibrate"
-            )
-        pairs = [likelihood.pairs for likelihood in model_class.likelihoods]
-        n_pairs = sum(len(each.modes) for each in pairs)
-        if not n_pairs:
-            raise NothingToCalibrateError(
-                f"model class {model_class.name!r}: no mode is paired, nothing to fit"
-            )
-        n_shapes = sum(len(each.with_shape) for each in pairs) if shape_weight > 0 else 0
+        likelihoods = model_class.likelihoods
+        n_pairs = sum(len(likelihood.pairs.modes) for likelihood in likelihoods)
+        for can_fit, why in (
+            (
+                all(likelihood.pairing_is_given for likelihood in likelihoods),
+                "its pairing is 'any', but a fit needs an explicit pairing",
+            ),
+            (self.parameters, "its structure has no parameter to calibrate"),
+            (n_pairs, "no mode is paired, nothing to fit"),
+        ):
+            if not can_fit:
+                raise NothingToCalibrateError(f"model class {model_class.name!r}: {why}")
+        n_shapes = sum(len(likelihood.pairs.with_shape) for likelihood in likelihoods)
         self.count = n_pairs + shape_weight**2 * n_shapes
 
     def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
@@ -93,8 +89,8 @@ class CalibrationProblem:
     def normalised(self, values: Sequence[float]) -> dict[str, float]:
         """Parameter name → value over prior median (over 1 where the median is zero)."""
         medians = [p.prior.quantile(0.5) or 1.0 for p in self.parameters]
-        each = zip(self.names, values, medians, strict=True)
-        return {name: value / median for name, value, median in each}
+        named = zip(self.names, values, medians, strict=True)
+        return {name: value / median for name, value, median in named}
 
     def starts(self, n: int, seed: int) -> FloatArray:
         """Starts (n, d): the prior median, and Sobol points of twice the prior's spread."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,11 +67,8 @@ class Run:
     @contextmanager
     def working(self) -> Iterator[None]:
         """Keep the workers running; at the outermost exit, stop those that were started here."""
-        if self.workers is None:
+        with self.workers or nullcontext():
             yield
-        else:
-            with self.workers:
-                yield
 
     def report(self, name: str, step: str, done: float) -> None:
         """Report the completed share ``done`` of a ``step`` of the class ``name``."""
