@@ -56,10 +56,6 @@ MODEL, FREQUENCY, MODE = "model", "frequency_hz", "model_mode"
 LOG_LIKELIHOOD, DATUM = "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
-PRIOR_DRAWS = 1000
-# A log-likelihood that differs by no more than this between draws, in nats, is constant but for
-# rounding; and the standard deviation, in nats, with which files hold it.
-CONSTANT, SCATTER = 1e-9, 1e-6
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
@@ -76,7 +72,7 @@ def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> Non
     """
     draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
-    z = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, len(model_class.parameters)))
+    z = np.random.default_rng(0).standard_normal((1000, len(model_class.parameters)))
     prior = model_class.values(z)
     modes = {MODE: ([MODE], _mode_labels(posterior))}
     frequencies: Group = {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes}
@@ -135,12 +131,13 @@ def _varying_terms(terms: DatumTerms) -> FloatArray:
     tail of each term's distribution, which a constant lacks: it is scattered by a millionth of a
     nat, which the first term that varies takes back, so that the sum stays the same.
     """
-    constant = np.ptp(terms.log_likelihoods, axis=(0, 1)) <= CONSTANT
+    # What differs by no more than this between draws, in nats, is constant but for rounding.
+    constant = np.ptp(terms.log_likelihoods, axis=(0, 1)) <= 1e-9
     if constant.all() or not constant.any():
         return terms.log_likelihoods
     varying = terms.log_likelihoods.copy()
     shape = (*varying.shape[:2], int(constant.sum()))
-    scatter = SCATTER * np.random.default_rng(0).standard_normal(shape)
+    scatter = 1e-6 * np.random.default_rng(0).standard_normal(shape)
     varying[..., constant] += scatter
     varying[..., int(np.argmin(constant))] -= scatter.sum(axis=-1)
     return varying
