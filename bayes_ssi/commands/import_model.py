@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.options import PATH, path_option
+from bayes_ssi.commands.terminal import command_line, console, say
 
 if TYPE_CHECKING:
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @click.command("import")
-@click.argument("name", type=click.Path(path_type=Path))
+@click.argument("name", type=PATH)
 @click.option("--nominal", required=True, metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
@@ -33,18 +34,18 @@ if TYPE_CHECKING:
               "repeatable.")  # fmt: skip
 @click.option("--keys", metavar="STIFFNESS,MASS",
               help="Names of the two matrices in files that hold several.")  # fmt: skip
-@click.option("--labels", type=click.Path(path_type=Path), metavar="FILE",
-              help="Text file with a line such as '12 x' for every row, where the exports do not "
-              "state which degree of freedom it is.")  # fmt: skip
+@path_option("--labels", metavar="FILE",
+             text="Text file with a line such as '12 x' for every row, where the exports do not "
+             "state which degree of freedom it is.")  # fmt: skip
 @click.option("--data", "files", multiple=True, metavar="[TEST=]CSV",
               help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
               "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
-@click.option(
-    "--points", type=click.Path(path_type=Path), metavar="FILE",
-    help="Where sensors are: CSV with columns sensor, x_coord, y_coord, z_coord, direction, or a "
+@path_option(
+    "--points", metavar="FILE",
+    text="Where sensors are: CSV with columns sensor, x_coord, y_coord, z_coord, direction, or a "
     "universal file, and the nearest nodes are taken; or CSV with columns node, model_node.",
 )  # fmt: skip
 @click.option(
@@ -82,7 +83,8 @@ def import_model(
     by differences of the exports. Nothing is overwritten.
     """
     from bayes_ssi.commands.imported_sensors import imported_sensors
-    from bayes_ssi.commands.imported_study import study_paths, write_imported_study
+    from bayes_ssi.commands.imported_study import ENDINGS, write_imported_study
+    from bayes_ssi.commands.new import new_paths
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.structures.solver_files.model_files import read_model
     from bayes_ssi.structures.solver_files.parameter_matrices import (
@@ -90,7 +92,7 @@ def import_model(
         parameter_matrices,
     )
 
-    study_paths(name)  # refused before large files are read
+    new_paths(name, *ENDINGS)  # refused before large files are read
     data = _data(files)
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = dict(_sensor(text) for text in sensors)
@@ -118,14 +120,14 @@ def import_model(
         [read(text, "--changed") for text in changed],
         [read(text, "--check") for text in checks],
     )
-    placed = imported_sensors(model, tests, of_sensors, points, points_scale)
-    study, modes_files = write_imported_study(name, matrices, data, band, placed.places, _command())
+    places, said = imported_sensors(model, tests, of_sensors, points, points_scale)
+    study, modes_files = write_imported_study(name, matrices, data, band, places, command_line())
     to_come = "" if data else f" Put the modes into {modes_files[0]}."
     say(
         console(),
         str(model),
         *_formulas(matrices),
-        *placed.lines,
+        *said,
         f"Wrote {study} and its matrices.{to_come}",
         "Next:",
         *(
@@ -209,9 +211,3 @@ def _shown(symbol: str, powers: Powers) -> str:
     factors = " ".join(name if e == 1 else f"{name}^{e}" for name, e in powers)
     names = "_".join(name if e == 1 else f"{name}{e}" for name, e in powers)
     return f"{factors} {symbol}_{names}"
-
-
-def _command() -> str:
-    from bayes_ssi.commands.terminal import COMMAND_LINE
-
-    return str(click.get_current_context().meta[COMMAND_LINE])

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from bayes_ssi.foundations.choices import require_known
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.sensor_points import SensorPoint
-
-
-@dataclass(frozen=True)
-class ImportedSensors:
-    """Where sensors are on the model, and what is to be said of it."""
-
-    places: Mapping[str, str]
-    lines: tuple[str, ...]
 
 
 def imported_sensors(
@@ -27,12 +20,15 @@ def imported_sensors(
     labels: Mapping[str, str],
     points_file: Path | None,
     scale: float | None,
-) -> ImportedSensors:
+) -> tuple[dict[str, str], list[str]]:
     """Sensors of the data, or those given where there are no data yet.
 
     Args:
         points_file: coordinates of sensors, or a table of nodes, or None.
         scale: factor of these coordinates; None for 1, or what the units of the file give.
+
+    Returns:
+        Sensor → label of the degree of freedom that it measures; and what is to be said of them.
     """
     from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
     from bayes_ssi.structures.solver_files.sensor_points import (
@@ -44,22 +40,31 @@ def imported_sensors(
         raise ValueError("the nominal export has no labels, by which sensors are named")
     known = set(model.labels)
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
-    given = _given(points_file, measured)
-    points, said = given.points, []
-    if scale is None and given.metres is not None and model.units == "N, m, kg":
-        scale = given.metres
+    points: Sequence[SensorPoint] = ()
+    nodes: Mapping[str, str] = {}
+    metres = None
+    if points_file is not None:
+        points, nodes, metres = _stated(points_file, measured)
+    said = []
+    if scale is None and metres is not None and model.units == "N, m, kg":
+        scale = metres
         said = [f"{points_file}: its coordinates are in units of {scale:g} m"]
     scale = 1.0 if scale is None else scale
     mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
-    by_point = {each.name: each.label for each in mapped} | _by_node(given.nodes, measured)
+    by_point = {each.name: each.label for each in mapped}
+    for name in measured:
+        node, _, direction = name.rpartition(" ")
+        if node in nodes:
+            by_point[name] = f"{nodes[node]} {direction}"
     names = list(measured or {**by_point, **labels})
-    unknown = [name for name in labels if name not in names]
-    if unknown:
-        raise ValueError(f"--sensor: the data have no sensor {unknown[0]!r}; they have {names}")
+    require_known("--sensor: the data have no sensor", labels, names)
     places = {name: labels.get(name, by_point.get(name, name)) for name in names}
     for name, label in places.items():
         if label not in known:
-            raise ValueError(_not_a_label(model, name, label))
+            raise ValueError(
+                f"sensor {name!r}: no degree of freedom is labelled {label!r}; name it by --sensor "
+                f"{name!r}=LABEL, with a label such as {model.labels[0]!r}"
+            )
     distances = {each.name: f", {each.distance:.3g} away" for each in mapped}
     lines = [
         *said,
@@ -88,19 +93,13 @@ def imported_sensors(
 
     for modes in tests:
         lines += compared_with_nominal(model, modes, with_axes).lines
-    return ImportedSensors(places, tuple(lines))
+    return places, lines
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What a file says of sensors: coordinates, perhaps with their unit, or nodes of the model."""
-
-    points: Sequence[SensorPoint] = ()
-    metres: float | None = None
-    nodes: Mapping[str, str] = field(default_factory=dict)
-
-
-def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
+def _stated(
+    path: Path, measured: tuple[str, ...]
+) -> tuple[Sequence[SensorPoint], Mapping[str, str], float | None]:
+    """What a file says of sensors: coordinates, or nodes of the model, and the unit in metres."""
     from bayes_ssi.foundations.text_files import first_bytes
     from bayes_ssi.foundations.universal_files import begins_universal
     from bayes_ssi.structures.solver_files.sensor_points import (
@@ -110,17 +109,15 @@ def _given(path: Path | None, measured: tuple[str, ...]) -> _Given:
         read_sensor_points,
     )
 
-    if path is None:
-        return _Given()
     if begins_universal(first_bytes(path)):
         sensors = measured or _sensors_of_universal_file(path)
-        return _Given(points_of_universal_file(path, sensors), metres_of_universal_file(path))
+        return points_of_universal_file(path, sensors), {}, metres_of_universal_file(path)
     nodes = read_node_table(path)
     if nodes is None:
-        return _Given(read_sensor_points(path))
+        return read_sensor_points(path), {}, None
     if not measured:
         raise ValueError(f"{path}: a table of nodes states no sensors; give --data as well")
-    return _Given(nodes=nodes)
+    return (), nodes, None
 
 
 def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
@@ -136,20 +133,3 @@ def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:
     if not names:
         raise ValueError(f"{path}: no data sets 55 or 58, which name sensors; give --data as well")
     return names
-
-
-def _by_node(nodes: Mapping[str, str], measured: tuple[str, ...]) -> dict[str, str]:
-    """Sensor → label, for sensors "node direction" of which a table states the node."""
-    placed = {}
-    for name in measured:
-        node, _, direction = name.rpartition(" ")
-        if node in nodes:
-            placed[name] = f"{nodes[node]} {direction}"
-    return placed
-
-
-def _not_a_label(model: ExportedModel, name: str, label: str) -> str:
-    return (
-        f"sensor {name!r}: no degree of freedom is labelled {label!r}; name it by --sensor "
-        f"{name!r}=LABEL, with a label such as {next(iter(model.labels or ()))!r}"
-    )

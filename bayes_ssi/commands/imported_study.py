@@ -9,25 +9,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
 from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:
     from bayes_ssi.structures.solver_files.parameter_matrices import ParameterMatrices, Term
 
+# Of the study and of the folder of its matrices.
+ENDINGS = (".py", "_matrices")
 LABELS = "labels.txt"
-TEMPLATE = Path(__file__).with_name("templates") / "imported.py.txt"
-
-
-def study_paths(name: Path) -> tuple[Path, Path]:
-    """The study NAME.py and the folder of its matrices, neither of which exists."""
-    name = name.with_suffix("") if name.suffix == ".py" else name
-    if not name.name or not name.name.isprintable():
-        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
-    study, folder = (name.with_name(name.name + end) for end in (".py", "_matrices"))
-    for path in (study, folder):
-        if path.exists():
-            raise FileExistsError(f"{path}: exists already and is not overwritten")
-    return study, folder
 
 
 def write_imported_study(
@@ -50,10 +40,10 @@ def write_imported_study(
     """
     from bayes_ssi.results.result_files import new_directory
 
-    study, folder = study_paths(name)
+    study, folder = new_paths(name, *ENDINGS)
     data = data or {"": study.with_suffix(".csv")}
     tests = {test: _read(path, study, band_hz) for test, path in data.items()}
-    files = file_names(_names(matrices), "npz")
+    files = file_names(_named(matrices), "npz")
     text = _study(folder, tests, matrices, files, places, command)
     with new_directory(folder, marker=LABELS) as partial:
         _write_matrices(partial, matrices, files)
@@ -62,10 +52,10 @@ def write_imported_study(
     return study, list(data.values())
 
 
-def _names(matrices: ParameterMatrices) -> Iterable[str]:
-    for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass)):
-        for term in terms:
-            yield _name(symbol, term)
+def _named(matrices: ParameterMatrices) -> dict[str, Term]:
+    """Every term of stiffness and mass by a name, from which that of its file is made."""
+    terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
+    return {_name(symbol, term): term for symbol, term in terms}
 
 
 def _name(symbol: str, term: Term) -> str:
@@ -76,9 +66,8 @@ def _name(symbol: str, term: Term) -> str:
 def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
     import scipy.sparse as sp
 
-    for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass)):
-        for term in terms:
-            sp.save_npz(folder / files[_name(symbol, term)], term.matrix)
+    for name, term in _named(matrices).items():
+        sp.save_npz(folder / files[name], term.matrix)
     model = matrices.nominal
     (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
     if model.geometry is not None:
@@ -109,7 +98,7 @@ def _study(
         dict.fromkeys(n for t in (*matrices.stiffness, *matrices.mass) for n, _ in t.powers)
     )
     model = matrices.nominal
-    text = TEMPLATE.read_text("utf-8")
+    text = (TEMPLATES / "imported.py.txt").read_text("utf-8")
     for mark, value in {
         "PROGRAM": f"{model.program}, {model.size} degrees of freedom, {model.units}",
         "COMMAND": command,
@@ -128,13 +117,10 @@ def _study(
         "RETURNED": "model.reduced()" if model.size > SOLVER.batched_up_to else "model",
         "CLASSES": ONE_CLASS if len(properties) == 1 else TWO_CLASSES,
     }.items():
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"') if mark in QUOTED else value
-        text = text.replace(f"{{{mark}}}", escaped)
+        written = in_a_docstring(value) if mark in ("PROGRAM", "COMMAND") else value
+        text = text.replace(f"{{{mark}}}", written)
     return text
 
-
-# What stands in the study's docstring.
-QUOTED = ("PROGRAM", "COMMAND")
 
 GEOMETRY = """\
 with (matrices / "nodes.csv").open(encoding="utf-8") as file:
@@ -172,16 +158,11 @@ def _mapping(expressions: Mapping[str, str]) -> str:
 
 
 def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
-    """The arguments by which the study reads its data."""
-    path = _path_in_study(data, study)
-    return path if band_hz is None else f"{path}, band_hz={band_hz}"
-
-
-def _path_in_study(data: Path, study: Path) -> str:
-    """An expression for the file of the data, relative to the study in the same folder."""
+    """The arguments by which the study reads its data, relative to it in the same folder."""
+    path = f"Path({_quoted(str(data.resolve()))})"
     if data.resolve().parent == study.resolve().parent:
-        return f"here.with_name({_quoted(data.name)})"
-    return f"Path({_quoted(str(data.resolve()))})"
+        path = f"here.with_name({_quoted(data.name)})"
+    return path if band_hz is None else f"{path}, band_hz={band_hz}"
 
 
 def _terms(symbol: str, terms: Iterable[Term], files: Mapping[str, str]) -> str:

@@ -30,17 +30,10 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     Returns:
         The paths of the study and of the data.
     """
-    path = Path(name)
-    path = path.with_suffix("") if path.suffix == ".py" else path
-    if not path.name or not path.name.isprintable():
-        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
-    study, data = (path.with_name(path.name + suffix) for suffix in (".py", ".csv"))
-    for file in (study, data):
-        if file.exists():
-            raise FileExistsError(f"{file}: exists already and is not overwritten")
+    study, data = new_paths(Path(name), ".py", ".csv")
     template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
     for own in (study, data):
-        template = template.replace(f"NAME{own.suffix}", _in_a_docstring(shlex.quote(own.name)))
+        template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
     for file, text in (
         (data, (TEMPLATES / "modes.csv").read_text("utf-8")),
         (study, template),
@@ -50,7 +43,20 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     return study, data
 
 
-def _in_a_docstring(text: str) -> str:
+def new_paths(name: Path, *endings: str) -> tuple[Path, ...]:
+    """Paths of a study named with or without ``.py``, none of which exists."""
+    name = name.with_suffix("") if name.suffix == ".py" else name
+    if not name.name or not name.name.isprintable():
+        raise ValueError(f"name of the study: {str(name)!r} is not a file name")
+    paths = tuple(name.with_name(name.name + ending) for ending in endings)
+    for path in paths:
+        if path.exists():
+            raise FileExistsError(f"{path}: exists already and is not overwritten")
+    return paths
+
+
+def in_a_docstring(text: str) -> str:
+    """The text as it is written there, in Python."""
     return text.replace("\\", "\\\\").replace('"', '\\"')
 
 

@@ -14,8 +14,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 NAMES = {str: "text", int: "a whole number", float: "a number", bool: "True or False"}
-# A message shows this much of a value, the most that keeps it to two lines of a terminal.
-SHOWN = 80
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
@@ -36,7 +34,8 @@ def require(value: Any, hint: Any, name: str) -> None:
     """Check that a value has a type; ``name`` is what the message calls it."""
     if not _fits(value, hint):
         shown = repr(value)
-        shown = shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}…"
+        # The most that keeps a message to two lines of a terminal.
+        shown = shown if len(shown) <= 80 else f"{shown[:80]}…"
         raise TypeError(f"{name} must be {_words(hint)}, got {shown}")
 
 

@@ -7,9 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-# Seconds between updates of the lines.
-INTERVAL = 0.2
-
 
 def notebook_progress() -> Callable[[str, str, float], None] | None:
     """A function that shows progress below the cell that runs; None outside of notebooks.
@@ -22,16 +19,16 @@ def notebook_progress() -> Callable[[str, str, float], None] | None:
 
 
 class _Lines:
-    """A line for each name, replaced as it goes on."""
+    """A line for each name, replaced as it goes on, five times a second."""
 
     def __init__(self) -> None:
         self.lines: dict[str, str] = {}
-        self.shown_at = -INTERVAL
+        self.shown_at = float("-inf")
         self.handle: Any = None
 
     def __call__(self, name: str, step: str, done: float) -> None:
         self.lines[name] = f"{name}: {step} {100.0 * done:.0f} %"
-        if done < 1.0 and time.monotonic() - self.shown_at < INTERVAL:
+        if done < 1.0 and time.monotonic() - self.shown_at < 0.2:
             return
         self.shown_at = time.monotonic()
         from IPython.display import display

@@ -10,13 +10,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# File systems allow 255 bytes, of which directories being written and endings take some.
-LONGEST = 100
-
 
 def file_stem(name: str) -> str:
     """The name with underscores for characters that a file system may not allow, if long cut."""
-    return re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:LONGEST].strip(".") or "unnamed"
+    # File systems allow 255 bytes, of which directories being written and endings take some.
+    return re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:100].strip(".") or "unnamed"
 
 
 def require_printable(name: str, what: str) -> None:

@@ -139,7 +139,7 @@ def test_several_tests_are_configurations(folder):
         ((*FRAME, "--sensor", "roof=9999 x"), "no degree of freedom is labelled '9999 x'"),
         (
             (*FRAME, "--data", "modes.csv", "--sensor", "roof=2 x"),
-            "--sensor: the data have no sensor 'roof'; they have ['1 x']",
+            "--sensor: the data have no sensor 'roof'; choose from '1 x'",
         ),
         ((*FRAME, "--data", "absent.csv"), "absent.csv"),
     ],
