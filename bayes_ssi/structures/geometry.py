@@ -110,8 +110,16 @@ class Geometry:
             raise ValueError("geometry: there are no nodes")
         nodes = {name: checked_point(at, f"node {name!r}") for name, at in self.nodes.items()}
         object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "lines", tuple(_checked_line(line, nodes) for line in self.lines))
-        object.__setattr__(self, "faces", tuple(_checked_face(face, nodes) for face in self.faces))
+        for name, kinds in (("lines", self.lines), ("faces", self.faces)):
+            object.__setattr__(self, name, tuple(map(tuple, kinds)))
+        for line in self.lines:
+            if len(line) != 2 or not nodes.keys() >= set(line):
+                raise ValueError(f"geometry: a line joins two nodes that it names, got {line!r}")
+        for face in self.faces:
+            if len(face) < 3 or not nodes.keys() >= set(face):
+                raise ValueError(
+                    f"geometry: a face joins three or more nodes that it names, got {face!r}"
+                )
 
     @cached_property
     def edges(self) -> tuple[tuple[str, str], ...]:
@@ -168,21 +176,6 @@ def unit_vector(vector: Any) -> Point | None:
 def _point(array: Any) -> Point:
     x, y, z = (float(coordinate) for coordinate in array)
     return x, y, z
-
-
-def _checked_line(line: Sequence[str], nodes: Mapping[str, Point]) -> tuple[str, str]:
-    ends = tuple(line)
-    unknown = next((end for end in ends if end not in nodes), None)
-    if len(ends) != 2 or unknown is not None:
-        raise ValueError(f"geometry: a line joins two nodes that it names, got {line!r}")
-    return ends[0], ends[1]
-
-
-def _checked_face(face: Sequence[str], nodes: Mapping[str, Point]) -> tuple[str, ...]:
-    corners = tuple(face)
-    if len(corners) < 3 or any(corner not in nodes for corner in corners):
-        raise ValueError(f"geometry: a face joins three or more nodes that it names, got {face!r}")
-    return corners
 
 
 def direction_name(direction: Point) -> str:

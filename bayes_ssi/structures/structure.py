@@ -16,7 +16,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.error_places import rows_at_fault
-from bayes_ssi.parameters.parameters import Parameter, checked_values
+from bayes_ssi.parameters.parameters import Parameter, checked_values, values_at
 from bayes_ssi.structures.geometry import (
     Candidate,
     Geometry,
@@ -406,6 +406,23 @@ class ApproximateStructure(Structure):
     @property
     def geometry(self) -> Geometry | None:
         return self.exact.geometry
+
+    def prior_points(self, n_points: int, tail: float) -> FloatArray:
+        """The prior medians, and Sobol points that fill the prior evenly, (1 + n, n_parameters).
+
+        Args:
+            tail: probability of the values of each parameter that are cut off at either end.
+        """
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        d = len(self.parameters)
+        if not d:
+            return self.prior_medians()
+        sequence = qmc.Sobol(d, rng=np.random.default_rng(0))
+        uniform = sequence.random_base2((n_points - 1).bit_length())[:n_points]
+        z = ndtri(np.clip(uniform, tail, 1.0 - tail))
+        return np.vstack([self.prior_medians(), values_at(self.parameters, z)])
 
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         return self.exact.labelled_modes(values)

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import values_at
 from bayes_ssi.structures.emulation.emulation_settings import EMULATION
-from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess, n_quadratic_terms
+from bayes_ssi.structures.emulation.gaussian_process import (
+    GaussianProcess,
+    n_quadratic_terms,
+    quadratic_terms,
+)
 from bayes_ssi.structures.emulation.mode_representations import (
     ModalOperator,
     Representation,
@@ -52,7 +55,7 @@ class FailingPoints:
             return cls(failed, values, None, succeeded)
         from scipy.optimize import minimize  # takes long to import
 
-        terms = _terms(np.vstack([failed, succeeded]))
+        terms = quadratic_terms(np.vstack([failed, succeeded]))
         signs = np.repeat([1.0, -1.0], [len(failed), len(succeeded)])
         precision = EMULATION.failing_precision
 
@@ -78,7 +81,7 @@ class FailingPoints:
 
     def _by_odds(self, x: FloatArray) -> NDArray[np.bool_]:
         assert self.coefficients is not None
-        return np.asarray(np.einsum("bp,p->b", _terms(x), self.coefficients) > 0.0)
+        return np.asarray(np.einsum("bp,p->b", quadratic_terms(x), self.coefficients) > 0.0)
 
     def _by_nearest(self, x: FloatArray) -> NDArray[np.bool_]:
         to_failed, to_succeeded = (
@@ -90,11 +93,6 @@ class FailingPoints:
         """The point that failed nearest to each of ``x`` (B, d), as a row of ``values``."""
         away = ((x[:, None] - self.x) ** 2).sum(axis=2)
         return np.asarray(away.argmin(axis=1), dtype=np.intp)
-
-
-def _terms(x: FloatArray) -> FloatArray:
-    first, second = np.triu_indices(x.shape[1])
-    return np.column_stack([np.ones(len(x)), x, x[:, first] * x[:, second]])
 
 
 class EmulatedStructure(ApproximateStructure):
@@ -223,20 +221,10 @@ class EmulatedStructure(ApproximateStructure):
     def fitted(self) -> EmulatorFit:
         """The solutions and what is fitted to them; the first are made when they are needed."""
         if self._fit is None:
-            self._fit = self._with(None, self._first_values())
+            n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
+            # Extremely rare values would be extrapolated from, rather than between.
+            self._fit = self._with(None, self.prior_points(n, tail=1e-3))
         return self._fit
-
-    def _first_values(self) -> FloatArray:
-        """The prior medians, and points that fill the prior evenly."""
-        from scipy.special import ndtri
-        from scipy.stats import qmc
-
-        d = len(self.parameters)
-        n = EMULATION.solutions_per_coefficient * n_quadratic_terms(d)
-        # Extremely rare values would be extrapolated from, rather than between.
-        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(1 << (n - 1).bit_length())
-        z = ndtri(np.clip(uniform[:n], 1e-3, 1.0 - 1e-3))
-        return np.vstack([self.prior_medians(), values_at(self.parameters, z)])
 
     def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
         """The fit to the solutions of ``fit`` and those at ``values``."""

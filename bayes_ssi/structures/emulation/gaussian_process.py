@@ -76,7 +76,7 @@ class GaussianProcess:
             rows = x[begin : begin + step]
             answer[begin : begin + step] = np.einsum(
                 "bn,no->bo", self._correlations(rows), self._solved.weights
-            ) + np.einsum("bp,po->bo", _trend(rows, len(self.x)), self._solved.coefficients)
+            ) + np.einsum("bp,po->bo", trend_terms(rows, len(self.x)), self._solved.coefficients)
         return answer
 
     def spreads(self, x: FloatArray, also_at: FloatArray | None = None) -> FloatArray:
@@ -92,7 +92,7 @@ class GaussianProcess:
         solved = process._solved
         r = process._correlations(x).T
         half = scipy.linalg.solve_triangular(solved.cholesky, r, lower=True)
-        missing = _trend(x, len(process.x)).T - solved.half_trend.T @ half
+        missing = trend_terms(x, len(process.x)).T - solved.half_trend.T @ half
         of_trend = scipy.linalg.solve_triangular(solved.trend_root, missing, trans=1)
         variance = 1.0 + self.noise - (half**2).sum(0) + (of_trend**2).sum(0)
         return np.sqrt(np.maximum(variance, self.noise))
@@ -112,7 +112,7 @@ class GaussianProcess:
     def _solved(self) -> _Solved:
         r = self._correlations(self.x)
         r[np.diag_indices_from(r)] = 1.0 + self.noise
-        return _Solved.of(r, _trend(self.x, len(self.x)), self.y)
+        return _Solved.of(r, trend_terms(self.x, len(self.x)), self.y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ def _negative_log_likelihood(
     r = _correlations(scaled, scaled)
     with_noise = r.copy()
     with_noise[np.diag_indices_from(r)] = 1.0 + noise
-    trend = _trend(x, len(x))
+    trend = trend_terms(x, len(x))
     try:
         solved = _Solved.of(with_noise, trend, y)
     except scipy.linalg.LinAlgError:
@@ -195,13 +195,17 @@ def _correlations(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.exp(np.minimum(products - 0.5 * squares, 0.0)))
 
 
-def _trend(x: FloatArray, n_points: int) -> FloatArray:
+def trend_terms(x: FloatArray, n_points: int) -> FloatArray:
     """Terms (B, p) of the trend at ``x`` (B, d): of second degree if there are points enough."""
-    linear = np.column_stack([np.ones(len(x)), x])
     if n_points < 2 * n_quadratic_terms(x.shape[1]):
-        return linear
+        return np.column_stack([np.ones(len(x)), x])
+    return quadratic_terms(x)
+
+
+def quadratic_terms(x: FloatArray) -> FloatArray:
+    """Terms (B, p) of a polynomial of second degree at ``x`` (B, d)."""
     first, second = np.triu_indices(x.shape[1])
-    return np.column_stack([linear, x[:, first] * x[:, second]])
+    return np.column_stack([np.ones(len(x)), x, x[:, first] * x[:, second]])
 
 
 def n_quadratic_terms(n_variables: int) -> int:

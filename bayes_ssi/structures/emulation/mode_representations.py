@@ -21,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.emulation.emulation_settings import EMULATION
+from bayes_ssi.structures.emulation.gaussian_process import trend_terms
 from bayes_ssi.structures.modal import Modes, settle
 
 
@@ -93,7 +94,7 @@ class TrackedModes(Representation):
 
     def encoded(self, x: FloatArray, modes: Modes) -> FloatArray:
         logs, shapes = np.log(modes.frequencies_hz), unit_shapes(modes.shapes)
-        order = _order_of_distance(x)
+        order = np.argsort(((x - x[0]) ** 2).sum(axis=1), kind="stable")  # outwards
         for position, row in enumerate(order[1:], 1):
             known = order[:position]
             nearest = known[((x[known] - x[row]) ** 2).sum(axis=1).argmin()]
@@ -140,11 +141,6 @@ def ascending(frequencies_hz: FloatArray, shapes: FloatArray) -> Modes:
     return modes
 
 
-def _order_of_distance(x: FloatArray) -> list[int]:
-    """Rows from the centre outwards."""
-    return [int(row) for row in np.argsort(((x - x[0]) ** 2).sum(axis=1), kind="stable")]
-
-
 def _matched(
     logs: FloatArray, shapes: FloatArray, expected: FloatArray, expected_shapes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -160,8 +156,5 @@ def _matched(
 
 def _smoothed(x: FloatArray, y: FloatArray) -> FloatArray:
     """Predictions (N, n_outputs) of a least-squares fit of first or second degree."""
-    from bayes_ssi.structures.emulation.gaussian_process import _trend
-
-    terms = _trend(x, len(x))
-    q, _ = np.linalg.qr(terms)
+    q, _ = np.linalg.qr(trend_terms(x, len(x)))
     return np.asarray(q @ (q.T @ y))

@@ -32,7 +32,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements, parameters_of
+from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
@@ -210,11 +210,11 @@ class ProjectedStructure(Structure):
         Args:
             values: (B, n_parameters).
         """
-        springs = self._spring_table.evaluate(values)
+        springs, masses = (table.evaluate(values) for table in self._tables)
+        stiffness, mass = (matrix.evaluate(values) for matrix in self._main_matrices)
         # In series with the residual flexibility at their places.
         springs = springs / (1.0 + springs * vectors.flexibilities)
-        stiffness = self._stiffness.evaluate(values) + _sum_of_squares(springs, vectors.springs)
-        masses, mass = self._mass_table.evaluate(values), self._mass.evaluate(values)
+        stiffness = stiffness + _sum_of_squares(springs, vectors.springs)
         if mass.ndim == 2 and vectors.masses_are_diagonal:
             mass = mass + np.einsum("bt,bti->bi", masses, vectors.masses**2)
         else:
@@ -247,30 +247,24 @@ class ProjectedStructure(Structure):
         )
 
     @cached_property
-    def _spring_table(self) -> ProductTable:
-        return self._table(self._carried.springs)
+    def _tables(self) -> tuple[ProductTable, ProductTable]:
+        """Coefficients of springs and of masses."""
+        springs, masses = (
+            ProductTable(tuple(term.coefficient for term in terms), self.parameters)
+            for terms in (self._carried.springs, self._carried.masses)
+        )
+        return springs, masses
 
     @cached_property
-    def _mass_table(self) -> ProductTable:
-        return self._table(self._carried.masses)
-
-    def _table(self, terms: Sequence[AddedTerm]) -> ProductTable:
-        return ProductTable(tuple(term.coefficient for term in terms), self.parameters)
-
-    @cached_property
-    def _stiffness(self) -> AffineArray:
-        """Without the elements, (B, N + p, N + p)."""
-        return self._padded(self.main.stiffness)
-
-    @cached_property
-    def _mass(self) -> AffineArray:
-        """Without the elements, (B, N + p, N + p); its diagonal alone where all else is zero."""
-        return self._padded(self.main.mass)
-
-    def _padded(self, terms: Sequence[tuple[Product, FloatArray]]) -> AffineArray:
+    def _main_matrices(self) -> tuple[AffineArray, AffineArray]:
+        """Without the elements, (B, N + p, N + p); of a mass perhaps the diagonal alone."""
         p = len(self.appendages)
-        padded = [(coefficient, np.pad(array, (0, p))) for coefficient, array in terms]
-        return AffineArray.of(padded, self.parameters, padded[0][1].shape)
+
+        def padded(terms: Sequence[tuple[Product, FloatArray]]) -> AffineArray:
+            arrays = [(coefficient, np.pad(array, (0, p))) for coefficient, array in terms]
+            return AffineArray.of(arrays, self.parameters, arrays[0][1].shape)
+
+        return padded(self.main.stiffness), padded(self.main.mass)
 
     @cached_property
     def _at_sensors(self) -> FloatArray:

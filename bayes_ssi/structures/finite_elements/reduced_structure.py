@@ -12,7 +12,6 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import values_at
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
@@ -104,7 +103,7 @@ class ReducedStructure(ApproximateStructure):
     def basis(self) -> ReducedBasis:
         """The basis with the elements that it carries, computed when it is first needed."""
         if self._basis is None:
-            points = np.vstack([self.full.prior_medians(), self._prior_points()])
+            points = self.prior_points(self.training_points, tail=1e-4)
             self._train(points, self.frequency_error, self.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
@@ -326,17 +325,6 @@ class ReducedStructure(ApproximateStructure):
         other = copy(self)
         other.__dict__["_reference"] = self._reference
         return other
-
-    def _prior_points(self) -> FloatArray:
-        """Points (training_points, n_parameters) that fill the prior evenly."""
-        from scipy.special import ndtri
-        from scipy.stats import qmc
-
-        d = len(self.parameters)
-        if not d:
-            return np.empty((0, 0))
-        uniform = qmc.Sobol(d, rng=np.random.default_rng(0)).random(self.training_points)
-        return values_at(self.parameters, ndtri(np.clip(uniform, 1e-4, 1.0 - 1e-4)))
 
     def __getstate__(self) -> dict[str, Any]:
         """State without what is large, or belongs to this basis, and is quickly recomputed."""
