@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
-from bayes_ssi.inference.likelihood.shape_planes import in_common_plane, tangents
+from bayes_ssi.inference.likelihood.joint_errors import in_common_plane, tangents
 from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
 
 SD, SHAPE_SD = 0.02, 0.05

@@ -11,7 +11,8 @@ from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
-from bayes_ssi.inference.likelihood.joint_errors import ShapeAxes
+from bayes_ssi.inference.likelihood.error_groups import ErrorGroups, Separation
+from bayes_ssi.inference.likelihood.joint_errors import JointErrors
 from bayes_ssi.inference.posterior.datum_terms import at_draws, compared_modes, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
@@ -373,6 +374,16 @@ def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-40, 1e-20])
 def test_a_direction_without_error_says_nothing_of_frequencies_but_by_rounding(rounding):
-    axes = ShapeAxes(np.array([2.0, rounding]), np.eye(2)[None], np.array([[1.0], [1e-17]]))
+    zero = np.zeros((1, 1, 1))
+    errors = JointErrors(
+        frequencies=ErrorGroups([0], np.array([[0]]), zero + 4.0, Separation(zero, zero)),
+        shapes=[0],
+        variances=np.array([2.0, rounding]),
+        axes=np.eye(2)[None],
+        between=np.array([[1.0], [1e-17]]),
+        identified=np.array([[0.0, 0.0]]),
+        single_var=np.array([1.0]),
+        dimensions=np.array([2.0]),
+    )
     # 4 - 1²/2, of a frequency given the shape along the first axis.
-    np.testing.assert_allclose(axes.least_variances(np.array([[4.0]])), [3.5])
+    np.testing.assert_allclose(errors.least_variances[0], [3.5])

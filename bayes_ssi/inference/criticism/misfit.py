@@ -149,8 +149,8 @@ def misfit(
     frequency_log_p = log_two_sided(errors / sds)
     shape_log_p, expected_distances = _shape_misfit(likelihood, distances, shape_sds)
     if likelihood.joint_pairs is not None:
-        own = likelihood.joint_pairs.errors(likelihood.residuals(values, modes))
-        frequency_log_p = log_two_sided(_taken(own.frequencies, which))
+        own = likelihood.joint_pairs.errors(*likelihood.residuals(values, modes))
+        frequency_log_p = log_two_sided(_taken(own[0], which))
         directions = np.array([max(mode.n_measured - 1, 0) for mode in likelihood.data.modes])
         squares, variances, squared_variances = (
             _taken(each, np.where(which_shape < 0, -1, which)) for each in own[1:]

@@ -117,7 +117,7 @@ class AnyPairing(ModalLikelihood):
                 modes.shape_distances, error_var[:, 1:]
             )
             if self.joint_pairs is not None:
-                paired += self.joint_pairs.log_ratios(self.residuals(values, modes))
+                paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
         paired = paired.reshape(len(values), n_data, n_model)
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
         frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])

@@ -29,11 +29,9 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
 from bayes_ssi.foundations.arrays import FloatArray
@@ -43,41 +41,16 @@ from bayes_ssi.inference.likelihood.error_groups import (
     ModeOfTest,
     Separation,
     conditional_errors,
+    stacked,
 )
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, is_zero
-from bayes_ssi.inference.likelihood.joint_errors import (
-    JointErrors,
-    ShapeAxes,
-    identification_covariance,
-)
+from bayes_ssi.inference.likelihood.joint_errors import JointErrors, in_common_plane, tangents
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
-from bayes_ssi.inference.likelihood.shape_planes import in_common_plane, tangents
 from bayes_ssi.parameters.parameters import Parameter, ProductTable, as_product
 
 # Size of the largest array of a batch: 2e7 numbers of 8 bytes are 160 MB.
 LARGEST_ARRAY = 20_000_000
-
-
-class ScoredShapes(NamedTuple):
-    """The shapes of S paired modes that are scored, test by test, at all n sensors.
-
-    Attributes:
-        positions: (S,), of the modes among the paired ones.
-        unit: (S, n), the identified shapes; zero where not measured.
-        single_var: (S,), of identification errors.
-        dimensions: (S,), directions in which each can err.
-        columns: of each test's sensors among all.
-        groups: the shapes of one mode at the same sensors in several tests, where they err
-            together; others alone.
-    """
-
-    positions: list[int]
-    unit: FloatArray
-    single_var: FloatArray
-    dimensions: FloatArray
-    columns: list[NDArray[np.intp]]
-    groups: list[list[int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +87,7 @@ class CorrelatedErrors:
         )
 
     @cached_property
-    def _pairs(self) -> list[PairedModes]:
+    def _pairs_of_tests(self) -> list[PairedModes]:
         """The pairs of each test, none where the pairing is inferred."""
         return [PairedModes.of(own.data, own.pairing.items()) for own in self.likelihoods]
 
@@ -152,116 +125,95 @@ class CorrelatedErrors:
         return np.array([own.data.covariance is not None for own in tests], dtype=bool)
 
     @cached_property
-    def _frequency_covariance(self) -> FloatArray:
-        """Covariance (N, N) of the identification errors of frequencies."""
-        blocks = []
-        for likelihood in self.likelihoods:
-            places = [likelihood.data.labels.index(label) for label in likelihood.pairing]
-            blocks.append(identification_covariance(likelihood.data)[np.ix_(places, places)])
-        return np.asarray(block_diag(*blocks), dtype=float)
-
-    @cached_property
-    def _shapes(self) -> ScoredShapes:
-        n_before = np.cumsum([0, *(len(own.pairing) for own in self.likelihoods)])
-        pairs = self._pairs
+    def _columns(self) -> list[NDArray[np.intp]]:
+        """The places of each test's sensors among those of all."""
         known: dict[str, int] = {}
-        columns = [
+        return [
             np.array([known.setdefault(s, len(known)) for s in own.data.sensors], dtype=np.intp)
             for own in self.likelihoods
         ]
-        positions: list[int] = []
+
+    @cached_property
+    def _pairs(self) -> PairedModes:
+        """The N pairs of all tests, S of them with a shape that is scored, at all n sensors."""
+        n = 1 + max(int(own.max(initial=-1)) for own in self._columns)
+        return PairedModes.joined(self._pairs_of_tests, self._columns, n)
+
+    @cached_property
+    def _identification(self) -> FloatArray:
+        """Covariance (N + S n, N + S n) of identification errors of frequencies and shapes."""
+        n_pairs, n = len(self.modes), len(self._pairs.unit_shapes)
+        whole = np.zeros((n_pairs + self._pairs.unit_shapes.size,) * 2)
+        pair = shape = 0
+        for likelihood, pairs, at in zip(
+            self.likelihoods, self._pairs_of_tests, self._columns, strict=True
+        ):
+            end, last = pair + len(pairs.modes), shape + len(pairs.with_shape)
+            shapes = n_pairs + n * np.arange(shape, last)[:, None] + at
+            rows = np.concatenate([np.arange(pair, end), shapes.ravel()])
+            whole[np.ix_(rows, rows)] = pairs.identification_covariance(likelihood.data)
+            pair, shape = end, last
+        return whole
+
+    @cached_property
+    def _shape_groups(self) -> list[list[int]]:
+        """The shapes of one mode at the same sensors in several tests, if they err together."""
         groups: dict[Hashable, list[int]] = {}
-        unit = np.zeros((sum(len(own.with_shape) for own in pairs), len(known)))
-        for first, own, at in zip(n_before, pairs, columns, strict=False):
-            for pair, shape, measured in zip(
-                own.with_shape, own.unit_shapes.T, own.measured.T, strict=True
-            ):
-                s, position = len(positions), int(first + pair)
-                seen = tuple(sorted(at[measured == 1.0].tolist()))
-                key = (self.modes[position].label, seen) if self._between_tests else s
-                groups.setdefault(key, []).append(s)
-                unit[s, at] = shape
-                positions.append(position)
-        return ScoredShapes(
-            positions,
-            unit,
-            np.concatenate([own.shape_var for own in pairs]),
-            np.concatenate([own.n_measured for own in pairs]) - 1.0,
-            columns,
-            list(groups.values()),
-        )
+        for s, (pair, seen) in enumerate(
+            zip(self._pairs.with_shape, self._pairs.measured.T, strict=True)
+        ):
+            key = (self.modes[pair].label, tuple(seen)) if self._between_tests else s
+            groups.setdefault(key, []).append(s)
+        return list(groups.values())
 
     @cached_property
     def _joint(self) -> dict[int, JointErrors]:
-        """Groups of frequencies and shapes of data with a joint covariance, and others' with them.
-
-        By the index of the group.
-        """
-        shapes, joint = self._shapes, {}
+        """Groups with shapes and data of a joint covariance, by their index."""
+        joint = {}
         for i, group in enumerate(self.groups):
-            own = [s for s, position in enumerate(shapes.positions) if position in group]
-            if not (own and self._have_covariance[group].any()):
-                continue
-            axes, columns = [], []
-            for test in dict.fromkeys(self.modes[position].test for position in group):
-                labels = [self.modes[p].label for p in group if self.modes[p].test == test]
-                axes.append(ShapeAxes.of(self.likelihoods[test].data, labels))
-                columns.append(shapes.columns[test])
-            repeated = [[own.index(s) for s in each] for each in shapes.groups if each[0] in own]
-            joint[i] = JointErrors(
-                frequencies=self._frequencies_of([i]),
-                shapes=own,
-                axes=ShapeAxes.joined(axes, columns, shapes.unit.shape[1]),
-                identified=shapes.unit[own],
-                single_var=shapes.single_var[own],
-                dimensions=shapes.dimensions[own],
-                repeated=repeated if max(map(len, repeated)) > 1 else [],
-            )
+            shapes = np.flatnonzero(np.isin(self._pairs.with_shape, group)).tolist()
+            if shapes and self._have_covariance[group].any():
+                own = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
+                repeated = own if len(own) < len(shapes) else []
+                frequencies = self._frequency_groups([i], np.array([group], dtype=np.intp))
+                args = self._identification, self._pairs, frequencies, shapes, repeated
+                joint[i] = JointErrors.of(*args)
         return joint
 
-    def _frequencies_of(self, groups: list[int]) -> ErrorGroups:
-        """The frequencies of groups of equal size."""
-        members = np.array([self.groups[i] for i in groups], dtype=np.intp)
-        identification = self._frequency_covariance[members[:, :, None], members[:, None, :]]
+    def _frequency_groups(self, groups: list[int], members: NDArray[np.intp]) -> ErrorGroups:
+        identification = self._identification[members[:, :, None], members[:, None, :]]
         return ErrorGroups(groups, members, identification, self._separation.within(members))
 
     @cached_property
     def _frequencies(self) -> list[ErrorGroups]:
-        """The frequencies of groups that are not in ``_joint``, those of equal size together."""
-        rest = [i for i in range(len(self.groups)) if i not in self._joint]
-        return [
-            self._frequencies_of([i for i in rest if len(self.groups[i]) == n])
-            for n in sorted({len(self.groups[i]) for i in rest})
-        ]
+        """The frequencies of groups that are not in ``_joint``."""
+        rest = {i: own for i, own in enumerate(self.groups) if i not in self._joint}
+        return [self._frequency_groups(*same) for same in stacked(rest)]
 
     @cached_property
     def _repeated_shapes(self) -> list[ErrorGroups]:
-        """The shapes of one mode in several tests of such groups, likewise."""
-        shapes, found = self._shapes, []
-        modes = [self.modes[position] for position in shapes.positions]
+        """The shapes of one mode in several tests of such groups."""
+        pairs, found = self._pairs, []
+        modes = [self.modes[pair] for pair in pairs.with_shape]
         separation = Separation.of(modes, modes, by_label=True)
-        group_of = {position: i for i, group in enumerate(self.groups) for position in group}
-        by_size: dict[int, list[list[int]]] = {}
-        for own in shapes.groups:
-            if len(own) > 1 and group_of[shapes.positions[own[0]]] not in self._joint:
-                by_size.setdefault(len(own), []).append(own)
-        for groups in by_size.values():
-            members = np.array(groups, dtype=np.intp)
-            identification = shapes.single_var[members][:, :, None] * np.eye(members.shape[1])
+        group_of = {pair: i for i, group in enumerate(self.groups) for pair in group}
+        repeated = {
+            k: own
+            for k, own in enumerate(self._shape_groups)
+            if len(own) > 1 and group_of[pairs.with_shape[own[0]]] not in self._joint
+        }
+        for which, members in stacked(repeated):
+            groups = [group_of[pairs.with_shape[repeated[k][0]]] for k in which]
+            identification = pairs.shape_var[members][:, :, None] * np.eye(members.shape[1])
+            dimensions = np.array(pairs.n_measured)[members[:, :1]] - 1.0
             found.append(
-                ErrorGroups(
-                    [group_of[shapes.positions[own[0]]] for own in groups],
-                    members,
-                    identification,
-                    separation.within(members),
-                    shapes.dimensions[members[:, :1]],
-                )
+                ErrorGroups(groups, members, identification, separation.within(members), dimensions)
             )
         return found
 
     def _sizes(self, values: FloatArray) -> tuple[ErrorSizes, ErrorSizes]:
         """Those of frequencies and of shapes at ``values``."""
-        of_shapes = self.error.shape_sd if self._shapes.positions else self.error.frequency_cov
+        of_shapes = self.error.shape_sd if self._pairs.n_measured else self.error.frequency_cov
         sizes = as_product(self.error.frequency_cov), as_product(of_shapes)
         frequency, shape, tests, modes = (
             ProductTable((each,), self.parameters).evaluate(
@@ -273,19 +225,18 @@ class CorrelatedErrors:
 
     def _residuals(self, frequencies_hz: Sequence[FloatArray]) -> FloatArray:
         """r_f = f/f_e - 1 of all paired modes, (B, N)."""
-        each = zip(self._pairs, frequencies_hz, strict=True)
+        each = zip(self._pairs_of_tests, frequencies_hz, strict=True)
         return np.concatenate([pairs.frequency_residuals(own) for pairs, own in each], axis=1)
 
     def _unit_shapes(self, modes: Sequence[ComparedModes]) -> FloatArray:
         """Model shapes (B, S, n) of the pairs at unit length, zero where not measured."""
-        known = self._shapes
-        shapes = np.zeros((len(modes[0].frequencies_hz), *known.unit.shape))
-        first = 0
-        for pairs, columns, of_test in zip(self._pairs, known.columns, modes, strict=True):
+        n, n_shapes = self._pairs.unit_shapes.shape
+        shapes, first = np.zeros((len(modes[0].frequencies_hz), n_shapes, n)), 0
+        for pairs, at, of_test in zip(self._pairs_of_tests, self._columns, modes, strict=True):
             end = first + len(pairs.with_shape)
             if end > first and of_test.unit_shapes.size:
-                of_pairs = of_test.unit_shapes.reshape(len(shapes), end - first, len(columns))
-                shapes[:, first:end, columns] = of_pairs
+                own = of_test.unit_shapes.reshape(len(shapes), end - first, len(at))
+                shapes[:, first:end, at] = own
             first = end
         return shapes
 
@@ -315,7 +266,7 @@ class CorrelatedErrors:
             shapes = self._unit_shapes(modes)
             for stack in self._repeated_shapes:
                 at_model = shapes[:, stack.members]
-                errors = tangents(at_model, self._shapes.unit[stack.members])
+                errors = tangents(at_model, self._pairs.unit_shapes.T[stack.members])
                 of_shapes = stack.log_ratios(in_common_plane(errors, at_model), sizes[1])
                 for i, ratio in zip(stack.groups, of_shapes.T, strict=True):
                     ratios[:, i] += ratio
@@ -340,7 +291,7 @@ class CorrelatedErrors:
         """
         sizes = self._sizes(values)
         residuals = self._residuals([of_test.frequencies_hz for of_test in modes])
-        variances = sizes[0].variance[:, None] + self._frequency_covariance.diagonal()
+        variances = sizes[0].variance[:, None] + self._pairs.frequency_var
         independent = residuals / np.sqrt(variances)
         for stack in self._frequencies:
             errors = residuals[:, stack.members][..., None]
@@ -387,18 +338,13 @@ class CorrelatedErrors:
             Means (B, M) and covariance (B or 1, M, M) of their prediction errors, as residuals.
         """
         sizes, _ = self._sizes(values)
-        by_label = not self._between_modes
-        paired, between, own = (
-            Separation.of(rows, columns, by_label).covariance(sizes)
-            for rows, columns in (
-                (self.modes, self.modes),
-                (self.modes, further),
-                (further, further),
-            )
-        )
-        gain = np.linalg.solve(paired + self._frequency_covariance, between)
+        every, n = (*self.modes, *further), len(self.modes)
+        covariance = Separation.of(every, every, not self._between_modes).covariance(sizes)
+        between = covariance[:, :n, n:]
+        paired = covariance[:, :n, :n] + self._identification[:n, :n]
+        gain = np.linalg.solve(paired, between)
         means = (gain * self._residuals(frequencies_hz)[:, :, None]).sum(axis=1)
-        return means, own - np.einsum("bnm,bnk->bmk", gain, between)
+        return means, covariance[:, n:, n:] - np.einsum("bnm,bnk->bmk", gain, between)
 
 
 def _check_labels(modes: Sequence[ModeOfTest], by_number: bool) -> None:

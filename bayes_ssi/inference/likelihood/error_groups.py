@@ -6,7 +6,7 @@ sums are added up does not depend on B, so that a row gets the same last digit i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -113,6 +113,13 @@ class ErrorGroups:
             )
         )
         return joint - single
+
+
+def stacked(groups: Mapping[int, Sequence[int]]) -> Iterator[tuple[list[int], NDArray[np.intp]]]:
+    """Indices (G,) and members (G, n) of groups by their index, those of equal size together."""
+    for n in sorted(set(map(len, groups.values()))):
+        same = [i for i, members in groups.items() if len(members) == n]
+        yield same, np.array([groups[i] for i in same], dtype=np.intp)
 
 
 def log_density(

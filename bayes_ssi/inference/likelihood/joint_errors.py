@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
@@ -33,9 +32,7 @@ from bayes_ssi.inference.likelihood.error_groups import (
     log_density,
     many_conditional_errors,
 )
-from bayes_ssi.inference.likelihood.shape_planes import in_common_plane, tangents, turned
-from bayes_ssi.measurements.modes.joint_covariance import plane_bases
-from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.structures.modal import SOLVER
 
 
@@ -64,80 +61,16 @@ class WhiteErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeAxes:
-    """The covariance of the identification errors of S shapes and P frequencies of one test.
-
-    Attributes:
-        variances: (K,), of the errors of all shapes along the axes of their covariance.
-        axes: (S, n, K), their components at n sensors.
-        between: (K, P), covariance of the errors along the axes with those of frequencies.
-    """
-
-    variances: FloatArray
-    axes: FloatArray
-    between: FloatArray
-
-    @classmethod
-    def of(cls, data: ModalData, labels: Sequence[str]) -> ShapeAxes:
-        """Those of the modes with these labels."""
-        m, n = len(data.modes), len(data.sensors)
-        covariance = identification_covariance(data)
-        places = [data.labels.index(label) for label in labels]
-        scored = [i for i in places if data.modes[i].scored_shape is not None]
-        rows = [m + n * i + k for i in scored for k in range(n)]
-        bases = plane_bases([data.modes[i] for i in scored], n)
-        basis = block_diag(*bases) if bases else np.zeros((0, 0))
-        variances, turn = np.linalg.eigh(basis.T @ covariance[np.ix_(rows, rows)] @ basis)
-        axes = basis @ turn
-        return cls(
-            np.maximum(variances, 0.0),  # by rounding below zero
-            axes.reshape(len(scored), n, len(variances)),
-            axes.T @ covariance[np.ix_(rows, places)],
-        )
-
-    @classmethod
-    def joined(
-        cls, tests: Sequence[ShapeAxes], columns: Sequence[NDArray[np.intp]], n: int
-    ) -> ShapeAxes:
-        """Those of several tests, whose sensors are ``columns`` of n."""
-        variances = np.concatenate([test.variances for test in tests])
-        axes = np.zeros((sum(len(test.axes) for test in tests), n, len(variances)))
-        shape = axis = 0
-        for test, sensors in zip(tests, columns, strict=True):
-            end, last = shape + len(test.axes), axis + len(test.variances)
-            axes[shape:end, sensors, axis:last] = test.axes
-            shape, axis = end, last
-        return cls(
-            variances,
-            axes,
-            block_diag(*(test.between for test in tests)),
-        )
-
-    def least_variances(self, of_frequencies: FloatArray) -> FloatArray:
-        """Least variances (P,) of frequencies, whose covariance is (P, P), given the shapes."""
-        known = self.variances > SOLVER.rounding * self.variances.max(initial=0.0)
-        gain = self.between[known] / self.variances[known, None]
-        given_shapes = of_frequencies - self.between[known].T @ gain
-        return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0)
-
-
-def identification_covariance(data: ModalData) -> FloatArray:
-    """That of the logarithms of m frequencies and of m unit shapes at n sensors, (m + m n, ...)."""
-    if data.covariance is not None:
-        return data.covariance
-    frequencies = [mode.frequency_cov or 0.0 for mode in data.modes]
-    shapes = np.repeat([mode.shape_sd or 0.0 for mode in data.modes], len(data.sensors))
-    return np.diag(np.concatenate([frequencies, shapes]) ** 2)
-
-
-@dataclass(frozen=True, eq=False)
 class JointErrors:
     """The errors of P frequencies and S shapes that are correlated with one another.
 
     Attributes:
         frequencies: the frequencies, one group.
-        shapes: positions (S,) of the shapes.
-        identified: (S, n), the identified shapes at unit length, at all sensors.
+        shapes: (S,), which ones of all.
+        variances: (K,), of the identification errors of shapes along the axes of their covariance.
+        axes: (S, n, K), their components at n sensors.
+        between: (K, P), covariance of the errors along the axes with those of frequencies.
+        identified: (S, n), the identified shapes at unit length.
         single_var: (S,), of identification errors of a component, the mean over its directions.
         dimensions: (S,), directions in which each shape can err.
         repeated: groups of all shapes, those of one mode in several tests in one; none where no
@@ -145,17 +78,62 @@ class JointErrors:
     """
 
     frequencies: ErrorGroups
-    shapes: list[int]
-    axes: ShapeAxes
+    shapes: Sequence[int]
+    variances: FloatArray
+    axes: FloatArray
+    between: FloatArray
     identified: FloatArray
     single_var: FloatArray
     dimensions: FloatArray
     repeated: Sequence[Sequence[int]] = ()
 
+    @classmethod
+    def of(
+        cls,
+        covariance: FloatArray,
+        pairs: PairedModes,
+        frequencies: ErrorGroups,
+        shapes: Sequence[int],
+        repeated: Sequence[Sequence[int]] = (),
+    ) -> JointErrors:
+        """The errors of some frequencies and shapes of pairs with an identification covariance."""
+        unit, seen = pairs.unit_shapes.T[shapes], pairs.measured.T[shapes]
+        s, n = unit.shape
+        first = len(pairs.modes) + n * np.array(shapes, dtype=np.intp)
+        rows = (first[:, None] + np.arange(n)).ravel()
+        planes = seen[:, :, None] * np.eye(n) - unit[:, :, None] * unit[:, None]
+        # Directions at right angles to each shape: the eigenvalues of projections are zero or one.
+        bases = [vectors[:, values > 0.5] for values, vectors in map(np.linalg.eigh, planes)]
+        basis = block_diag(*bases) if s else np.zeros((0, 0))
+        variances, turn = np.linalg.eigh(basis.T @ covariance[np.ix_(rows, rows)] @ basis)
+        axes = basis @ turn
+        return cls(
+            frequencies,
+            shapes,
+            np.maximum(variances, 0.0),  # by rounding below zero
+            axes.reshape(s, n, len(variances)),
+            axes.T @ covariance[np.ix_(rows, frequencies.members[0])],
+            unit,
+            pairs.shape_var[shapes],
+            np.array(pairs.n_measured)[shapes] - 1.0,
+            repeated,
+        )
+
+    @property
+    def least_variances(self) -> tuple[FloatArray, FloatArray]:
+        """Variances of frequencies and of shapes in the directions that the data determine best.
+
+        Those of frequencies (P,) are conditional on shapes.
+        """
+        known = self.variances > SOLVER.rounding * self.variances.max(initial=0.0)
+        gain = self.between[known] / self.variances[known, None]
+        given_shapes = self.frequencies.identification[0] - self.between[known].T @ gain
+        return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.variances
+
     @property
     def largest_array(self) -> int:
         """Size of the largest array for a row of a batch that no other row shares."""
-        size = len(self.axes.variances) + self.frequencies.members.shape[1]
+        size = len(self.variances) + self.frequencies.members.shape[1]
         return size**2 if self.repeated else size
 
     def white(
@@ -171,16 +149,16 @@ class JointErrors:
         covariance = self.frequencies.covariance(sizes[0])[:, 0]
         errors = tangents(self.identified, shapes)
         # Products of single rows: how they are added up must not depend on the batch.
-        s, n, k = self.axes.axes.shape
-        along = (errors.reshape(len(errors), 1, s * n) @ self.axes.axes.reshape(s * n, k))[:, 0]
+        s, n, k = self.axes.shape
+        along = (errors.reshape(len(errors), 1, s * n) @ self.axes.reshape(s * n, k))[:, 0]
         squares = (errors * errors).sum(axis=2)
         if self.repeated:
             of_all = self._all_at_once(residuals, covariance, along, shapes, sizes[1])
             return WhiteErrors(*of_all, squares)
-        variances = self.axes.variances + sizes[1].variance[:, None]
-        gain = self.axes.between.T / variances[:, None]
+        variances = self.variances + sizes[1].variance[:, None]
+        gain = self.between.T / variances[:, None]
         rest = residuals[:, :, None] - gain @ along[:, :, None]
-        given_shapes = covariance - gain @ self.axes.between
+        given_shapes = covariance - gain @ self.between
         frequency_var, frequencies = conditional_errors(given_shapes, rest)
         return WhiteErrors(frequencies[:, :, 0], frequency_var, along, variances, squares)
 
@@ -198,8 +176,8 @@ class JointErrors:
         covariance = np.zeros((len(along), n + residuals.shape[1], n + residuals.shape[1]))
         covariance[:, :n, :n] = (variance * rho)[:, :, None] * self._alike(shapes)
         i = np.arange(n)
-        covariance[:, i, i] += self.axes.variances + variance * (1.0 - rho)
-        covariance[:, n:, :n] = self.axes.between.T
+        covariance[:, i, i] += self.variances + variance * (1.0 - rho)
+        covariance[:, n:, :n] = self.between.T
         covariance[:, n:, n:] = of_frequencies
         both = np.concatenate([along, residuals], axis=1)
         variances, white = many_conditional_errors(covariance, both)
@@ -213,7 +191,7 @@ class JointErrors:
             of_tests = shapes[:, None, members]
             at_model = turned(np.eye(n)[:, None], self.identified[members], of_tests)
             rotations = in_common_plane(at_model, of_tests).transpose(0, 2, 1, 3)  # (B, m, n, n)
-            axes = self.axes.axes[members].transpose(0, 2, 1)
+            axes = self.axes[members].transpose(0, 2, 1)
             vectors.append(row_sums(axes @ rotations))
         joined = np.concatenate(vectors, axis=2)
         return joined @ joined.transpose(0, 2, 1)
@@ -229,3 +207,35 @@ class JointErrors:
         of_shapes = self.single_var + sizes[1].variance[:, None]
         single += log_density(white.shape_squares, of_shapes, self.dimensions)
         return joint - single
+
+
+def tangents(at: FloatArray, towards: FloatArray) -> FloatArray:
+    """Vectors (..., n) at right angles to a unit shape, towards another and r_φ long.
+
+    The shapes (..., n) have signs that match, r_φ is the distance between them.
+    """
+    cosine = (at * towards).sum(axis=-1, keepdims=True)
+    # What is at right angles is sin t long, and r_φ is 2 sin(t/2).
+    vectors: FloatArray = (towards - cosine * at) / np.sqrt(0.5 * (1.0 + cosine))
+    return vectors
+
+
+def turned(vectors: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Vectors (..., n) after the rotation that turns one unit shape into another.
+
+    They are at right angles to ``start`` and come to be so to ``end``.
+    """
+    along = (vectors * end).sum(axis=-1, keepdims=True)
+    cosine = (start * end).sum(axis=-1, keepdims=True)
+    rotated: FloatArray = vectors - along / (1.0 + cosine) * (start + end)
+    return rotated
+
+
+def in_common_plane(vectors: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Vectors (..., m, n) in the planes at m unit shapes, turned into the one at their mean."""
+    sign = np.where((shapes * shapes[..., :1, :]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    shapes = shapes * sign
+    mean = shapes.sum(axis=-2, keepdims=True)
+    length = np.sqrt((mean * mean).sum(axis=-1, keepdims=True))
+    mean /= np.where(length == 0.0, 1.0, length)  # no sensor sees the mode in any test
+    return turned(vectors * sign, shapes, mean)

@@ -32,7 +32,6 @@ from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.inference.likelihood.pair_errors import (
     JointPairs,
     PairErrors,
-    PairResiduals,
     UnpairedModes,
     prediction_sizes,
 )
@@ -273,12 +272,12 @@ class ModalLikelihood:
             return None
         return JointPairs(self.data, self.pairs)
 
-    def residuals(self, values: FloatArray, modes: ComparedModes) -> PairResiduals:
-        """Residuals of all pairs, and squared prediction errors; one row where they are fixed."""
+    def residuals(
+        self, values: FloatArray, modes: ComparedModes
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What :attr:`joint_pairs` need; one row of prediction errors where they are fixed."""
         frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
-        return PairResiduals(
-            frequencies, modes.unit_shapes, self.errors.prediction_var_once(values)
-        )
+        return frequencies, modes.unit_shapes, self.errors.prediction_var_once(values)
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = (prediction_var.T + self._own_var[0]).T

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from scipy.special import ndtr
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.inference.likelihood.error_groups import ErrorGroups, ErrorSizes, Separation
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.inference.likelihood.joint_errors import JointErrors, ShapeAxes, WhiteErrors
+from bayes_ssi.inference.likelihood.joint_errors import JointErrors
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.shape_density import log_sphere_area
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
@@ -140,122 +139,82 @@ class PairErrors:
         return ((1.0 - tests) * (1.0 - modes) / (1.0 + modes))[:, None]
 
 
-class PairResiduals(NamedTuple):
-    """Residuals of all pairs at a batch of B parameter values.
-
-    Attributes:
-        frequencies: (B, P).
-        unit_shapes: (B, S s), of the model.
-        variances: squared prediction errors (B or 1, 1 or 2) of frequencies and, where scored,
-            shapes.
-    """
-
-    frequencies: FloatArray
-    unit_shapes: FloatArray
-    variances: FloatArray
-
-
-class SingleErrors(NamedTuple):
-    """Each pair's errors regardless of the others', which are independent of each other.
-
-    Attributes:
-        frequencies: (B, P), standard-normal: residuals given those of the shape.
-        shape_squares: (B, P), chi-square with as many degrees of freedom as the shape has
-            directions to err in; zero without a shape.
-        shape_variances: (B, P), the sum of the variances in these directions.
-        shape_squared_variances: (B, P), the sum of their squares.
-    """
-
-    frequencies: FloatArray
-    shape_squares: FloatArray
-    shape_variances: FloatArray
-    shape_squared_variances: FloatArray
-
-    @classmethod
-    def of(cls, white: WhiteErrors) -> SingleErrors:
-        """Those of one mode, (B, 1)."""
-        variances = np.broadcast_to(white.shape_var, white.shapes.shape)
-        sums = (white.shapes * white.shapes / variances, variances, variances * variances)
-        return cls(
-            white.frequencies / np.sqrt(white.frequency_var),
-            *(row_sums(each)[:, None] for each in sums),
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class JointPairs:
-    """The errors of single pairs whose identified modes have a joint covariance."""
+    """The errors of single pairs whose identified modes have a joint covariance.
+
+    Methods take the residuals (B, P) of frequencies, the model's unit shapes (B, S s), and squared
+    prediction errors (B or 1, 1 or 2) of frequencies and, where scored, shapes.
+    """
 
     data: ModalData
     pairs: PairedModes
 
     @property
     def least_variances(self) -> tuple[FloatArray, FloatArray]:
-        """Variances of frequencies and of shapes in the directions that the data determine best.
+        """Variances of frequencies and of shapes in the directions that the data determine best."""
+        return self._errors(tuple(self._modes)).least_variances
 
-        Those of frequencies are conditional on shapes.
-        """
-        labels = list(self._modes)
-        axes = ShapeAxes.of(self.data, labels)
-        places = [self.data.labels.index(label) for label in labels]
-        assert self.data.covariance is not None
-        return axes.least_variances(self.data.covariance[np.ix_(places, places)]), axes.variances
-
-    def log_ratios(self, residuals: PairResiduals) -> FloatArray:
+    def log_ratios(
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
+    ) -> FloatArray:
         """Log of the joint density of each pair over the product of single ones, (B, P)."""
-        n = len(residuals.frequencies)
-        return np.concatenate(
-            [errors.log_ratio(*own).reshape(n, -1) for errors, own in self._each(residuals)], axis=1
-        )
+        n, each = len(frequencies), self._each(frequencies, unit_shapes, variances)
+        ratios = [errors.log_ratio(*own).reshape(n, -1) for errors, own in each]
+        return np.concatenate(ratios, axis=1)
 
-    def errors(self, residuals: PairResiduals) -> SingleErrors:
-        """The errors of each pair, whatever those of the others."""
-        n = len(residuals.frequencies)
-        parts = [SingleErrors.of(errors.white(*own)) for errors, own in self._each(residuals)]
-        return SingleErrors(
-            *(
-                np.concatenate([rows.reshape(n, -1) for rows in of_modes], axis=1)
-                for of_modes in zip(*parts, strict=True)
+    def errors(
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
+    ) -> list[FloatArray]:
+        """The errors of each pair regardless of the others, four arrays (B, P).
+
+        Standard-normal ones of frequencies, given those of shapes; the squares of those of shapes,
+        chi-square with as many degrees of freedom as the shape has directions to err in; the sum of
+        the variances in these directions, and that of their squares.
+        """
+        n, parts = len(frequencies), []
+        for errors, own in self._each(frequencies, unit_shapes, variances):
+            white = errors.white(*own)
+            of_shapes = np.broadcast_to(white.shape_var, white.shapes.shape)
+            squares = white.shapes * white.shapes / of_shapes
+            parts.append(
+                [
+                    white.numbers[:, 0].reshape(n, -1),
+                    *(row_sums(x).reshape(n, -1) for x in (squares, of_shapes, of_shapes**2)),
+                ]
             )
-        )
+        return [np.concatenate(of_modes, axis=1) for of_modes in zip(*parts, strict=True)]
 
     def _each(
-        self, residuals: PairResiduals
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
     ) -> Iterator[tuple[JointErrors, tuple[FloatArray, FloatArray, tuple[ErrorSizes, ErrorSizes]]]]:
         """The errors of each identified mode, and its pairs' residuals, a row for each of them."""
-        for errors, pairs, shapes in self._modes.values():
-            frequencies = residuals.frequencies[:, pairs].reshape(-1, 1)
-            n_sensors, n_shapes = self.pairs.unit_shapes.shape
-            n_rows = len(residuals.frequencies)
-            unit = residuals.unit_shapes.reshape(n_rows, n_shapes, n_sensors)[:, shapes]
-            unit = unit.reshape(len(frequencies), len(errors.shapes), n_sensors)
-            variances = residuals.variances
-            if len(variances) > 1:
-                variances = np.repeat(variances, len(pairs), axis=0)
-            none = np.zeros(len(variances))
-            frequency, shape = (ErrorSizes(variances[:, i], none, none) for i in (0, -1))
-            yield errors, (frequencies, unit, (frequency, shape))
+        n, (n_sensors, n_shapes) = len(frequencies), self.pairs.unit_shapes.shape
+        shapes = unit_shapes.reshape(n, n_shapes, n_sensors)
+        for errors, pairs in self._modes.values():
+            own = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
+            unit = shapes[:, own].reshape(n * len(pairs), len(errors.shapes), n_sensors)
+            repeated = np.repeat(variances, len(pairs), axis=0) if len(variances) > 1 else variances
+            zero = np.zeros(len(repeated))
+            frequency, shape = (ErrorSizes(repeated[:, i], zero, zero) for i in (0, -1))
+            yield errors, (frequencies[:, pairs].reshape(-1, 1), unit, (frequency, shape))
 
     @cached_property
-    def _modes(self) -> dict[str, tuple[JointErrors, list[int], list[int]]]:
-        """The errors of each identified mode, its pairs, and which of the scored shapes are its."""
-        pairs, found = self.pairs, {}
-        labels = [mode.label for mode in pairs.modes]
-        for label in dict.fromkeys(labels):
-            own = [i for i, other in enumerate(labels) if other == label]
-            shapes = [s for s, pair in enumerate(pairs.with_shape) if labels[pair] == label]
-            errors = JointErrors(
-                frequencies=ErrorGroups(
-                    [0],
-                    np.zeros((1, 1), dtype=np.intp),
-                    pairs.frequency_var[own[:1]].reshape(1, 1, 1),
-                    Separation(np.zeros((1, 1, 1)), np.zeros((1, 1, 1))),
-                ),
-                shapes=shapes[:1],
-                axes=ShapeAxes.of(self.data, [label]),
-                identified=pairs.unit_shapes.T[shapes[:1]],
-                single_var=pairs.shape_var[shapes[:1]],
-                dimensions=np.array([pairs.n_measured[s] - 1.0 for s in shapes[:1]]),
+    def _modes(self) -> dict[str, tuple[JointErrors, list[int]]]:
+        """The errors of each identified mode, and its pairs."""
+        labels = [mode.label for mode in self.pairs.modes]
+        return {
+            label: (
+                self._errors((label,)),
+                [i for i, other in enumerate(labels) if other == label],
             )
-            found[label] = errors, own, shapes
-        return found
+            for label in dict.fromkeys(labels)
+        }
+
+    def _errors(self, labels: Sequence[str]) -> JointErrors:
+        """The errors of some identified modes; of several, their prediction errors are not used."""
+        pairs = PairedModes.of(self.data, [(label, 1) for label in labels])
+        covariance, n = pairs.identification_covariance(self.data), len(labels)
+        same = Separation(np.zeros((1, n, n)), np.zeros((1, n, n)))
+        own = ErrorGroups([0], np.arange(n)[None], covariance[None, :n, :n], same)
+        return JointErrors.of(covariance, pairs, own, range(len(pairs.with_shape)))

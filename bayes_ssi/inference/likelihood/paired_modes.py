@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -50,6 +50,42 @@ class PairedModes:
             n_measured=tuple(modes[i].n_measured for i in with_shape),
             shape_var=np.array([modes[i].shape_sd or 0.0 for i in with_shape]) ** 2,
         )
+
+    @classmethod
+    def joined(
+        cls, tests: Sequence[PairedModes], columns: Sequence[NDArray[np.intp]], n: int
+    ) -> PairedModes:
+        """The pairs of several tests, whose sensors are ``columns`` of n."""
+        unit, measured = np.zeros((2, n, sum(len(test.with_shape) for test in tests)))
+        with_shape: list[int] = []
+        first = 0
+        for test, at in zip(tests, columns, strict=True):
+            own = slice(len(with_shape), len(with_shape) + len(test.with_shape))
+            unit[at, own], measured[at, own] = test.unit_shapes, test.measured
+            with_shape += (first + test.with_shape).tolist()
+            first += len(test.modes)
+        return cls(
+            modes=tuple(mode for test in tests for mode in test.modes),
+            model_modes=np.concatenate([test.model_modes for test in tests]),
+            frequencies_hz=np.concatenate([test.frequencies_hz for test in tests]),
+            frequency_var=np.concatenate([test.frequency_var for test in tests]),
+            with_shape=np.array(with_shape, dtype=np.intp),
+            unit_shapes=unit,
+            measured=measured,
+            n_measured=tuple(d for test in tests for d in test.n_measured),
+            shape_var=np.concatenate([test.shape_var for test in tests]),
+        )
+
+    def identification_covariance(self, data: ModalData) -> FloatArray:
+        """Covariance (P + S s, P + S s) of identification errors of ln frequencies and shapes."""
+        if data.covariance is None:
+            of_shapes = self.shape_var.repeat(len(data.sensors))
+            return np.diag(np.concatenate([self.frequency_var, of_shapes]))
+        places = np.array([data.labels.index(mode.label) for mode in self.modes], dtype=np.intp)
+        m, n = len(data.modes), len(data.sensors)
+        shapes = m + n * places[self.with_shape, None] + np.arange(n)
+        rows = np.concatenate([places, shapes.ravel()])
+        return data.covariance[np.ix_(rows, rows)]
 
     def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
         """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
