@@ -81,7 +81,7 @@ def what_if(
     again. It is also 3 where the most probable class does not explain the data after the change,
     and where a failed check of the data was not accepted when RESULT was saved.
     """
-    from bayes_ssi.parameters.prior_text import prior_from_text
+    from bayes_ssi.parameters.families import prior_from_text
     from bayes_ssi.report.tables.ranking_tables import (
         changed_parameters_table,
         what_if_notes,

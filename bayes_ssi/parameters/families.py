@@ -1,7 +1,8 @@
-"""The families of prior distributions that parameters may have."""
+"""The families of prior distributions that parameters may have, and their notation as text."""
 
 from __future__ import annotations
 
+import ast
 import math
 from dataclasses import dataclass
 from typing import Self
@@ -286,3 +287,43 @@ def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:
     """log(exp(log_a) - exp(log_b)) for log_a >= log_b."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(log_a + np.log(-np.expm1(np.subtract(log_b, log_a))))
+
+
+FAMILIES = {
+    kind.__name__: kind
+    for kind in (Normal, LogNormal, Uniform, LogUniform, TruncatedNormal, HalfNormal)
+}
+
+
+def prior_from_text(text: str) -> Prior:
+    """The prior that a text names, its numbers in the order of a study or by their names.
+
+    Nothing in the text is executed.
+    """
+    problem = ValueError(
+        f"prior {text!r}: must be a distribution with its numbers, such as 'LogNormal(1, 0.5)'; "
+        f"choose from {', '.join(FAMILIES)}"
+    )
+    try:
+        call = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise problem from None
+    if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
+        raise problem
+    if call.func.id not in FAMILIES or any(each.arg is None for each in call.keywords):
+        raise problem
+    try:
+        numbers = [_number(each) for each in call.args]
+        named = {str(each.arg): _number(each.value) for each in call.keywords}
+        prior: Prior = FAMILIES[call.func.id](*numbers, **named)
+    except TypeError:
+        raise problem from None
+    return prior
+
+
+def _number(node: ast.expr) -> float:
+    """The number that a part of a text stands for; TypeError if it is none."""
+    try:
+        return float(ast.unparse(node))
+    except ValueError:
+        raise TypeError from None

@@ -9,7 +9,7 @@ import pytest
 from searches import INFILL_01, PENDULUM_3, place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.plots import figure_style
 from bayes_ssi.plots.appendage_places import plot_place_bars, plot_places_on_building

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing

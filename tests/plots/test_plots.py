@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.configuration_modes import (
     ConfigurationModes,
     UpdatedMode,

@@ -14,9 +14,9 @@ from bayes_ssi.parameters.families import (
     Normal,
     TruncatedNormal,
     Uniform,
+    prior_from_text,
 )
 from bayes_ssi.parameters.prior import Prior, Widened
-from bayes_ssi.parameters.prior_text import prior_from_text
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 

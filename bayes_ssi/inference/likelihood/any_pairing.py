@@ -13,18 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
-from bayes_ssi.inference.likelihood.inferred_pairing import (
-    InferredPairing,
-    inferred_pairing,
-    thinned,
-)
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import (
+    InferredPairing,
     PairingWeights,
+    inferred_pairing,
     log_sum,
     pair_probabilities,
     sample_pairings,
+    thinned,
 )
 
 # The one datum of a test whose pairing is inferred.

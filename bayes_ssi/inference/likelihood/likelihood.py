@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel, is_zero
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.inference.likelihood.pair_errors import (
     JointPairs,
     PairErrors,
@@ -36,6 +35,7 @@ from bayes_ssi.inference.likelihood.pair_errors import (
     prediction_sizes,
 )
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes, check_pairing
+from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter, as_product, collect_parameters

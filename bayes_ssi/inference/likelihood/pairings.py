@@ -6,29 +6,27 @@ they are summed by dynamic programming: model mode after model mode, keeping tra
 identified modes are taken, which is exact.
 
 The states to keep double with every identified mode, or with every model mode where these are
-fewer and the other way round. Where there are more than ``WINDOW`` of both, a model mode may only
-be one of the ``WINDOW`` nearest in frequency; :func:`left_out` bounds what that neglects.
+fewer and the other way round. Where there are more than a window holds of both, a model mode may
+only be one of the nearest in frequency. A pair that this leaves out would have added at most its
+ratio times the whole sum.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
-WINDOW = 10
 _FLOAT = np.finfo(float)
 # Pairs of less weight relative to leaving both unpaired change the sum by less than rounding.
 NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
 # Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
 SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
-# Rows are summed so many at a time that their states, as many numbers, stay in the second-level
-# cache of a core, of half a megabyte or more.
-CACHED = 2**16
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +38,23 @@ class PairingWeights:
             of j being spurious and i missed.
         frequencies_hz: (J,), of the identified modes.
         model_hz: (B, I), ascending; only for the nearest ones where there are more than
-            ``WINDOW`` of both.
+            ``window`` of both.
+        window: number of identified modes that a model mode may then be; time and memory double
+            with each.
     """
 
     log_ratios: FloatArray
     frequencies_hz: FloatArray
     model_hz: FloatArray
+    window: int = 10
 
     def without(self, j: int, i: int | None = None) -> PairingWeights:
         """These weights without identified mode ``j`` and model mode ``i``."""
         log_ratios = np.delete(self.log_ratios, j, axis=1)
         if i is not None:
             log_ratios[:, :, i] = -np.inf
-        return PairingWeights(log_ratios, np.delete(self.frequencies_hz, j), self.model_hz)
+        frequencies_hz = np.delete(self.frequencies_hz, j)
+        return replace(self, log_ratios=log_ratios, frequencies_hz=frequencies_hz)
 
 
 def log_sum(weights: PairingWeights) -> FloatArray:
@@ -68,35 +70,23 @@ def log_sum(weights: PairingWeights) -> FloatArray:
     log_ratios[log_ratios < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
     starts = _window_starts(weights)
     if starts is not None:
-        log_ratios[_outside(starts, len(order)).transpose(2, 1, 0)] = -np.inf
+        log_ratios[_outside(starts, weights).transpose(2, 1, 0)] = -np.inf
     elif len(log_ratios) < len(order):
         log_ratios = np.ascontiguousarray(log_ratios.transpose(1, 0, 2))
     # Every mode kept track of is scaled by its best pair, so that nothing overflows.
     scales = np.maximum(log_ratios.max(axis=0), 0.0)
+    width = len(scales) if starts is None else weights.window
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.log(_sum(np.exp(log_ratios - scales), np.exp(-scales), starts, _LINEAR))
+        total = np.log(_sum(np.exp(log_ratios - scales), np.exp(-scales), starts, width, _LINEAR))
     # Several identified modes near one model mode: too unlikely for plain numbers.
     lost = total < SMALLEST_LOG
     total = total + row_sums(scales.T)
     if lost.any():
         kept = None if starts is None else starts[lost]
-        total[lost] = _sum(log_ratios[:, :, lost], np.zeros((len(scales), lost.sum())), kept, _LOG)
+        total[lost] = _sum(
+            log_ratios[:, :, lost], np.zeros((len(scales), lost.sum())), kept, width, _LOG
+        )
     return total
-
-
-def left_out(weights: PairingWeights) -> FloatArray:
-    """Bound (B,) on the share of the sum that the window leaves out; zero where it is exact.
-
-    A pair that is left out would have added at most its ratio times the whole sum.
-    """
-    starts = _window_starts(weights)
-    if starts is None:
-        return np.zeros(len(weights.log_ratios))
-    order = np.argsort(weights.frequencies_hz, kind="stable")
-    outside = _outside(starts, len(order))
-    ratios = np.exp(np.minimum(weights.log_ratios[:, order], 700.0))
-    bound: FloatArray = np.where(outside, ratios, 0.0).sum(axis=(1, 2))
-    return bound
 
 
 def pair_probabilities(weights: PairingWeights) -> FloatArray:
@@ -129,17 +119,117 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
 
 
 @dataclass(frozen=True)
+class Listed:
+    """Which pairings are listed with their probability.
+
+    Attributes:
+        most_draws: at which probabilities are computed.
+        most: pairings in the list.
+    """
+
+    most_draws: int = 1000
+    most: int = 10
+
+    @property
+    def least_probability(self) -> float:
+        """A tenth of one draw; less probable ones are not listed."""
+        return 0.1 / self.most_draws
+
+
+LISTED = Listed()
+
+
+@dataclass(frozen=True)
+class PairingShare:
+    """One pairing and its posterior probability.
+
+    Attributes:
+        pairing: label of an identified mode → number of the model mode, from 1; modes that are
+            left out are spurious.
+    """
+
+    pairing: Mapping[str, int]
+    probability: float
+
+
+@dataclass(frozen=True)
+class InferredPairing:
+    """Posterior probabilities of pairings of identified with model modes.
+
+    Attributes:
+        of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
+            → probability. Probabilities below 0.0001 are left out.
+    """
+
+    pairings: tuple[PairingShare, ...]
+    of_modes: Mapping[str, Mapping[int, float]]
+
+    @property
+    def best(self) -> Mapping[str, int]:
+        """The most probable pairing."""
+        return self.pairings[0].pairing
+
+    def probability(self, pairing: Mapping[str, int]) -> float:
+        """The probability of one pairing; 0 where it is not listed."""
+        shares = (share for share in self.pairings if dict(share.pairing) == dict(pairing))
+        return next((share.probability for share in shares), 0.0)
+
+
+def thinned(values: FloatArray) -> FloatArray:
+    """Some of many equally weighted draws (n, n_parameters)."""
+    if len(values) <= LISTED.most_draws:
+        return values
+    return values[np.linspace(0, len(values) - 1, LISTED.most_draws).astype(np.intp)]
+
+
+def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> InferredPairing:
+    """Pairings of identified modes by their probability, averaged over posterior draws."""
+    # Random pairings show which ones matter; the probability of each is exact at every draw.
+    drawn = np.unique(sample_pairings(weights, np.random.default_rng(0)), axis=0)
+    total = log_sum(weights)
+    shares = []
+    for pairing in drawn:
+        paired = np.flatnonzero(pairing >= 0)
+        log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
+        numbers = {labels[j]: int(pairing[j]) + 1 for j in paired.tolist()}
+        shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
+    shares.sort(key=lambda share: -share.probability)
+    kept = [share for share in shares if share.probability >= LISTED.least_probability][
+        : LISTED.most
+    ]
+    of_pairs = pair_probabilities(weights).mean(axis=0)
+    with_spurious = np.column_stack([1.0 - of_pairs.sum(axis=1), of_pairs])
+    return InferredPairing(
+        tuple(kept or shares[:1]),
+        {
+            label: {
+                number: float(probability)
+                for number, probability in enumerate(row)
+                if probability >= LISTED.least_probability
+            }
+            for label, row in zip(labels, with_spurious, strict=True)
+        },
+    )
+
+
+@dataclass(frozen=True)
 class _Arithmetic:
     """Sums and products of numbers, or of numbers given by their logarithms."""
 
     add: np.ufunc
     multiply: np.ufunc
-    zero: float
-    one: float
+
+    @property
+    def zero(self) -> float:
+        return float(self.add.identity)
+
+    @property
+    def one(self) -> float:
+        return float(self.multiply.identity)
 
 
-_LINEAR = _Arithmetic(np.add, np.multiply, 0.0, 1.0)
-_LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
+_LINEAR = _Arithmetic(np.add, np.multiply)
+_LOG = _Arithmetic(np.logaddexp, np.add)
 
 
 def _window_starts(weights: PairingWeights) -> NDArray[np.intp] | None:
@@ -148,28 +238,35 @@ def _window_starts(weights: PairingWeights) -> NDArray[np.intp] | None:
     Identified modes are counted in the order of their frequencies.
     """
     _, n, n_model = weights.log_ratios.shape
-    if min(n, n_model) <= WINDOW:
+    if min(n, n_model) <= weights.window:
         return None
     frequencies_hz = np.sort(weights.frequencies_hz)
-    middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz)) - WINDOW // 2
+    middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz))
+    first = np.clip(middle - weights.window // 2, 0, n - weights.window)
     # Model modes ascend, so windows only move up.
-    return np.maximum.accumulate(np.clip(middle, 0, n - WINDOW), axis=1)
+    return np.maximum.accumulate(first, axis=1)
 
 
-def _outside(starts: NDArray[np.intp], n_data: int) -> NDArray[np.bool_]:
+def _outside(starts: NDArray[np.intp], weights: PairingWeights) -> NDArray[np.bool_]:
     """The pairs (B, J, I) of sorted identified modes and model modes outside the windows."""
-    j = np.arange(n_data)[None, :, None]
-    return (j < starts[:, None, :]) | (j >= starts[:, None, :] + WINDOW)
+    j = np.arange(weights.log_ratios.shape[1])[None, :, None]
+    return (j < starts[:, None, :]) | (j >= starts[:, None, :] + weights.window)
 
 
 def _sum(
-    pairs: FloatArray, alone: FloatArray, starts: NDArray[np.intp] | None, by: _Arithmetic
+    pairs: FloatArray,
+    alone: FloatArray,
+    starts: NDArray[np.intp] | None,
+    width: int,
+    by: _Arithmetic,
 ) -> FloatArray:
     """Sum (B,) over pairings, for weights of pairs (I, J, B) and of unpaired modes (J, B)."""
-    n_rows, width = pairs.shape[2], len(alone) if starts is None else WINDOW
+    n_rows = pairs.shape[2]
     if starts is None:  # model modes that can be no identified mode change nothing
         pairs = pairs[(pairs != by.zero).any(axis=(1, 2))]
-    step = max(CACHED >> width, 1)
+    # So many rows at a time that their states, 2^16 numbers, stay in the second-level cache of a
+    # core, of half a megabyte or more.
+    step = max(2**16 >> width, 1)
     total = np.empty(n_rows)
     for first in range(0, n_rows, step):
         rows = slice(first, first + step)

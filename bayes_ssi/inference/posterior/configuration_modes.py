@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
+from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices

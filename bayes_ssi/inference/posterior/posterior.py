@@ -15,7 +15,7 @@ from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.edges import AtEdge
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.datum_terms import DatumTerms

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
-from bayes_ssi.inference.likelihood.inferred_pairing import InferredPairing
+from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import (
     add_row,
