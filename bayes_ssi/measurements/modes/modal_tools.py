@@ -18,7 +18,7 @@ from bayes_ssi.foundations.universal_files import read_data_sets
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
-DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
+DATA_OF_AXES = {"x": "r1", "y": "r2", "z": "r3"}
 # The analysis types of data sets 55 that are modes.
 ANALYSIS_TYPES = {2: "normal", 3: "complex", 7: "complex, second order"}
 
@@ -74,7 +74,7 @@ def moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, st
     moving = {
         (int(node), direction)
         for one in sets
-        for direction, key in DIRECTIONS.items()
+        for direction, key in DATA_OF_AXES.items()
         for node in np.asarray(one["node_nums"])[np.asarray(one[key]) != 0]
     }
     return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
@@ -86,7 +86,7 @@ def _component(one: Mapping[str, Any], name: str, place: tuple[int, str]) -> com
         raise ValueError(f"sensor {name!r}: must be a node and a direction, got {place!r}")
     node, direction = place
     axis = str(direction).removeprefix("-")
-    if axis not in DIRECTIONS:
+    if axis not in DATA_OF_AXES:
         raise ValueError(
             f"sensor {name!r}: direction must be x, y or z, perhaps with a minus sign, got "
             f"{direction!r}"
@@ -95,7 +95,7 @@ def _component(one: Mapping[str, Any], name: str, place: tuple[int, str]) -> com
     if not len(at):
         nodes = ", ".join(str(int(n)) for n in list(one["node_nums"])[:10])
         raise ValueError(f"sensor {name!r}: no node {node}; nodes are {nodes}, ...")
-    value = one[DIRECTIONS[axis]][at[0]]
+    value = one[DATA_OF_AXES[axis]][at[0]]
     return -value if str(direction).startswith("-") else value
 
 

@@ -33,12 +33,12 @@ from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_file
 from bayes_ssi.measurements.records.channels import STATED, Channels, with_statements
 
-KEY = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
+STATEMENT = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
 # What numpy says of a cell that is no number, in rows from 0, and of a row of another length.
 NO_NUMBER = re.compile(r"could not convert string (.*) to float64 at row (\d+), column (\d+)")
 OTHER_LENGTH = re.compile(r"the number of columns changed from (\d+) to (\d+) at row (\d+)")
-TIME = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
-STAMP = re.compile(r'\s*"?(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d*)?(Z|[+-]\d\d:?\d\d)?)"?')
+NAME_OF_TIMES = re.compile(r"(t|time)([_ ]?s|\s*[(\[]s[)\]])?$", re.IGNORECASE)
+TIME_STAMP = re.compile(r'\s*"?(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d*)?(Z|[+-]\d\d:?\d\d)?)"?')
 
 
 def read_columns_of_record(path: Path) -> Channels:
@@ -58,7 +58,7 @@ def _read(file: TextIO) -> Channels:
         if number == 1 and (match := STATED_DELIMITER.match(line)):
             delimiter = match[1]
         elif line.lstrip().startswith("#"):
-            if (match := KEY.match(line)) is not None:
+            if (match := STATEMENT.match(line)) is not None:
                 key, value = match.groups()
                 if stated.setdefault(key, value) != value:
                     raise ValueError(f"line {number}: {key} is {stated[key]}, and now {value}")
@@ -90,7 +90,7 @@ def _read(file: TextIO) -> Channels:
     if names and len(names) != table.shape[1]:
         raise ValueError(f"{len(names)} column names for {table.shape[1]} columns")
     times = table[:, 0]
-    is_timed = bool(stamps) or (bool(TIME.match(names[0])) if names else _are_times(times))
+    is_timed = bool(stamps) or (bool(NAME_OF_TIMES.match(names[0])) if names else _are_times(times))
     columns = np.ascontiguousarray(table.T[int(is_timed) :])
     channels = with_statements(columns, names[int(is_timed) :], stated)
     if is_timed:
@@ -134,7 +134,7 @@ def _in_seconds(
     """Lines with seconds from the first time stamp in place of each; ``stamps`` gets the first."""
     for line in lines:
         line = line.replace(",", ".") if has_decimal_commas else line
-        if (match := STAMP.match(line)) is not None:
+        if (match := TIME_STAMP.match(line)) is not None:
             try:
                 stamp = datetime.fromisoformat(match[1])
                 stamps[:] = stamps or [stamp]

@@ -23,7 +23,7 @@ from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import CHECKS, MACHINE_LINES
 
 # Lines to either side over which a Hann window spreads a sine.
-SPREAD = 2
+HANN_SPREAD = 2
 
 
 def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -45,7 +45,7 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
             found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
     strongest: list[float] = []
     for _, line in sorted(found, reverse=True):
-        if all(abs(line - other) > SPREAD for other in strongest):
+        if all(abs(line - other) > HANN_SPREAD for other in strongest):
             strongest.append(line)
     return np.array(strongest) * rate_hz / n_samples
 
@@ -69,7 +69,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     if not len(lines):
         return []
     ratios, directions = _standing_out(transforms, lines)
-    m = around - SPREAD  # windowed neighbours are alike: half of the lines count
+    m = around - HANN_SPREAD  # windowed neighbours are alike: half of the lines count
     one_in = MACHINE_LINES.records_per_chance_line * len(lines)
     chance = fisher.isf(1.0 / one_in, 2 * n, 2 * (m - n + 1))
     found = []
@@ -91,7 +91,9 @@ def _standing_out(
 ) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
     farthest = MACHINE_LINES.lines_around
-    nearby = np.setdiff1d(np.arange(-farthest, farthest + 1), np.arange(-SPREAD, SPREAD + 1))
+    nearby = np.setdiff1d(
+        np.arange(-farthest, farthest + 1), np.arange(-HANN_SPREAD, HANN_SPREAD + 1)
+    )
     around = transforms[:, lines[:, None] + nearby].swapaxes(0, 1)
     matrices = around @ around.conj().swapaxes(1, 2) / len(nearby)
     # Sensors may be copies: their difference is then no motion.

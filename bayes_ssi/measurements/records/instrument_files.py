@@ -31,16 +31,16 @@ ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 # Endings; the second is that of another format, of COSMOS, which is refused by its content.
 STRONG_MOTION = (".v2", ".v2c")
-CHANNEL = re.compile(
+CHANNEL_LINE = re.compile(
     r"\s*chan\s+(\d+):\s*(.*?)\s*(\(sta chn:\s*(\d+)\).*|location:.*)?$", re.IGNORECASE
 )
-BLOCK = re.compile(
+BLOCK_LINE = re.compile(
     r"\s*(?P<points>\d+) points of (?P<what>accel|veloc|displ) data equally spaced at\s+"
     r"(?P<step>\d*\.\d+) sec\b\W*(in|units:)\s+(?P<unit>[a-z]+[a-z0-9/]*)"
     r"(?!.*\((?!8f10\.))",
     re.IGNORECASE,
 )
-END = "end of data for channel"
+END_OF_CHANNEL = "end of data for channel"
 
 
 def read_universal(path: Path) -> Channels:
@@ -123,11 +123,11 @@ def read_strong_motion(path: Path, quantity: str) -> Channels:
     with path.open(encoding="latin-1") as file:
         for line in file:
             if line.strip():
-                ends.append(END in line.lower())
-            if (channel := CHANNEL.match(line)) is not None:
+                ends.append(END_OF_CHANNEL in line.lower())
+            if (channel := CHANNEL_LINE.match(line)) is not None:
                 number, direction, _, at_station = channel.groups()
                 name = " ".join(f"{at_station or number} {direction}".split())
-            elif (block := BLOCK.match(line)) is not None:
+            elif (block := BLOCK_LINE.match(line)) is not None:
                 what, unit = block["what"].lower(), block["unit"].lower().replace("sec", "s")
                 samples = _numbers(file, int(block["points"]), what)
                 if quantity.startswith(what):

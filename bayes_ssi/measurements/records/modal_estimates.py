@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
@@ -108,14 +109,12 @@ class ModalEstimates(Displayed):
         shapes = rest @ self.shapes
         lengths = np.linalg.norm(shapes, axis=0)
         shapes = shapes / lengths
-        jacobian = np.zeros((2 * m + m * (n - 1), 2 * m + m * n))
-        jacobian[range(2 * m), range(2 * m)] = 1.0
         signed, signs = with_positive_largest(shapes)
-        for i, (shape, length, sign) in enumerate(zip(shapes.T, lengths, signs, strict=True)):
-            across = np.eye(n - 1) - np.outer(shape, shape)
-            rows, columns = 2 * m + i * (n - 1), 2 * m + i * n
-            turn = sign * across @ rest / length
-            jacobian[rows : rows + n - 1, columns : columns + n] = turn
+        of_shapes = [
+            sign * (np.eye(n - 1) - np.outer(shape, shape)) @ rest / length
+            for shape, length, sign in zip(shapes.T, lengths, signs, strict=True)
+        ]
+        jacobian = block_diag(np.eye(2 * m), *of_shapes)
         return replace(
             self,
             sensors=tuple(np.delete(self.sensors, place).tolist()),

@@ -28,7 +28,7 @@ from bayes_ssi.measurements.records.record import (
 )
 
 # Columns of a file of modes.
-OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
+COLUMNS_OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
 
 
 @checked
@@ -130,7 +130,7 @@ def is_record(path: Path) -> bool:
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
-    return bool(head.strip()) and OF_MODES.search(head[:4096]) is None
+    return bool(head.strip()) and COLUMNS_OF_MODES.search(head[:4096]) is None
 
 
 def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
