@@ -17,6 +17,7 @@ from bayes_ssi.commands.terminal import (
     say,
     say_warnings,
 )
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -133,7 +134,7 @@ def _record(data: ModalData) -> dict[str, Any]:
         "sensors": data.sensors,
         "digest": data.digest,
         "covariance_digest": data.covariance_digest,
-        "modes": [{key: getattr(mode, key) for key in MODE_FIELDS} for mode in data.modes],
+        "modes": [columns(mode, MODE_FIELDS) for mode in data.modes],
         "remarks": data.warnings()[len(data.all_failed_checks) :],
         "failed_checks": data.all_failed_checks,
     }

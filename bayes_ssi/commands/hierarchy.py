@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import PATH, default_option, flag, path_option, seed_option
+from bayes_ssi.commands.options import (
+    PATH,
+    default_option,
+    flag,
+    named_paths,
+    path_option,
+    seed_option,
+)
 from bayes_ssi.commands.saved_run import RESULTS
 from bayes_ssi.commands.terminal import (
     command_line,
@@ -19,6 +25,7 @@ from bayes_ssi.commands.terminal import (
     progress_bars,
     say,
 )
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
@@ -74,7 +81,7 @@ def hierarchy(
     name, covariate = ("", None) if covariate_file is None else read_covariate(covariate_file)
     if at is not None and covariate is None:
         raise ValueError("--at: there is no covariate; give one with --covariate FILE")
-    tests = _named(results)
+    tests = named_paths(results)
     with progress_bars() as progress:
         ranked = rank_populations(
             tests,
@@ -106,30 +113,14 @@ def hierarchy(
         exit_if_failed(ranked.all_failed_checks)
 
 
-def _named(results: tuple[Path, ...]) -> dict[str, Path]:
-    """Name of a test → its directory: the directory's name, or its path where names repeat."""
-    repeated = [path for path, count in Counter(results).items() if count > 1]
-    if repeated:
-        raise ValueError(f"{repeated[0]}: given twice")
-    names = [path.name for path in results]
-    unique = len(set(names)) == len(names)
-    return dict(zip(names if unique else map(str, results), results, strict=True))
-
-
 def _record(ranked: Hierarchy, directory: Path) -> dict[str, Any]:
     """The record that ``--json`` prints."""
     return {
         "directory": str(directory),
         "model_class": ranked.model_class,
         "populations": [
-            {
-                "name": each.name,
-                "log_evidence": each.log_evidence,
-                "error": each.error,
-                "probability": each.probability,
-                "against": each.against,
-            }
-            for each in ranked.populations
+            columns(population, ("name", "log_evidence", "error", "probability", "against"))
+            for population in ranked.populations
         ],
         "tests": list(ranked.tests),
         "covariate": ranked.covariate,

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import files_argument, modes_option
+from bayes_ssi.commands.options import files_argument, modes_option, named_paths
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.merging import MergedModes
+
+MODE_FIELDS = ("frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
 
 
 @click.command()
@@ -38,9 +41,8 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     from bayes_ssi.results.wording import listed
 
     require_new_files(*(() if out is None else possible_modal_files(out)))
-    names = _names(files)
     merged = merge_modal_data(
-        {name: read_modal_data(file) for name, file in zip(names, files, strict=True)}
+        {name: read_modal_data(file) for name, file in named_paths(files).items()}
     )
     where = console()
     where.print(merged_table(merged))
@@ -57,17 +59,6 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     exit_if_failed(merged.data.all_failed_checks)
 
 
-def _names(files: tuple[Path, ...]) -> list[str]:
-    """The files' names; with their directories where two are alike."""
-    names = [file.name for file in files]
-    if len(set(names)) < len(names):
-        names = [str(file) for file in files]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise ValueError(f"{name} is given twice; a record counts once")
-    return names
-
-
 def _record(merged: MergedModes) -> dict[str, Any]:
     return {
         "source": merged.data.source,
@@ -77,11 +68,7 @@ def _record(merged: MergedModes) -> dict[str, Any]:
             {
                 "label": row.label,
                 "labels": dict(row.labels),
-                "frequency_hz": mode.frequency_hz,
-                "frequency_cov": mode.frequency_cov,
-                "shape_sd": mode.shape_sd,
-                "damping": mode.damping,
-                "damping_sd": mode.damping_sd,
+                **columns(mode, MODE_FIELDS),
                 "frequency_scatter": row.frequency,
                 "shape_scatter": row.shape,
             }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,16 @@ def only_option(text: str) -> Decorator:
 def seed_option(text: str) -> Decorator:
     """The seed of random numbers."""
     return default_option("--seed", 0, text, click.IntRange(min=0))
+
+
+def named_paths(paths: Sequence[Path]) -> dict[str, Path]:
+    """Name → path of several results or files; names are whole paths where two are alike."""
+    for i, path in enumerate(paths):
+        if path in paths[:i]:
+            raise ValueError(f"{path}: given twice")
+    names = [path.name for path in paths]
+    unique = len(set(names)) == len(names)
+    return dict(zip(names if unique else map(str, paths), paths, strict=True))
 
 
 def load(path: Path, only: str | None = None) -> Study:

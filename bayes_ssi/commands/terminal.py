@@ -14,7 +14,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -274,29 +274,22 @@ def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
 
 @contextmanager
 def _standard_output_on_standard_error() -> Iterator[None]:
-    """Send to standard error what is printed: by Python, by libraries, and by new processes."""
+    """Send to standard error what is printed: by Python, by libraries, and by new processes.
+
+    Libraries write to the descriptor, which processes started here inherit.
+    """
     if sys.stdout is not None:  # None where it is closed
         sys.stdout.flush()
-    with redirect_stdout(sys.stderr), _redirected_descriptor():
+    with redirect_stdout(sys.stderr), ExitStack() as at_end:
+        # Some streams have no descriptor.
+        with suppress(AttributeError, OSError, io.UnsupportedOperation):
+            own, target = sys.__stdout__.fileno(), sys.__stderr__.fileno()  # type: ignore[union-attr]
+            kept = os.dup(own)
+            os.dup2(target, own)
+            at_end.callback(os.close, kept)
+            at_end.callback(os.dup2, kept, own)
+            at_end.callback(sys.stderr.flush)
         yield
-
-
-@contextmanager
-def _redirected_descriptor() -> Iterator[None]:
-    """Redirect also what is written to the descriptor, which processes started here inherit."""
-    try:
-        own, target = sys.__stdout__.fileno(), sys.__stderr__.fileno()  # type: ignore[union-attr]
-        kept = os.dup(own)
-    except (AttributeError, OSError, io.UnsupportedOperation):  # a stream without descriptor
-        yield
-        return
-    os.dup2(target, own)
-    try:
-        yield
-    finally:
-        sys.stderr.flush()
-        os.dup2(kept, own)
-        os.close(kept)
 
 
 def _discard_standard_output() -> None:

@@ -58,7 +58,7 @@ def test_files_that_disagree_end_with_3_and_are_written(files, tmp_path):
 def test_a_file_given_twice_is_refused(files):
     done = run(files[0], files[0])
     assert done.exit_code == 2
-    assert "one.csv is given twice; a record counts once" in done.stderr
+    assert "one.csv: given twice" in done.stderr
 
 
 def test_bands_that_overlap_become_one_in_a_new_folder(files, tmp_path):
