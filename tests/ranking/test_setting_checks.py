@@ -143,7 +143,7 @@ def test_no_prior_reaches_beyond_zero():
     Chains there are too short to pass their checks, however long.
     """
     candidate = replace(building(7, 0.94), error=bs.ErrorModel(shape_sd=0.05))
-    short = replace(COARSE, max_steps=200)
+    short = bs.SamplingSettings(0.3, particles=200, searches=1, max_steps=50)
     best = bs.rank(bs.Study("s", [candidate]), settings=short).comparison.best
     (edge,) = (check for check in best.checks if check.kind == "edge")
     assert "lower edge of its prior, LogNormal" in edge.words

@@ -154,7 +154,7 @@ class ModelClass(Displayed):
     @cached_property
     def correlated_errors(self) -> CorrelatedErrors:
         """Errors of the paired modes of all configurations together."""
-        return CorrelatedErrors(self.error, self.likelihoods, self.parameters)
+        return CorrelatedErrors(self.error, self.likelihoods, self._parameters_as_given)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -162,9 +162,14 @@ class ModelClass(Displayed):
 
         Parameters of the structures come first, then those of the errors.
         """
-        of_all = (p for likelihood in self.likelihoods for p in likelihood.parameters)
-        own = collect_parameters((*self._of_structures, *of_all))
+        own = self._parameters_as_given
         return tuple(replace(p, prior=self.priors.get(p.name, p.prior)) for p in own)
+
+    @cached_property
+    def _parameters_as_given(self) -> tuple[Parameter, ...]:
+        """Those of :attr:`parameters` with the priors that structures and errors give them."""
+        of_all = (p for likelihood in self.likelihoods for p in likelihood.parameters)
+        return collect_parameters((*self._of_structures, *of_all))
 
     @property
     def structural_parameters(self) -> tuple[Parameter, ...]:
