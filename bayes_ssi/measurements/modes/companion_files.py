@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,24 +45,47 @@ class _Covariance:
     covariance_of_log_frequencies_and_unit_shapes: Any  # a large list of lists
 
 
-def identification_path(path: str | Path) -> Path:
-    """Where it is written how the modes in a CSV file were identified."""
-    return Path(path).with_suffix(".identification.json")
+def companion_path(csv_path: str | Path, key: str) -> Path:
+    """Where it is written what a line of a CSV file with this key names."""
+    return Path(csv_path).with_suffix(f".{key}.json")
 
 
-def covariance_path(path: str | Path) -> Path:
-    """Where the covariance of the modes in a CSV file is written."""
-    return Path(path).with_suffix(".covariance.json")
-
-
-def write_identifications(identifications: Sequence[IdentificationSummary], path: Path) -> None:
+def write_identifications(data: ModalData, path: Path) -> None:
     """Write how modes were identified to a new file."""
     moved = tuple(
         replace(each, figures=tuple(os.path.relpath(file, path.parent) for file in each.figures))
-        for each in identifications
+        for each in data.identifications
     )
     with path.open("x", encoding="utf-8") as file:
         json.dump(to_record(_Identifications(moved)), file, indent=1)
+
+
+def write_covariance(data: ModalData, path: Path) -> None:
+    """Write the joint covariance of these modes to a new file."""
+    assert data.covariance is not None
+    shapes = [
+        [float(component) if np.isfinite(component) else None for component in shape]
+        for shape in data.unit_shapes.T
+    ]
+    content = _Covariance(
+        data.sensors, data.frequencies_hz.tolist(), tuple(map(tuple, shapes)),
+        data.covariance.tolist(),
+    )  # fmt: skip
+    with path.open("x", encoding="utf-8") as file:
+        json.dump(vars(content), file)
+
+
+# Key of the line of a CSV file that names the file → what writes it.
+COMPANIONS: Mapping[str, Callable[[ModalData, Path], None]] = {
+    "covariance": write_covariance,
+    "identification": write_identifications,
+}
+
+
+def companions_of(data: ModalData) -> list[str]:
+    """Keys of what is written beside these modes."""
+    has = {"covariance": data.covariance is not None, "identification": bool(data.identifications)}
+    return [key for key in COMPANIONS if has[key]]
 
 
 def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationSummary, ...]:
@@ -89,21 +112,6 @@ def _read(kind: type[T], path: Path, csv_path: Path, key: str, otherwise: str) -
             f"{path}: no record of the {key} that this version reads: {error}; identify again, or "
             f"remove the line {key!r} of {csv_path.name}, {otherwise}"
         ) from None
-
-
-def write_covariance(data: ModalData, path: Path) -> None:
-    """Write the joint covariance of these modes to a new file."""
-    assert data.covariance is not None
-    shapes = [
-        [float(component) if np.isfinite(component) else None for component in shape]
-        for shape in data.unit_shapes.T
-    ]
-    content = _Covariance(
-        data.sensors, data.frequencies_hz.tolist(), tuple(map(tuple, shapes)),
-        data.covariance.tolist(),
-    )  # fmt: skip
-    with path.open("x", encoding="utf-8") as file:
-        json.dump(vars(content), file)
 
 
 def read_covariance(

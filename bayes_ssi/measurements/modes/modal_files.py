@@ -29,7 +29,6 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import compress
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,12 +38,11 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
 from bayes_ssi.foundations.universal_files import begins_universal
 from bayes_ssi.measurements.modes.companion_files import (
-    covariance_path,
-    identification_path,
+    COMPANIONS,
+    companion_path,
+    companions_of,
     read_covariance,
     read_identifications,
-    write_covariance,
-    write_identifications,
 )
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
@@ -55,8 +53,7 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
-FILE_KEYS = ("covariance", "identification")
-HEAD_KEYS = ("source", "band_hz", *FILE_KEYS)
+HEAD_KEYS = ("source", "band_hz", *COMPANIONS)
 DELIMITERS = ",;\t"
 
 
@@ -196,10 +193,8 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
             writer.writerow(["# source", data.source])
         writer.writerows(["# failed_check", check] for check in data.failed_checks)
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
-        if data.covariance is not None:
-            writer.writerow(["# covariance", covariance_path(path).name])
-        if data.identifications:
-            writer.writerow(["# identification", identification_path(path).name])
+        for key in companions_of(data):
+            writer.writerow([f"# {key}", companion_path(path, key).name])
         writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
         for mode in data.modes:
             numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
@@ -209,21 +204,18 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
                 + ["" if number is None else repr(float(number)) for number in numbers]
                 + [_component_text(component) for component in components]
             )
-    if data.covariance is not None:
-        write_covariance(data, covariance_path(path))
-    if data.identifications:
-        write_identifications(data.identifications, identification_path(path))
+    for key in companions_of(data):
+        COMPANIONS[key](data, companion_path(path, key))
 
 
 def possible_modal_files(path: str | Path) -> tuple[Path, ...]:
     """The files that :func:`write_modal_data` may write."""
-    return Path(path), covariance_path(path), identification_path(path)
+    return Path(path), *(companion_path(path, key) for key in COMPANIONS)
 
 
 def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
     """The files that :func:`write_modal_data` writes."""
-    is_written = (True, data.covariance is not None, bool(data.identifications))
-    return tuple(compress(possible_modal_files(path), is_written))
+    return Path(path), *(companion_path(path, key) for key in companions_of(data))
 
 
 def _component_text(component: complex) -> str:
@@ -310,7 +302,7 @@ def _read_head(lines: list[_Line]) -> _Head:
             head.source = ", ".join(values)
         elif key == "failed_check":
             head.failed_checks += (", ".join(values),)
-        elif key in FILE_KEYS:
+        elif key in COMPANIONS:
             if len(values) != 1:
                 raise line.error(f"{key} needs the name of one file, got {values!r}")
             head.files[key] = values[0]
