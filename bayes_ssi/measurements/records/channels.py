@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,21 +41,17 @@ class Channels(NamedTuple):
         """Channels of several files with the same instants; named where all files have names."""
         if len(parts) == 1:
             return parts[0]
-        rates, quantities, units = (
-            tuple(stated for part in parts for stated in getattr(part, statements))
-            for statements in ("rates_hz", "quantities", "units")
-        )
-        names = tuple(name for part in parts for name in part.names)
         places: list[tuple[Place, ...]] = []
         if any(part.places for part in parts):
             places = [part.places or (None,) * len(part.samples) for part in parts]
+        are_named = all(part.names for part in parts)
         return cls(
             np.concatenate([part.samples for part in parts]),
-            names if all(part.names for part in parts) else (),
-            rates,
-            quantities,
-            units,
-            tuple(place for of_part in places for place in of_part),
+            tuple(chain(*(part.names for part in parts))) if are_named else (),
+            tuple(chain(*(part.rates_hz for part in parts))),
+            tuple(chain(*(part.quantities for part in parts))),
+            tuple(chain(*(part.units for part in parts))),
+            tuple(chain(*places)),
         )
 
 
