@@ -52,8 +52,7 @@ def test_rank(run, tiny_study_file, tmp_path):
     result = run("rank", tiny_study_file, "--seed", 7, "--out", out)
     assert result.exit_code == 0
     assert result.stderr == "sampled one k\nsampled each k\n"
-    for words in ("Two storeys", "one k", "each k", "log evidence", "Kass and Raftery",
-                  "Parameters of 'one k'", f"Saved in {out}, with 3 figures."):  # fmt: skip
+    for words in ("one k", "each k", f"Saved in {out}, with 3 figures."):
         assert words in result.stdout
     assert max(map(len, result.stdout.split("Evidence against:")[0].splitlines())) <= 80
     stored = load_result(out)
@@ -91,9 +90,8 @@ def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_p
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
-    assert "Do not trust the ranking until" in result.stdout
-    assert "'one k': the standard error of the log evidence" in result.stdout
-    assert load_result(tmp_path / "r").comparison.failed_checks
+    (failed,) = load_result(tmp_path / "r").comparison.failed_checks
+    assert failed in " ".join(result.stdout.split())
 
 
 def test_a_second_run_with_the_same_directory_is_refused_at_the_start(
@@ -200,19 +198,8 @@ def test_data_that_no_class_explains(run, study_file, tmp_path):
     assert best.hints[0].gain > 10.0
 
 
-def test_calibrate(run, tiny_study_file):
-    result = run("calibrate", tiny_study_file)
-    assert result.exit_code == 0
-    assert "Minima of 'one k'" in result.stdout
-    assert "Modes of 'each k'" in result.stdout
-    assert "not unique" not in result.stdout
-    words = " ".join(result.stdout.split())
-    assert re.search(r"'one k': the best fit has f_ob = [\d.e-]+ %, [\d.]+ % before", words)
-    assert words.count("How well a class fits does not say whether it is right; rank does.") == 2
-    assert result.stderr == ""
-
-
 def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
+    assert "not unique" not in run("calibrate", tiny_study_file).stdout
     result = run("calibrate", tiny_study_file, "--only", "each k", "--shape-weight", "0")
     assert "The fit is not unique" in result.stdout
     assert "'one k'" not in result.stdout
@@ -253,20 +240,13 @@ def test_calibrate_prints_once_what_differs_in_the_error_model_alone(run, study_
     assert [each["name"] for each in record["calibrations"]] == ["larger errors", "each k"]
 
 
-def test_check(run, csv_file):
-    result = run("check", csv_file())
-    assert result.exit_code == 0
-    for words in ("test of May", "0.618", "2 of 2", "Band: 0 to 3 Hz", "floor 1, floor 2"):
-        assert words in result.stdout
-    assert "No warnings." in result.stdout
-
-
 def test_check_warns_of_doubtful_data(run, csv_file):
     swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
     result = run("check", csv_file(swapped))
     assert result.exit_code == 0
     assert "(!) mode '2': shape at one sensor only" in result.stdout
     assert "No warnings." not in result.stdout
+    assert "No warnings." in run("check", csv_file()).stdout
 
 
 def test_check_of_far_too_many_modes_is_short(run, csv_file):
