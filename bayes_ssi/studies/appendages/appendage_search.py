@@ -78,9 +78,8 @@ def search(
     run = run or Run()
     with run.working():
         found = search_family(chosen, f"Appendages hidden in {hidden_in!r}", seed, settings, run)
-        rivals = [ToScreen(rival, None) for rival in chosen.rivals]
-        compared = screen_all(rivals, seed, run) if rivals else []
-    return AppendageSearch(found.ranking, _record(chosen, compared, found))
+        rivals = screen_all([ToScreen(rival, None) for rival in chosen.rivals], seed, run)
+    return AppendageSearch(found.ranking, _record(chosen, rivals, found))
 
 
 def _record(

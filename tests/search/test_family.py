@@ -1,0 +1,86 @@
+"""Any family of hypotheses is searched by the same driver: here, storeys that lost stiffness."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from searches import COARSE
+
+import bayes_ssi as bs
+from bayes_ssi.studies.search.family import Family, Key, Limits
+from bayes_ssi.studies.search.family_search import search_family
+
+K = (2.0 * math.pi) ** 2
+SENSORS = ("floor 1", "floor 2", "floor 3")
+ERROR = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
+
+
+def building(left):
+    """Storeys with these shares of their stiffness left, all times one factor."""
+    factor = bs.Parameter("factor", bs.LogNormal(1.0, 0.05))
+    return bs.ShearBuilding((1.0,) * 3, [K * factor * share for share in left])
+
+
+@dataclass(frozen=True, eq=False)
+class Losses(Family[int]):
+    """Storeys, from 1, whose stiffness is anything between none and all of what it was."""
+
+    @property
+    def limits(self):
+        return Limits((1.0, 1.0, 0.2), branches=1, most_unsampled=0.01, most_sampled=None)
+
+    def name_of(self, features):
+        return " + ".join(f"storey {storey}" for storey in features) or "no loss"
+
+    def hypothesis(self, baseline, features, name):
+        left = [
+            bs.Parameter(f"left in storey {i}", bs.Uniform(0.0, 1.0)) if i in features else 1.0
+            for i in (1, 2, 3)
+        ]
+        changed = baseline.with_structures(lambda *_: building(left))
+        return changed.with_any_pairing(name)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Exact modes of a building whose second storey has 70 % of its stiffness left."""
+    modes = building((1.0, 0.7, 1.0)).modes(np.ones((1, 1)))
+    identified = tuple(
+        bs.IdentifiedMode(str(j + 1), float(modes.frequencies_hz[0, j]), modes.shapes[0, :, j])
+        for j in range(3)
+    )
+    data = bs.ModalData(identified, (0.0, 3.0), SENSORS)
+    whole = bs.ModelClass("whole", building((1.0,) * 3), data, ERROR, pairing={})
+    losses = Losses(bs.Study("losses", [whole]), {"whole": (1, 2, 3)})
+    return search_family(losses, "Losses of stiffness", 0, COARSE, bs.Run())
+
+
+def test_the_storey_that_lost_stiffness_is_found(found):
+    probabilities = found.probabilities
+    assert sum(probabilities.values()) == pytest.approx(1.0)
+    with_it = sum(
+        probabilities[each.model_class.name] for each in found.hypotheses if 2 in each.key.features
+    )
+    assert with_it > 0.99
+    assert max(probabilities, key=probabilities.get) == "storey 2"
+
+
+def test_two_are_tried_on_the_best_one(found):
+    keys = {each.key for each in found.hypotheses}
+    assert {Key("whole", (2,)), Key("whole", (1, 2)), Key("whole", (2, 3))} <= keys
+    assert len(keys) + found.n_not_tried == 7
+
+
+def test_parameters_are_averaged_over_hypotheses_and_without_any(found):
+    """What is lost in one storey was taken from all of them."""
+    (factor,) = found.averaged_parameters()
+    assert factor.name == "factor"
+    assert factor.mean == pytest.approx(1.0, abs=0.02)
+    assert factor.naive_mean < 0.97
+
+
+def test_a_loss_is_as_large_as_it_was(found):
+    posterior = found.posteriors["storey 2"]
+    left = posterior.summary[posterior.parameter_names.index("left in storey 2")]
+    assert left.quantile_05 < 0.7 < left.quantile_95
