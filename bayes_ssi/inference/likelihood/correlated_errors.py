@@ -125,34 +125,39 @@ class CorrelatedErrors:
         return np.array([own.data.covariance is not None for own in tests], dtype=bool)
 
     @cached_property
-    def _columns(self) -> list[NDArray[np.intp]]:
-        """The places of each test's sensors among those of all."""
-        known: dict[str, int] = {}
-        return [
-            np.array([known.setdefault(s, len(known)) for s in own.data.sensors], dtype=np.intp)
-            for own in self.likelihoods
-        ]
+    def _places(self) -> tuple[int, list[NDArray[np.intp]]]:
+        """The number n of sensors of all tests, and where each one's shapes are in (S n,)."""
+        sensors = list(dict.fromkeys(s for own in self.likelihoods for s in own.data.sensors))
+        places, first = [], 0
+        for likelihood, pairs in zip(self.likelihoods, self._pairs_of_tests, strict=True):
+            columns = [sensors.index(s) for s in likelihood.data.sensors]
+            shapes = first + np.arange(len(pairs.with_shape))
+            places.append(
+                (len(sensors) * shapes[:, None] + np.array(columns, dtype=np.intp)).ravel()
+            )
+            first += len(shapes)
+        return len(sensors), places
 
     @cached_property
     def _pairs(self) -> PairedModes:
         """The N pairs of all tests, S of them with a shape that is scored, at all n sensors."""
-        n = 1 + max(int(own.max(initial=-1)) for own in self._columns)
-        return PairedModes.joined(self._pairs_of_tests, self._columns, n)
+        return PairedModes.joined(self._pairs_of_tests, *self._places)
 
     @cached_property
     def _identification(self) -> FloatArray:
-        """Covariance (N + S n, N + S n) of identification errors of frequencies and shapes."""
-        n_pairs, n = len(self.modes), len(self._pairs.unit_shapes)
-        whole = np.zeros((n_pairs + self._pairs.unit_shapes.size,) * 2)
-        pair = shape = 0
-        for likelihood, pairs, at in zip(
-            self.likelihoods, self._pairs_of_tests, self._columns, strict=True
-        ):
-            end, last = pair + len(pairs.modes), shape + len(pairs.with_shape)
-            shapes = n_pairs + n * np.arange(shape, last)[:, None] + at
-            rows = np.concatenate([np.arange(pair, end), shapes.ravel()])
+        """Covariance of identification errors of frequencies, and of shapes where it is joint.
+
+        (N, N) or (N + S n, N + S n).
+        """
+        if not self._have_covariance.any():
+            return np.diag(self._pairs.frequency_var)
+        n = len(self.modes)
+        whole = np.zeros((n + self._pairs.unit_shapes.size,) * 2)
+        parts = zip(self.likelihoods, self._pairs_of_tests, self._places[1], strict=True)
+        for test, (likelihood, pairs, shapes) in enumerate(parts):
+            own = [i for i, mode in enumerate(self.modes) if mode.test == test]
+            rows = np.concatenate([np.array(own, dtype=np.intp), n + shapes])
             whole[np.ix_(rows, rows)] = pairs.identification_covariance(likelihood.data)
-            pair, shape = end, last
         return whole
 
     @cached_property
@@ -231,14 +236,11 @@ class CorrelatedErrors:
     def _unit_shapes(self, modes: Sequence[ComparedModes]) -> FloatArray:
         """Model shapes (B, S, n) of the pairs at unit length, zero where not measured."""
         n, n_shapes = self._pairs.unit_shapes.shape
-        shapes, first = np.zeros((len(modes[0].frequencies_hz), n_shapes, n)), 0
-        for pairs, at, of_test in zip(self._pairs_of_tests, self._columns, modes, strict=True):
-            end = first + len(pairs.with_shape)
-            if end > first and of_test.unit_shapes.size:
-                own = of_test.unit_shapes.reshape(len(shapes), end - first, len(at))
-                shapes[:, first:end, at] = own
-            first = end
-        return shapes
+        shapes = np.zeros((len(modes[0].frequencies_hz), n_shapes * n))
+        for places, of_test in zip(self._places[1], modes, strict=True):
+            if len(places) and of_test.unit_shapes.size:
+                shapes[:, places] = of_test.unit_shapes
+        return shapes.reshape(len(shapes), n_shapes, n)
 
     def log_ratios(self, values: FloatArray, modes: Sequence[ComparedModes]) -> FloatArray:
         """Log of the joint density over the product of the single ones, (B, n_groups).

@@ -53,15 +53,15 @@ class PairedModes:
 
     @classmethod
     def joined(
-        cls, tests: Sequence[PairedModes], columns: Sequence[NDArray[np.intp]], n: int
+        cls, tests: Sequence[PairedModes], n: int, places: Sequence[NDArray[np.intp]]
     ) -> PairedModes:
-        """The pairs of several tests, whose sensors are ``columns`` of n."""
-        unit, measured = np.zeros((2, n, sum(len(test.with_shape) for test in tests)))
+        """The pairs of several tests with n sensors, whose shapes are at ``places`` in (S n,)."""
+        n_shapes = sum(len(test.with_shape) for test in tests)
+        unit, measured = np.zeros((2, n_shapes * n))
         with_shape: list[int] = []
         first = 0
-        for test, at in zip(tests, columns, strict=True):
-            own = slice(len(with_shape), len(with_shape) + len(test.with_shape))
-            unit[at, own], measured[at, own] = test.unit_shapes, test.measured
+        for test, at in zip(tests, places, strict=True):
+            unit[at], measured[at] = test.unit_shapes.T.ravel(), test.measured.T.ravel()
             with_shape += (first + test.with_shape).tolist()
             first += len(test.modes)
         return cls(
@@ -70,8 +70,8 @@ class PairedModes:
             frequencies_hz=np.concatenate([test.frequencies_hz for test in tests]),
             frequency_var=np.concatenate([test.frequency_var for test in tests]),
             with_shape=np.array(with_shape, dtype=np.intp),
-            unit_shapes=unit,
-            measured=measured,
+            unit_shapes=unit.reshape(n_shapes, n).T,
+            measured=measured.reshape(n_shapes, n).T,
             n_measured=tuple(d for test in tests for d in test.n_measured),
             shape_var=np.concatenate([test.shape_var for test in tests]),
         )
