@@ -43,7 +43,7 @@ from bayes_ssi.inference.likelihood.error_groups import (
     conditional_errors,
     stacked,
 )
-from bayes_ssi.inference.likelihood.error_model import ErrorModel, is_zero
+from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.likelihood.joint_errors import JointErrors, in_common_plane, tangents
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
@@ -66,16 +66,8 @@ class CorrelatedErrors:
     parameters: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        if self._between_tests and len(self.likelihoods) > 1:
-            _check_labels(self.modes, self._between_modes)
-
-    @property
-    def _between_tests(self) -> bool:
-        return not is_zero(self.error.correlations[0])
-
-    @property
-    def _between_modes(self) -> bool:
-        return not is_zero(self.error.correlations[1])
+        if self.error.repeats_between_tests and len(self.likelihoods) > 1:
+            _check_labels(self.modes, self.error.repeats_between_modes)
 
     @cached_property
     def modes(self) -> tuple[ModeOfTest, ...]:
@@ -106,8 +98,8 @@ class CorrelatedErrors:
             return []
         tests, modes = self._separation
         same_test = tests == 0.0
-        linked = (same_test | self._between_tests) & (
-            (modes == 0.0) | (np.isfinite(modes) & self._between_modes)
+        linked = (same_test | self.error.repeats_between_tests) & (
+            (modes == 0.0) | (np.isfinite(modes) & self.error.repeats_between_modes)
         )
         linked |= same_test & self._have_covariance
         n_groups, group_of = connected_components(linked, directed=False)
@@ -116,7 +108,7 @@ class CorrelatedErrors:
 
     @cached_property
     def _separation(self) -> Separation:
-        return Separation.of(self.modes, self.modes, not self._between_modes)
+        return Separation.of(self.modes, self.modes, not self.error.repeats_between_modes)
 
     @cached_property
     def _have_covariance(self) -> NDArray[np.bool_]:
@@ -130,11 +122,9 @@ class CorrelatedErrors:
         sensors = list(dict.fromkeys(s for own in self.likelihoods for s in own.data.sensors))
         places, first = [], 0
         for likelihood, pairs in zip(self.likelihoods, self._pairs_of_tests, strict=True):
-            columns = [sensors.index(s) for s in likelihood.data.sensors]
+            columns = np.array([sensors.index(s) for s in likelihood.data.sensors], dtype=np.intp)
             shapes = first + np.arange(len(pairs.with_shape))
-            places.append(
-                (len(sensors) * shapes[:, None] + np.array(columns, dtype=np.intp)).ravel()
-            )
+            places.append((len(sensors) * shapes[:, None] + columns).ravel())
             first += len(shapes)
         return len(sensors), places
 
@@ -167,7 +157,7 @@ class CorrelatedErrors:
         for s, (pair, seen) in enumerate(
             zip(self._pairs.with_shape, self._pairs.measured.T, strict=True)
         ):
-            key = (self.modes[pair].label, tuple(seen)) if self._between_tests else s
+            key = (self.modes[pair].label, tuple(seen)) if self.error.repeats_between_tests else s
             groups.setdefault(key, []).append(s)
         return list(groups.values())
 
@@ -341,7 +331,9 @@ class CorrelatedErrors:
         """
         sizes, _ = self._sizes(values)
         every, n = (*self.modes, *further), len(self.modes)
-        covariance = Separation.of(every, every, not self._between_modes).covariance(sizes)
+        covariance = Separation.of(every, every, not self.error.repeats_between_modes).covariance(
+            sizes
+        )
         between = covariance[:, :n, n:]
         paired = covariance[:, :n, :n] + self._identification[:n, :n]
         gain = np.linalg.solve(paired, between)

@@ -25,11 +25,6 @@ def _default_shape_sd() -> Parameter:
     return Parameter("shape_sd", LogNormal(median=0.05, cov=1.0))
 
 
-def is_zero(product: Product) -> bool:
-    """Whether a correlation is fixed at zero, so that errors are independent."""
-    return product.scale == 0.0
-
-
 @dataclass(frozen=True)
 class ErrorModel:
     """Prediction errors of a model, of one size for all modes.
@@ -69,9 +64,19 @@ class ErrorModel:
         return as_product(self.between_tests), as_product(self.between_modes)
 
     @cached_property
+    def repeats_between_tests(self) -> bool:
+        """Whether ``between_tests`` is not fixed at zero."""
+        return as_product(self.between_tests).scale != 0.0
+
+    @cached_property
+    def repeats_between_modes(self) -> bool:
+        """Whether ``between_modes`` is not fixed at zero."""
+        return as_product(self.between_modes).scale != 0.0
+
+    @property
     def is_correlated(self) -> bool:
         """Whether any correlation is not fixed at zero."""
-        return any(not is_zero(product) for product in self.correlations)
+        return self.repeats_between_tests or self.repeats_between_modes
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

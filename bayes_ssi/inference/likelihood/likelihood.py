@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
-from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel, is_zero
+from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.pair_errors import (
     JointPairs,
     PairErrors,
@@ -224,8 +224,8 @@ class ModalLikelihood:
     @cached_property
     def needs_unit_shapes(self) -> bool:
         """Whether the errors of scored shapes are correlated."""
-        repeated = not is_zero(self.error.correlations[0])
-        return bool(self.pairs.n_measured) and (repeated or self.data.covariance is not None)
+        correlated = self.error.repeats_between_tests or self.data.covariance is not None
+        return correlated and bool(self.pairs.n_measured)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
