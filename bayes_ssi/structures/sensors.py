@@ -57,12 +57,10 @@ class SensorMatrix:
     Attributes:
         rows: (n_sensors, n_terms), degrees of freedom.
         weights: (n_sensors, n_terms).
-        n_dof: number of degrees of freedom of the structure.
     """
 
     rows: NDArray[np.intp]
     weights: FloatArray
-    n_dof: int
 
     @classmethod
     def of(
@@ -77,7 +75,7 @@ class SensorMatrix:
             rows[i, : len(motion)] = [row[label] for label in motion]
             rows[i, len(motion) :] = rows[i, 0]
             weights[i, : len(motion)] = list(motion.values())
-        return cls(rows, weights, len(degrees_of_freedom))
+        return cls(rows, weights)
 
     @cached_property
     def _is_selection(self) -> bool:
@@ -108,10 +106,3 @@ class SensorMatrix:
     @cached_property
     def _terms(self) -> list[Places]:
         return [as_slice(rows) for rows in self.rows.T]
-
-    def toarray(self) -> FloatArray:
-        """The matrix as an array (n_sensors, n_dof)."""
-        dense = np.zeros((len(self.rows), self.n_dof))
-        each = np.arange(len(self.rows))[:, None]
-        np.add.at(dense, (each, self.rows), self.weights)
-        return dense

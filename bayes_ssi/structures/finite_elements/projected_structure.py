@@ -142,11 +142,6 @@ class ElementVectors(NamedTuple):
     at_sensors: FloatArray
     masses: FloatArray
 
-    @property
-    def masses_are_diagonal(self) -> bool:
-        """Whether every mass moves with a single coordinate."""
-        return bool((np.count_nonzero(self.masses, axis=2) <= 1).all())
-
 
 class ProjectedStructure(Structure):
     """A model in a small basis, with elements on it."""
@@ -215,7 +210,8 @@ class ProjectedStructure(Structure):
         # In series with the residual flexibility at their places.
         springs = springs / (1.0 + springs * vectors.flexibilities)
         stiffness = stiffness + _sum_of_squares(springs, vectors.springs)
-        if mass.ndim == 2 and vectors.masses_are_diagonal:
+        # Where every mass moves with a single coordinate, the mass stays diagonal.
+        if mass.ndim == 2 and (np.count_nonzero(vectors.masses, axis=2) <= 1).all():
             mass = mass + np.einsum("bt,bti->bi", masses, vectors.masses**2)
         else:
             whole = mass[:, :, None] * np.eye(mass.shape[1]) if mass.ndim == 2 else mass

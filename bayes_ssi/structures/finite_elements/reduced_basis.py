@@ -44,10 +44,14 @@ from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, Sys
 from bayes_ssi.structures.finite_elements.sparse_modes import (
     Factor,
     is_semidefinite,
-    require_positive_definite,
-    stiffness_factor,
 )
-from bayes_ssi.structures.modal import SOLVER, Eigenpairs, NoModesError, lowest_eigenpairs
+from bayes_ssi.structures.modal import (
+    NOT_SUPPORTED,
+    SOLVER,
+    Eigenpairs,
+    NoModesError,
+    lowest_eigenpairs,
+)
 
 
 class Bounds(NamedTuple):
@@ -77,8 +81,8 @@ class Reference:
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
         # Not kept: with its pivots it is large.
-        factor = stiffness_factor(self.matrix)
-        require_positive_definite(factor)
+        factor = Factor(self.matrix, NOT_SUPPORTED)
+        factor.require_positive_definite()
         n, n_random = self.matrix.shape[0], FEM.sketch_size
         self.sketch = sketch = np.zeros((n, n_random + len(self.sensors)))
         sketch[self.sensors, n_random + np.arange(len(self.sensors))] = 1.0
@@ -93,7 +97,7 @@ class Reference:
     @cached_property
     def factor(self) -> Factor:
         """Of the stiffness, which solves K_r x = f."""
-        return stiffness_factor(self.matrix)
+        return Factor(self.matrix, NOT_SUPPORTED)
 
 
 class Elongations(NamedTuple):

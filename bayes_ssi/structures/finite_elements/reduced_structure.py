@@ -89,7 +89,7 @@ class ReducedStructure(ApproximateStructure):
         """
         whole = self._copied()
         whole.full = self.full.with_element(element)
-        whole._basis = whole._carrying(self._main_basis)
+        whole._basis = whole._carrying(self.basis.without_elements(self._reference))
         return whole
 
     def require_place(self, place: Place, label: str) -> None:
@@ -107,11 +107,6 @@ class ReducedStructure(ApproximateStructure):
             self._train(points, self.frequency_error, self.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
-
-    @property
-    def _main_basis(self) -> ReducedBasis:
-        """The basis of the model without elements."""
-        return self.basis.without_elements(self._reference)
 
     def _carrying(self, basis: ReducedBasis) -> ReducedBasis:
         """The basis with the elements, from one of the model without them."""

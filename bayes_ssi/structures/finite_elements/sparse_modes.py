@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,21 +40,11 @@ from bayes_ssi.structures.modal import (
 class Factor:
     """K = L D Lᵀ for a matrix with rows already in a good order."""
 
-    def __init__(self, matrix: Matrix) -> None:
+    def __init__(self, matrix: Matrix, problem: str = "the matrix is singular") -> None:
         """Factorise; NoModesError if singular, or if no pivot on the diagonal serves."""
-        from scipy.sparse.linalg import splu
-
-        try:
-            self._lu = splu(
-                sp.csc_matrix(matrix),
-                permc_spec="NATURAL",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:  # exactly singular
-            raise NoModesError("the matrix is singular") from None
+        self._lu = _superlu(matrix, "NATURAL", problem)
         if not np.array_equal(self._lu.perm_r, np.arange(matrix.shape[0])):
-            raise NoModesError("the matrix has a pivot of zero")
+            raise NoModesError(problem)
 
     @cached_property
     def pivots(self) -> FloatArray:
@@ -66,6 +57,11 @@ class Factor:
         """Number of negative eigenvalues."""
         return int((self.pivots < 0.0).sum())
 
+    def require_positive_definite(self) -> None:
+        """Check the factor of a stiffness matrix; NoModesError if it has a negative eigenvalue."""
+        if self.n_negative:
+            raise NoModesError("the stiffness matrix is not positive definite")
+
     def solve(self, right: FloatArray) -> FloatArray:
         """K⁻¹ times vectors (n,) or (n, k)."""
         solution: FloatArray = self._lu.solve(np.ascontiguousarray(right))
@@ -77,18 +73,14 @@ class Factor:
         return product
 
 
-def stiffness_factor(stiffness: Matrix) -> Factor:
-    """The factor of a stiffness matrix; NoModesError if it is singular."""
+def _superlu(matrix: Matrix, order: Literal["NATURAL", "MMD_AT_PLUS_A"], problem: str) -> Any:
+    from scipy.sparse.linalg import splu
+
+    options = {"SymmetricMode": True}
     try:
-        return Factor(stiffness)
-    except NoModesError:
-        raise NoModesError(NOT_SUPPORTED) from None
-
-
-def require_positive_definite(factor: Factor) -> None:
-    """Check the factor of a stiffness matrix; NoModesError if it has a negative eigenvalue."""
-    if factor.n_negative:
-        raise NoModesError("the stiffness matrix is not positive definite")
+        return splu(sp.csc_matrix(matrix), permc_spec=order, diag_pivot_thresh=0.0, options=options)
+    except RuntimeError:  # exactly singular
+        raise NoModesError(problem) from None
 
 
 def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
@@ -98,17 +90,8 @@ def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
     and by the reverse Cuthill-McKee algorithm, whose narrow band suits slender ones.
     """
     from scipy.sparse.csgraph import reverse_cuthill_mckee
-    from scipy.sparse.linalg import splu
 
-    try:
-        factor = splu(
-            sp.csc_matrix(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError:
-        raise NoModesError("the matrix is singular") from None
+    factor = _superlu(matrix, "MMD_AT_PLUS_A", "the matrix is singular")
     banded = reverse_cuthill_mckee(sp.csr_matrix(matrix), symmetric_mode=True).astype(np.intp)
     if 2 * _envelope(matrix, banded) <= factor.nnz:
         return banded
@@ -160,7 +143,7 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     # With many modes, Lanczos vectors (twice as many) would span half of the space.
     if n <= FEM.dense_up_to or 4 * n_modes >= n:
         return lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
-    factor = stiffness_factor(stiffness)
+    factor = Factor(stiffness, NOT_SUPPORTED)
     with_mass = np.flatnonzero(np.diff(mass.indptr))
     if len(with_mass) <= FEM.dense_up_to:
         loads = np.zeros((n, len(with_mass)))
@@ -210,7 +193,7 @@ def _counted(
     problem = "there is no gap between eigenvalues"
     for attempt in range(4):  # each with another start vector and more modes
         if attempt:
-            require_positive_definite(factor)
+            factor.require_positive_definite()
         n_computed = min(at_most + 2 + 6 * attempt, n - 2)
         try:
             modes = _lanczos(stiffness, mass, factor, n_computed, attempt)
@@ -228,7 +211,7 @@ def _counted(
         if count == last:
             # The count includes negative eigenvalues of K: with positive ones alone it has none.
             if not modes.eigenvalues[0] > 0.0:
-                require_positive_definite(factor)
+                factor.require_positive_definite()
             settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
@@ -248,7 +231,7 @@ def _modes_under(
 
     Modes are deflections under such loads, so the Rayleigh-Ritz method gives all of them.
     """
-    require_positive_definite(factor)
+    factor.require_positive_definite()
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
     kept = energies > SOLVER.rounding * energies.max(initial=0.0)
