@@ -46,6 +46,17 @@ class Accuracy(NamedTuple):
     statement: str
 
 
+def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any, ArrayLike], T]:
+    """A method of a structure, which first checks the values that it takes."""
+
+    @wraps(method)
+    def call(self: Structure, values: ArrayLike) -> T:
+        where = f"{type(self).__name__}.{method.__name__}: values"
+        return method(self, checked_values(values, self.parameters, where))
+
+    return call
+
+
 class Structure(ABC):
     """A structure with uncertain parameters.
 
@@ -365,8 +376,60 @@ class CombinedSensors(Structure):
         return {"combined sensors": "; ".join(texts)}
 
 
-class ApproximateStructure(Structure):
-    """A structure whose modes approximate those of another one with the same parameters.
+class SubstituteStructure(Structure):
+    """A structure that stands for another one, and answers as that does but for its modes."""
+
+    @property
+    @abstractmethod
+    def substituted(self) -> Structure:
+        """The other one."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.substituted.parameters
+
+    @property
+    def degrees_of_freedom(self) -> tuple[str, ...]:
+        return self.substituted.degrees_of_freedom
+
+    @property
+    def n_modes(self) -> int:
+        return self.substituted.n_modes
+
+    @property
+    def n_rigid_modes(self) -> int:
+        return self.substituted.n_rigid_modes
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return tuple(self.substituted.sensors)
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self.substituted.appendages
+
+    @property
+    def geometry(self) -> Geometry | None:
+        return self.substituted.geometry
+
+    def heights(self) -> dict[str, float]:
+        return self.substituted.heights()
+
+    def description(self) -> Mapping[str, Any]:
+        return self.substituted.description()
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        return self.substituted.modal_model(values)
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        return self.substituted.labelled_modes(values)
+
+    def location_of(self, place: Place) -> Location | None:
+        return self.substituted.location_of(place)
+
+
+class ApproximateStructure(SubstituteStructure):
+    """A structure whose modes approximate those of another one, :attr:`exact`.
 
     Sampling refines it where the posterior lies, and corrects the evidence by exact solutions
     (:mod:`bayes_ssi.inference.posterior_sampling.refinement`).
@@ -376,36 +439,12 @@ class ApproximateStructure(Structure):
     is_approximate = True
 
     @property
+    def substituted(self) -> Structure:
+        return self.exact
+
+    @property
     @abstractmethod
     def exact(self) -> Structure: ...
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.exact.parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self.exact.degrees_of_freedom
-
-    @property
-    def n_modes(self) -> int:
-        return self.exact.n_modes
-
-    @property
-    def n_rigid_modes(self) -> int:
-        return self.exact.n_rigid_modes
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return tuple(self.exact.sensors)
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self.exact.appendages
-
-    @property
-    def geometry(self) -> Geometry | None:
-        return self.exact.geometry
 
     def prior_points(self, n_points: int, tail: float) -> FloatArray:
         """The prior medians, and Sobol points that fill the prior evenly, (1 + n, n_parameters).
@@ -423,20 +462,3 @@ class ApproximateStructure(Structure):
         uniform = sequence.random_base2((n_points - 1).bit_length())[:n_points]
         z = ndtri(np.clip(uniform, tail, 1.0 - tail))
         return np.vstack([self.prior_medians(), values_at(self.parameters, z)])
-
-    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-        return self.exact.labelled_modes(values)
-
-    def location_of(self, place: Place) -> Location | None:
-        return self.exact.location_of(place)
-
-
-def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any, ArrayLike], T]:
-    """A method of a structure, which first checks the values that it takes."""
-
-    @wraps(method)
-    def call(self: Structure, values: ArrayLike) -> T:
-        where = f"{type(self).__name__}.{method.__name__}: values"
-        return method(self, checked_values(values, self.parameters, where))
-
-    return call

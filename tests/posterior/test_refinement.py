@@ -24,23 +24,14 @@ class Stiff(ApproximateStructure):
     right: Structure
     too_high: float
     best: float = 0.0
-    sensors = appendages = ()
 
     @property
     def exact(self):
         return self.right
 
     @property
-    def parameters(self):
-        return self.right.parameters
-
-    @property
-    def degrees_of_freedom(self):
-        return self.right.degrees_of_freedom
-
-    @property
-    def n_modes(self):
-        return self.right.n_modes
+    def substituted(self):
+        return self.right
 
     def modes(self, values):
         frequencies, shapes = self.right.modes(values)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -11,13 +10,11 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.workers.journal import Journal
 from bayes_ssi.inference.workers.workers import Workers, evaluate
-from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.structures.modal import ModalModel, Modes
-from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure, SubstituteStructure
 
 
-class RecordedStructure(Structure):
+class RecordedStructure(SubstituteStructure):
     """Another structure, solved once at each set of values."""
 
     def __init__(
@@ -30,33 +27,8 @@ class RecordedStructure(Structure):
         self._workers, self._journal = workers, journal
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.structure.parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self.structure.degrees_of_freedom
-
-    @property
-    def n_modes(self) -> int:
-        return self.structure.n_modes
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return tuple(self.structure.sensors)
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self.structure.appendages
-
-    def heights(self) -> dict[str, float]:
-        return self.structure.heights()
-
-    def description(self) -> Mapping[str, Any]:
-        return self.structure.description()
-
-    def modal_model(self, values: FloatArray) -> ModalModel:
-        return self.structure.modal_model(values)
+    def substituted(self) -> Structure:
+        return self.structure
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes; NaN in rows at which it fails."""

@@ -24,8 +24,7 @@ from bayes_ssi.structures.emulation.mode_representations import (
     TrackedModes,
     unit_shapes,
 )
-from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError
-from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.modal import Modes, NoModesError
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 
 
@@ -133,23 +132,8 @@ class EmulatedStructure(ApproximateStructure):
     def emulator(self) -> EmulatorFit:
         return self.fitted
 
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return tuple(self._exact.sensors)
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self._exact.appendages
-
-    def heights(self) -> dict[str, float]:
-        return self._exact.heights()
-
     def description(self) -> Mapping[str, Any]:
         return {**self._exact.description(), "modes emulated": "by Gaussian processes"}
-
-    def modal_model(self, values: FloatArray) -> ModalModel:
-        """The exact structure's."""
-        return self._exact.modal_model(values)
 
     def modes(self, values: FloatArray) -> Modes:
         """See :meth:`Structure.modes`; rows where the structure is expected to fail are NaN."""
