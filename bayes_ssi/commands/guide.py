@@ -16,7 +16,7 @@ def guide(no_browser: bool) -> None:
     """Open the guide in a browser and print its path; it needs no network."""
     import webbrowser
 
-    page = _front_page()
+    page = Path(str(files("bayes_ssi"))) / "guide" / "html" / "index.html"
     if not page.is_file():
         raise FileNotFoundError(
             f"the guide is not built: {page} does not exist; 'pip install' of bayes_ssi makes it"
@@ -24,7 +24,3 @@ def guide(no_browser: bool) -> None:
     say(console(), str(page))
     if not no_browser:
         webbrowser.open(page.as_uri())
-
-
-def _front_page() -> Path:
-    return Path(str(files("bayes_ssi"))) / "guide" / "html" / "index.html"

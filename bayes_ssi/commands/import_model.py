@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import PATH, path_option
+from bayes_ssi.commands.options import PATH, named_values, path_option
 from bayes_ssi.commands.terminal import command_line, console, say
 
 if TYPE_CHECKING:
@@ -95,7 +95,9 @@ def import_model(
     new_paths(name, *ENDINGS)  # refused before large files are read
     data = _data(files)
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
-    of_sensors = dict(_sensor(text) for text in sensors)
+    of_sensors = named_values(
+        "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
+    )
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
     names = None if keys is None else _keys(keys)
@@ -184,13 +186,6 @@ def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:
     if not colon or not path:
         raise ValueError(f"{option}: expected PROPERTY=FACTOR:FILE, got {text!r}")
     return factors, path
-
-
-def _sensor(text: str) -> tuple[str, str]:
-    name, equals, label = (each.strip() for each in text.partition("="))
-    if not (name and equals and label):
-        raise ValueError(f"--sensor: expected SENSOR=LABEL, got {text!r}")
-    return name, label
 
 
 def _formulas(matrices: ParameterMatrices) -> list[str]:

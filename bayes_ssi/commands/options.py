@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 if TYPE_CHECKING:
     from bayes_ssi.studies.ranking.study import Study
+
+T = TypeVar("T")
 
 PATH = click.Path(path_type=Path)
 Command = Callable[..., Any]
@@ -70,6 +73,25 @@ def named_paths(paths: Sequence[Path]) -> dict[str, Path]:
     names = [path.name for path in paths]
     unique = len(set(names)) == len(names)
     return dict(zip(names if unique else map(str, paths), paths, strict=True))
+
+
+def named_values(
+    option: str, texts: Sequence[str], wanted: str, form: str, read: Callable[[str], T]
+) -> dict[str, T]:
+    """Name → value, from texts of an option, whose ``form`` is a regular expression."""
+    items: dict[str, T] = {}
+    for text in texts:
+        match = re.fullmatch(form, text.strip())
+        if match is None:
+            raise ValueError(f"{option}: must be {wanted}, got {text!r}")
+        name, value = (match[1] or "").strip(), match[2].strip()
+        if name in items:
+            raise ValueError(f"{option}: {name!r} is given twice")
+        try:
+            items[name] = read(value)
+        except ValueError as error:
+            raise ValueError(f"{option}: {error}") from None
+    return items
 
 
 def load(path: Path, only: str | None = None) -> Study:

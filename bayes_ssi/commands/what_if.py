@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import repeated_option, result_argument
+from bayes_ssi.commands.options import named_values, repeated_option, result_argument
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
@@ -22,8 +21,6 @@ from bayes_ssi.commands.terminal import (
 
 if TYPE_CHECKING:
     from bayes_ssi.results.stored_result import StoredResult
-
-T = TypeVar("T")
 
 PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 
@@ -95,13 +92,15 @@ def what_if(
 
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
-        priors=_named("--prior", priors, PRIOR_FORM, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text),
+        priors=named_values(
+            "--prior", priors, PRIOR_FORM, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text
+        ),
         frequency_cov=frequency_cov,
         shape_sd=shape_sd,
         detection_probability=detection,
         expected_spurious_modes=spurious,
-        bands_hz=_named("--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band),
-        prior_weights=_named("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
+        bands_hz=named_values("--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band),
+        prior_weights=named_values("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
     )
     stored = load_result(result)
     answer = ask(stored, settings)
@@ -126,25 +125,6 @@ def what_if(
     print_record(lambda: {"directory": str(result), "answer": answer})
     of_data = () if accepted else answer.failed_data_checks
     exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
-
-
-def _named(
-    option: str, texts: tuple[str, ...], wanted: str, form: str, read: Callable[[str], T]
-) -> dict[str, T]:
-    """Name → value, from texts of an option, whose ``form`` is a regular expression."""
-    items: dict[str, T] = {}
-    for text in texts:
-        match = re.fullmatch(form, text.strip())
-        if match is None:
-            raise ValueError(f"{option}: must be {wanted}, got {text!r}")
-        name, value = (match[1] or "").strip(), match[2].strip()
-        if name in items:
-            raise ValueError(f"{option}: {name!r} is given twice")
-        try:
-            items[name] = read(value)
-        except ValueError as error:
-            raise ValueError(f"{option}: {error}") from None
-    return items
 
 
 def _band(text: str) -> tuple[float, float]:

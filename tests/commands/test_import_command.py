@@ -135,7 +135,7 @@ def test_several_tests_are_configurations(folder):
         (FRAME[:2], "--changed: give at least one export with an altered property"),
         ((*FRAME, "--units", "SI"), "units must be one of 'N, m', 'N, mm'"),
         ((*FRAME, "--units", "N, mm", "--mass-kg", "1e4"), "units that fit: 'N, m'"),
-        ((*FRAME, "--sensor", "roof"), "--sensor: expected SENSOR=LABEL, got 'roof'"),
+        ((*FRAME, "--sensor", "roof"), "--sensor: must be SENSOR=LABEL, got 'roof'"),
         ((*FRAME, "--sensor", "roof=9999 x"), "no degree of freedom is labelled '9999 x'"),
         (
             (*FRAME, "--data", "modes.csv", "--sensor", "roof=2 x"),

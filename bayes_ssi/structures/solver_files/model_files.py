@@ -26,6 +26,8 @@ from bayes_ssi.structures.solver_files.row_labels import read_labels
 from bayes_ssi.structures.solver_files.sap2000_text import read_sap2000
 from bayes_ssi.structures.solver_files.unit_systems import in_si, mass_note, require_mass
 
+Begins = Callable[[bytes], bool]
+
 
 class Format(NamedTuple):
     """A format of solver files: how it is recognised by ending and first bytes, and read."""
@@ -37,39 +39,30 @@ class Format(NamedTuple):
     has_keys: bool = False
 
 
-def _ends(*endings: str) -> Callable[[str, bytes], bool]:
-    return lambda ending, _: ending in endings
+def _ends(*endings: str, or_begins: Begins | None = None) -> Callable[[str, bytes], bool]:
+    return lambda ending, head: ending in endings or bool(or_begins and or_begins(head))
 
 
-def _begins(recognises: Callable[[bytes], bool]) -> Callable[[str, bytes], bool]:
-    return lambda _, head: recognises(head)
-
-
-def _is_punch(ending: str, head: bytes) -> bool:
-    return ending in (".pch", ".dmig") or b"\nDMIG" in b"\n" + head
-
-
-def _is_container(ending: str, head: bytes) -> bool:
-    return ending in (".npz", ".mat", ".npy") or head.startswith(b"%%MatrixMarket")
-
-
-_SAP2000 = (".txa", ".txe", ".txk", ".txm", ".txc")
-_ABAQUS = "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx"
-_CONTAINERS = ".npz, .mat, .npy, Matrix Market .mtx"
-_HARWELL, _ROWS = "a file for each matrix, .mapping", "a file of rows for each matrix"
 # In the order in which they are tried.
 FORMATS = (
-    Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM", _ends(*_SAP2000), read_sap2000),
+    Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM",
+           _ends(".txa", ".txe", ".txk", ".txm", ".txc"), read_sap2000),
     Format("CalculiX matrix storage", ".sti, .mas, .dof", _ends(".sti", ".mas", ".dof"),
            read_calculix),
     Format("ANSYS full file", ".full", _ends(".full"), read_ansys),
     Format("Nastran OUTPUT4", ".op4", _ends(".op4"), read_op4, has_keys=True),
-    Format("Nastran punched matrices (DMIG)", ".pch, .dmig", _is_punch, read_punch, has_keys=True),
-    Format("Abaqus matrix output", _ABAQUS, recognises_abaqus, read_abaqus),
-    Format("matrices", _CONTAINERS, _is_container, read_containers, has_keys=True),
-    Format("Harwell-Boeing (ANSYS HBMAT)", _HARWELL, _begins(recognises_harwell_boeing),
-           read_harwell_boeing),
-    Format("matrices printed as text (OpenSees)", _ROWS, _begins(recognises_rows), read_printed),
+    Format("Nastran punched matrices (DMIG)", ".pch, .dmig",
+           _ends(".pch", ".dmig", or_begins=lambda head: b"\nDMIG" in b"\n" + head),
+           read_punch, has_keys=True),
+    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx",
+           recognises_abaqus, read_abaqus),
+    Format("matrices", ".npz, .mat, .npy, Matrix Market .mtx",
+           _ends(".npz", ".mat", ".npy", or_begins=lambda head: head.startswith(b"%%MatrixMarket")),
+           read_containers, has_keys=True),
+    Format("Harwell-Boeing (ANSYS HBMAT)", "a file for each matrix, .mapping",
+           _ends(or_begins=recognises_harwell_boeing), read_harwell_boeing),
+    Format("matrices printed as text (OpenSees)", "a file of rows for each matrix",
+           _ends(or_begins=recognises_rows), read_printed),
 )  # fmt: skip
 
 
