@@ -81,13 +81,13 @@ class CorrelatedErrors:
     @cached_property
     def _pairs_of_tests(self) -> list[PairedModes]:
         """The pairs of each test, none where the pairing is inferred."""
-        return [PairedModes.of(own.data, own.pairing.items()) for own in self.likelihoods]
+        return [PairedModes.of(test.data, test.pairing.items()) for test in self.likelihoods]
 
     @cached_property
     def identified(self) -> NDArray[np.intp]:
         """Places (N,) of the paired modes among the identified ones of all tests in turn."""
-        first = np.cumsum([0, *(len(own.data.modes) for own in self.likelihoods)])
-        data = [own.data for own in self.likelihoods]
+        data = [test.data for test in self.likelihoods]
+        first = np.cumsum([0, *(len(identified.modes) for identified in data)])
         places = [first[m.test] + data[m.test].labels.index(m.label) for m in self.modes]
         return np.array(places, dtype=np.intp)
 
@@ -104,7 +104,7 @@ class CorrelatedErrors:
         linked |= same_test & self._have_covariance
         n_groups, group_of = connected_components(linked, directed=False)
         groups = [np.flatnonzero(group_of == i) for i in range(n_groups)]
-        return [own.tolist() for own in groups if len(own) > 1 or self._have_covariance[own].any()]
+        return [g.tolist() for g in groups if len(g) > 1 or self._have_covariance[g].any()]
 
     @cached_property
     def _separation(self) -> Separation:
@@ -114,12 +114,12 @@ class CorrelatedErrors:
     def _have_covariance(self) -> NDArray[np.bool_]:
         """Which paired modes (N,) are of data with a joint covariance."""
         tests = [self.likelihoods[mode.test] for mode in self.modes]
-        return np.array([own.data.covariance is not None for own in tests], dtype=bool)
+        return np.array([test.data.covariance is not None for test in tests], dtype=bool)
 
     @cached_property
     def _places(self) -> tuple[int, list[NDArray[np.intp]]]:
         """The number n of sensors of all tests, and where each one's shapes are in (S n,)."""
-        sensors = list(dict.fromkeys(s for own in self.likelihoods for s in own.data.sensors))
+        sensors = list(dict.fromkeys(s for test in self.likelihoods for s in test.data.sensors))
         places, first = [], 0
         for likelihood, pairs in zip(self.likelihoods, self._pairs_of_tests, strict=True):
             columns = np.array([sensors.index(s) for s in likelihood.data.sensors], dtype=np.intp)
@@ -145,8 +145,8 @@ class CorrelatedErrors:
         whole = np.zeros((n + self._pairs.unit_shapes.size,) * 2)
         parts = zip(self.likelihoods, self._pairs_of_tests, self._places[1], strict=True)
         for test, (likelihood, pairs, shapes) in enumerate(parts):
-            own = [i for i, mode in enumerate(self.modes) if mode.test == test]
-            rows = np.concatenate([np.array(own, dtype=np.intp), n + shapes])
+            frequencies = np.flatnonzero([mode.test == test for mode in self.modes])
+            rows = np.concatenate([frequencies, n + shapes])
             whole[np.ix_(rows, rows)] = pairs.identification_covariance(likelihood.data)
         return whole
 
@@ -168,8 +168,8 @@ class CorrelatedErrors:
         for i, group in enumerate(self.groups):
             shapes = np.flatnonzero(np.isin(self._pairs.with_shape, group)).tolist()
             if shapes and self._have_covariance[group].any():
-                own = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
-                repeated = own if len(own) < len(shapes) else []
+                same = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
+                repeated = same if len(same) < len(shapes) else []
                 frequencies = self._frequency_groups([i], np.array([group], dtype=np.intp))
                 args = self._identification, self._pairs, frequencies, shapes, repeated
                 joint[i] = JointErrors.of(*args)
@@ -182,7 +182,7 @@ class CorrelatedErrors:
     @cached_property
     def _frequencies(self) -> list[ErrorGroups]:
         """The frequencies of groups that are not in ``_joint``."""
-        rest = {i: own for i, own in enumerate(self.groups) if i not in self._joint}
+        rest = {i: group for i, group in enumerate(self.groups) if i not in self._joint}
         return [self._frequency_groups(*same) for same in stacked(rest)]
 
     @cached_property
@@ -193,9 +193,9 @@ class CorrelatedErrors:
         separation = Separation.of(modes, modes, by_label=True)
         group_of = {pair: i for i, group in enumerate(self.groups) for pair in group}
         repeated = {
-            k: own
-            for k, own in enumerate(self._shape_groups)
-            if len(own) > 1 and group_of[pairs.with_shape[own[0]]] not in self._joint
+            k: shapes
+            for k, shapes in enumerate(self._shape_groups)
+            if len(shapes) > 1 and group_of[pairs.with_shape[shapes[0]]] not in self._joint
         }
         for which, members in stacked(repeated):
             groups = [group_of[pairs.with_shape[repeated[k][0]]] for k in which]
@@ -211,25 +211,25 @@ class CorrelatedErrors:
         of_shapes = self.error.shape_sd if self._pairs.n_measured else self.error.frequency_cov
         sizes = as_product(self.error.frequency_cov), as_product(of_shapes)
         frequency, shape, tests, modes = (
-            ProductTable((each,), self.parameters).evaluate(
-                values if each.parameters else values[:1]
+            ProductTable((product,), self.parameters).evaluate(
+                values if product.parameters else values[:1]
             )[:, 0]
-            for each in (*sizes, *self.error.correlations)
+            for product in (*sizes, *self.error.correlations)
         )
         return ErrorSizes(frequency**2, tests, modes), ErrorSizes(shape**2, tests, modes)
 
     def _residuals(self, frequencies_hz: Sequence[FloatArray]) -> FloatArray:
         """r_f = f/f_e - 1 of all paired modes, (B, N)."""
-        each = zip(self._pairs_of_tests, frequencies_hz, strict=True)
-        return np.concatenate([pairs.frequency_residuals(own) for pairs, own in each], axis=1)
+        tests = zip(self._pairs_of_tests, frequencies_hz, strict=True)
+        return np.concatenate([pairs.frequency_residuals(hz) for pairs, hz in tests], axis=1)
 
     def _unit_shapes(self, modes: Sequence[ComparedModes]) -> FloatArray:
         """Model shapes (B, S, n) of the pairs at unit length, zero where not measured."""
         n, n_shapes = self._pairs.unit_shapes.shape
         shapes = np.zeros((len(modes[0].frequencies_hz), n_shapes * n))
-        for places, of_test in zip(self._places[1], modes, strict=True):
-            if len(places) and of_test.unit_shapes.size:
-                shapes[:, places] = of_test.unit_shapes
+        for places, compared in zip(self._places[1], modes, strict=True):
+            if len(places) and compared.unit_shapes.size:
+                shapes[:, places] = compared.unit_shapes
         return shapes.reshape(len(shapes), n_shapes, n)
 
     def log_ratios(self, values: FloatArray, modes: Sequence[ComparedModes]) -> FloatArray:
@@ -244,12 +244,12 @@ class CorrelatedErrors:
         if len(values) > n_rows:
             parts = [slice(i, i + n_rows) for i in range(0, len(values), n_rows)]
             return np.concatenate(
-                [self.log_ratios(values[part], [own.rows(part) for own in modes]) for part in parts]
+                [self.log_ratios(values[part], [m.rows(part) for m in modes]) for part in parts]
             )
         ratios = np.zeros((len(values), len(self.groups)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             sizes = self._sizes(values)
-            residuals = self._residuals([of_test.frequencies_hz for of_test in modes])
+            residuals = self._residuals([compared.frequencies_hz for compared in modes])
             for stack in self._frequencies:
                 errors = residuals[:, stack.members][..., None]
                 ratios[:, stack.groups] = stack.log_ratios(errors, sizes[0])
@@ -263,8 +263,8 @@ class CorrelatedErrors:
                 for i, ratio in zip(stack.groups, of_shapes.T, strict=True):
                     ratios[:, i] += ratio
             for i, joint in self._joint.items():
-                own = residuals[:, self.groups[i]], shapes[:, joint.shapes]
-                ratios[:, i] = joint.log_ratio(*own, sizes)
+                errors = residuals[:, self.groups[i]]
+                ratios[:, i] = joint.log_ratio(errors, shapes[:, joint.shapes], sizes)
         return ratios
 
     def independent_residuals(
@@ -282,7 +282,7 @@ class CorrelatedErrors:
             (B, P + K) by the group's index, of shapes, too.
         """
         sizes = self._sizes(values)
-        residuals = self._residuals([of_test.frequencies_hz for of_test in modes])
+        residuals = self._residuals([compared.frequencies_hz for compared in modes])
         variances = sizes[0].variance[:, None] + self._pairs.frequency_var
         independent = residuals / np.sqrt(variances)
         for stack in self._frequencies:

@@ -159,8 +159,8 @@ class JointPairs:
         self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
     ) -> FloatArray:
         """Log of the joint density of each pair over the product of single ones, (B, P)."""
-        n, each = len(frequencies), self._each(frequencies, unit_shapes, variances)
-        ratios = [errors.log_ratio(*own).reshape(n, -1) for errors, own in each]
+        n, modes = len(frequencies), self._by_mode(frequencies, unit_shapes, variances)
+        ratios = [errors.log_ratio(*residuals).reshape(n, -1) for errors, residuals in modes]
         return np.concatenate(ratios, axis=1)
 
     def errors(
@@ -173,8 +173,8 @@ class JointPairs:
         the variances in these directions, and that of their squares.
         """
         n, parts = len(frequencies), []
-        for errors, own in self._each(frequencies, unit_shapes, variances):
-            white = errors.white(*own)
+        for errors, residuals in self._by_mode(frequencies, unit_shapes, variances):
+            white = errors.white(*residuals)
             of_shapes = np.broadcast_to(white.shape_var, white.shapes.shape)
             squares = white.shapes * white.shapes / of_shapes
             parts.append(
@@ -185,15 +185,15 @@ class JointPairs:
             )
         return [np.concatenate(of_modes, axis=1) for of_modes in zip(*parts, strict=True)]
 
-    def _each(
+    def _by_mode(
         self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
     ) -> Iterator[tuple[JointErrors, tuple[FloatArray, FloatArray, tuple[ErrorSizes, ErrorSizes]]]]:
         """The errors of each identified mode, and its pairs' residuals, a row for each of them."""
         n, (n_sensors, n_shapes) = len(frequencies), self.pairs.unit_shapes.shape
         shapes = unit_shapes.reshape(n, n_shapes, n_sensors)
         for errors, pairs in self._modes.values():
-            own = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
-            unit = shapes[:, own].reshape(n * len(pairs), len(errors.shapes), n_sensors)
+            scored = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
+            unit = shapes[:, scored].reshape(n * len(pairs), len(errors.shapes), n_sensors)
             repeated = np.repeat(variances, len(pairs), axis=0) if len(variances) > 1 else variances
             zero = np.zeros(len(repeated))
             frequency, shape = (ErrorSizes(repeated[:, i], zero, zero) for i in (0, -1))
@@ -216,5 +216,5 @@ class JointPairs:
         pairs = PairedModes.of(self.data, [(label, 1) for label in labels])
         covariance, n = pairs.identification_covariance(self.data), len(labels)
         same = Separation(np.zeros((1, n, n)), np.zeros((1, n, n)))
-        own = ErrorGroups([0], np.arange(n)[None], covariance[None, :n, :n], same)
-        return JointErrors.of(covariance, pairs, own, range(len(pairs.with_shape)))
+        frequencies = ErrorGroups([0], np.arange(n)[None], covariance[None, :n, :n], same)
+        return JointErrors.of(covariance, pairs, frequencies, range(len(pairs.with_shape)))
