@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,12 +116,12 @@ def configuration_modes(
     records = []
     # The prior medians are the first row, ahead of the draws.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
-    for configuration, likelihood, rows in model_class.parts(at):
-        medians, draws = rows[:1], rows[1:]
-        inferred = likelihood.inferred_pairing(draws)
+    chosen = np.concatenate([[0], 1 + evenly_spaced_indices(len(values), KEPT.draws)])
+    for configuration, likelihood, columns in model_class.parts(at):
+        inferred = likelihood.inferred_pairing(columns[1:])
         pairing = dict(inferred.best if inferred else likelihood.pairing)
         n_modes = configuration.structure.n_modes
-        updated = _updated_modes(configuration, likelihood, pairing, draws, medians)
+        updated = _updated_modes(configuration, likelihood, pairing, columns[chosen])
         records.append(ConfigurationModes(configuration.name, n_modes, pairing, inferred, updated))
     return tuple(records)
 
@@ -129,12 +130,10 @@ def _updated_modes(
     configuration: Configuration,
     likelihood: ModalLikelihood,
     pairing: Mapping[str, int],
-    values: FloatArray,
-    medians: FloatArray,
+    at: FloatArray,
 ) -> UpdatedModes:
-    """The paired modes at the prior ``medians`` (1, n_parameters) and at draws ``values``."""
+    """The paired modes at the prior medians, the first row of ``at``, and at draws, the others."""
     structure, data = configuration.structure, configuration.data
-    at = np.concatenate([medians, values[evenly_spaced_indices(len(values), KEPT.draws)]])
     modes = likelihood.modes(at)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
@@ -143,23 +142,23 @@ def _updated_modes(
     shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
     records = []
-    for label, (rows, numbers) in _own_modes(likelihood, pairing, at, modes).items():
-        own, own_seen = modes.shapes[rows, :, numbers], seen[rows, :, numbers]
+    for label, (rows, numbers) in _paired_modes(likelihood, pairing, at, modes).items():
+        whole, at_sensors = modes.shapes[rows, :, numbers], seen[rows, :, numbers]
         identified = data.mode(label).unit_shape
-        signs = shape_signs(own[:, main], own_seen, identified)
-        shapes = scaled_shapes(own[:, shown] * signs[:, None], own[:, main])
+        signs = shape_signs(whole[:, main], at_sensors, identified)
+        shapes = scaled_shapes(whole[:, shown] * signs[:, None], whole[:, main])
         frequencies = modes.frequencies_hz[rows, numbers]
         pair = PairedModes.of(data, [(label, 1)])
-        macs = (1.0 - pair.shape_distances(own_seen[:, :, None])) ** 2
-        low, median, high = (tuple(part.tolist()) for part in _interval(shapes[1:]))
+        macs = (1.0 - pair.shape_distances(at_sensors[:, :, None])) ** 2
+        low, median, high = map(tuple, _interval(shapes[1:]))
         records.append(
             UpdatedMode(
                 label=label,
                 model_mode=pairing[label],
                 before_hz=float(frequencies[0]),
-                after_hz=_numbers(frequencies[1:]),
+                after_hz=_interval(frequencies[1:]),
                 mac_before=float(macs[0, 0]) if macs.size else None,
-                mac_after=_numbers(macs[1:, 0]) if macs.size else None,
+                mac_after=_interval(macs[1:, 0]) if macs.size else None,
                 shape_before=tuple(shapes[0].tolist()),
                 shape_after=(low, median, high),
             )
@@ -174,7 +173,7 @@ def _updated_modes(
     )
 
 
-def _own_modes(
+def _paired_modes(
     likelihood: ModalLikelihood, pairing: Mapping[str, int], at: FloatArray, modes: Modes
 ) -> dict[str, tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Label of a paired mode → rows of ``at``, and the model mode that it is in each, from 0.
@@ -183,20 +182,20 @@ def _own_modes(
     inferred, every draw has its own, by its probability. Draws that leave the mode out are left
     out; the prior medians, the first row, never are.
     """
-    labels = [label for label in likelihood.data.labels if label in pairing]
-    every = np.arange(len(at))
     compared = likelihood.compared_modes(at, modes)
     chosen = likelihood.sampled_pairings(at, compared, np.random.default_rng(0))
-    own_modes = {}
-    for label in labels:
-        numbers = chosen[:, likelihood.data.labels.index(label)]
+    paired = {}
+    for label, numbers in zip(likelihood.data.labels, chosen.T, strict=True):
+        if label not in pairing:
+            continue
         if numbers[0] < 0:
             numbers[0] = pairing[label] - 1
         rows = np.flatnonzero(numbers >= 0)
         if len(rows) == 1:  # the few draws taken here all leave it out
-            rows, numbers = every, np.full(len(at), pairing[label] - 1)
-        own_modes[label] = (rows, numbers[rows])
-    return own_modes
+            paired[label] = np.arange(len(at)), np.full(len(at), pairing[label] - 1)
+        else:
+            paired[label] = rows, numbers[rows]
+    return paired
 
 
 def moves_sideways(structure: Structure) -> bool:
@@ -207,11 +206,7 @@ def moves_sideways(structure: Structure) -> bool:
     return influence is not None and bool((influence == 1.0).all())
 
 
-def _interval(draws: FloatArray) -> NDArray[np.float64]:
-    low, high = 0.5 * (1.0 - KEPT.level), 0.5 * (1.0 + KEPT.level)
-    return np.quantile(draws, [low, 0.5, high], axis=0)
-
-
-def _numbers(draws: FloatArray) -> Interval:
-    low, median, high = _interval(draws).tolist()
-    return low, median, high
+def _interval(draws: FloatArray) -> Any:
+    """The ends of the interval and the median between them, of draws (n,) or of each column."""
+    ends = 0.5 * (1.0 - KEPT.level), 0.5 * (1.0 + KEPT.level)
+    return tuple(np.quantile(draws, [ends[0], 0.5, ends[1]], axis=0).tolist())
