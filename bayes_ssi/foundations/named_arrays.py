@@ -67,8 +67,17 @@ def _items(file: Any) -> Iterator[tuple[str, Any]]:
     sparse = [f"{name}/" for name, item in found.items() if "MATLAB_sparse" in item.attrs]
     for name, item in found.items():
         # MATLAB keeps what cells hold in groups that begin so.
-        if not name.startswith(("#", *sparse)) and (hasattr(item, "dtype") or f"{name}/" in sparse):
+        if name.startswith(("#", *sparse)):
+            continue
+        if f"{name}/" in sparse or (hasattr(item, "dtype") and _holds_values(item.dtype)):
             yield name, item
+
+
+def _holds_values(kind: np.dtype[Any]) -> bool:
+    """Numbers or texts, not the references of MATLAB's cells."""
+    import h5py
+
+    return kind.kind in "biufcS" or h5py.check_string_dtype(kind) is not None
 
 
 def _read_hdf5(
@@ -85,12 +94,9 @@ def _read_hdf5(
             if isinstance(item, h5py.Group):
                 arrays[name] = _sparse(item)
                 continue
-            if h5py.check_string_dtype(item.dtype) is not None:
-                arrays[name] = np.asarray(item.asstr()[()])
-            elif item.dtype.kind in "biufcS":
-                array = np.asarray(item[()])
-                # MATLAB's order of dimensions is the other one.
-                arrays[name] = array.T if path.suffix.lower() == ".mat" else array
+            array = np.asarray(item.asstr()[()] if item.dtype.kind == "O" else item[()])
+            # MATLAB's order of dimensions is the other one.
+            arrays[name] = array.T if path.suffix.lower() == ".mat" else array
             arrays |= {key: np.asarray(item.attrs[key]) for key in attributes if key in item.attrs}
     return arrays
 

@@ -307,12 +307,19 @@ class TestFiles:
                                  ("jc", sparse.indptr)):  # fmt: skip
                 group.create_dataset(name, data=values)
             file.create_dataset("M", data=np.eye(5))
+            file.create_dataset("model/C", data=np.arange(6.0).reshape(2, 3))
+            text = file.create_dataset("#refs#/a", data=np.ones(3))
+            file.create_dataset("cell", data=np.array([text.ref], dtype=h5py.ref_dtype))
         with (tmp_path / "k.mat").open("r+b") as file:
             text = b"MATLAB 7.3 MAT-file".ljust(124)
             file.write(text + b"\x00\x02IM")
         read = bs.read_matrix(tmp_path / "k.mat", "K")
         np.testing.assert_array_equal(read.toarray(), sparse.toarray())
         np.testing.assert_array_equal(bs.read_matrix(tmp_path / "k.mat", "M"), np.eye(5))
+        of_struct = bs.read_matrix(tmp_path / "k.mat", "model/C")
+        np.testing.assert_array_equal(of_struct, [[0.0, 3.0], [1.0, 4.0], [2.0, 5.0]])
+        with pytest.raises(ValueError, match="no array 'cell'; choose from 'K', 'M', 'model/C'"):
+            bs.read_matrix(tmp_path / "k.mat", "cell")
 
     @pytest.mark.parametrize(
         ("name", "write"),

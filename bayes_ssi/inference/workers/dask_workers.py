@@ -7,6 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from time import monotonic
 from typing import Any
 
+from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.inference.workers.workers import Workers
 
 
@@ -32,13 +33,9 @@ class DaskWorkers(Workers):
 
     def _start(self) -> None:
         """Connect."""
-        try:
+        with optional_package("Dask", extra="dask"):
             from dask.distributed import Client
             from distributed.comm import get_address_host_port
-        except ImportError:
-            raise ValueError(
-                'Dask is not installed; install it with pip install "bayes_ssi[dask]"'
-            ) from None
         try:
             # Closing a client of a malformed address hangs.
             get_address_host_port(self.address)

@@ -20,7 +20,8 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.foundations.text_files import require_regular_file
+from bayes_ssi.foundations.packages import optional_package
+from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
 from bayes_ssi.measurements.records.channels import Channels
 from bayes_ssi.measurements.records.record import Place, units_of
@@ -76,20 +77,11 @@ def read_universal(path: Path) -> Channels:
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
     """Read the channels of a TDMS file."""
-    try:
+    with optional_package("npTDMS", extra="tdms"):
         from nptdms import TdmsFile
-    except ImportError:
-        raise ValueError(
-            'npTDMS is not installed; install it with pip install "bayes_ssi[tdms]"'
-        ) from None
     require_regular_file(path)
-    try:
+    with damage_named(path):
         file = TdmsFile.read(str(path))
-    except Exception as error:  # a damaged file may raise anything there
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"cannot be read; damaged or truncated? {type(error).__name__}: {reason}"
-        ) from error
     groups = {group.name: group for group in file.groups()}
     require_known("no group", keys, groups)
     chosen = [groups[key] for key in keys] or list(groups.values())

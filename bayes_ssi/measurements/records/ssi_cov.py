@@ -15,6 +15,7 @@ from io import StringIO
 
 import numpy as np
 
+from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.measurements.records.identification_settings import METHODS
 from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
@@ -23,12 +24,8 @@ from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
 
 def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
     """The modes nearest to some, from the order of twice their number."""
-    try:
+    with optional_package("pyOMA2", extra="oma"):
         from pyoma2.functions import ssi
-    except ImportError:
-        raise ValueError(
-            'pyOMA2 is not installed; install it with pip install "bayes_ssi[oma]"'
-        ) from None
     low, high = record.checked_band(band_hz)
     slow = record.decimated_to(high)
     half = round(0.5 * METHODS.correlation_periods * slow.rate_hz / low)
