@@ -1,5 +1,7 @@
 """The abstract structure: its modes for a batch of parameter values."""
 
+# ruff: noqa: ARG002 - arguments of defaults, for subclasses
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -35,11 +37,7 @@ T = TypeVar("T")
 
 
 class Accuracy(NamedTuple):
-    """How far the modes of an approximate structure may be from the exact ones.
-
-    Attributes:
-        shape: error of shapes at unit length.
-    """
+    """How far approximate modes may be from the exact ones, shapes at unit length."""
 
     frequency: float
     shape: float
@@ -117,7 +115,7 @@ class Structure(ABC):
         parts = [none if isinstance(part, Exception) else part for _, part in solved]
         return parts[0] if len(parts) == 1 else joined(parts)
 
-    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
+    def modal_model(self, values: FloatArray) -> ModalModel:
         """The modes at unit modal mass, and how the ground's motion drives them.
 
         :func:`~bayes_ssi.structures.modal.modal_model` computes it from modes in any scale and the
@@ -210,10 +208,10 @@ class Structure(ABC):
 
     def accurate_at(
         self,
-        values: FloatArray,  # noqa: ARG002 - for approximate structures
-        frequency_error: float,  # noqa: ARG002
-        shape_error: float,  # noqa: ARG002
-        n_modes: int | None = None,  # noqa: ARG002
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
     ) -> Self:
         """This structure if it is accurate enough, otherwise a more accurate one.
 
@@ -225,30 +223,22 @@ class Structure(ABC):
         """
         return self
 
-    def with_solutions_at(self, values: FloatArray) -> Self:  # noqa: ARG002 - for subclasses
+    def with_solutions_at(self, values: FloatArray) -> Self:
         """This structure with the exact solutions at ``values`` (B, n_parameters) made use of.
 
         They are known already. Where the error is certified, they are not needed.
         """
         return self
 
-    def accuracy(
-        self,
-        values: FloatArray,  # noqa: ARG002 - for approximate structures
-        n_modes: int | None = None,  # noqa: ARG002
-    ) -> Accuracy:
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         """The largest errors of the lowest ``n_modes`` at all of ``values`` (B, n_parameters)."""
         return Accuracy(0.0, 0.0, "its modes are exact")
 
-    def compact(self, values: FloatArray) -> Self:  # noqa: ARG002 - for reduced structures
+    def compact(self, values: FloatArray) -> Self:
         """This structure in a smaller basis, if it has one, accurate at ``values`` (B, n)."""
         return self
 
-    def projected(
-        self,
-        values: FloatArray,  # noqa: ARG002 - for reduced structures
-        places: Iterable[SinglePlace],  # noqa: ARG002
-    ) -> Structure:
+    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
         """As :meth:`compact` at ``values``, smaller still and not certified, for many hypotheses.
 
         Elements can be put on ``places``, single degrees of freedom and sensors, alone.
@@ -292,11 +282,7 @@ class Structure(ABC):
         """At the prior medians, in the structure's unit; None of a structure without floors."""
         return None
 
-    def place_shapes(
-        self,
-        places: Sequence[Place],  # noqa: ARG002 - for subclasses
-        values: FloatArray,  # noqa: ARG002
-    ) -> FloatArray | None:
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray | None:
         """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
 
         As in :meth:`modes`, at unit modal mass; None where they are known at the sensors alone.
