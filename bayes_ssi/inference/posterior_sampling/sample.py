@@ -10,6 +10,8 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
+from threadpoolctl import threadpool_limits
+
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -62,7 +64,9 @@ def sample(
     checkpoint = run.checkpoint
     journal = checkpoint.journal(model_class, seed, settings) if checkpoint else None
     try:
-        with run.working(), journal or nullcontext():
+        # As in a worker: how many threads add up a sum must not change its last digit.
+        one_thread = threadpool_limits(limits=1, user_api="blas")
+        with run.working(), journal or nullcontext(), one_thread:
             emulated = model_class
             if settings.economical:
                 emulated = with_emulated_structures(model_class, run.workers, journal)
