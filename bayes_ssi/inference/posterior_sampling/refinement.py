@@ -8,8 +8,10 @@ likelihood, and correct the evidence:
 
     p(D | full) = p(D | reduced) · E[p(D | θ, full) / p(D | θ, reduced)]
 
-over the posterior of the reduced model. While a class is sampled its structures do not change, so
-a result depends on nothing but the seed.
+over the posterior of the reduced model. A class that no parameters bring anywhere near the data,
+such as one with two modes exchanged, is sampled roughly: its posterior lies where modes change
+places and no approximation is smooth, and would take many times as long as that of a right class.
+While a class is sampled its structures do not change, so a result depends on nothing but the seed.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
+from bayes_ssi.inference.calibration.paired_residuals import PairedResiduals
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
@@ -44,7 +48,7 @@ from bayes_ssi.structures.modal import mac
 
 def refined(
     model_class: ModelClass,
-    sample_class: Callable[[ModelClass], Posterior],
+    sample_class: Callable[..., Posterior],
     seed: int,
     log_evidence_error: float,
     workers: Workers | None = None,
@@ -66,6 +70,9 @@ def refined(
         return done
 
     model_class.check_structure()
+    misfit = least_misfit(_widened_over_prior(model_class, seed, settings), seed, workers)
+    if misfit > settings.hopeless_misfit:
+        return _without_hope(sample_class(model_class, roughly=True), misfit)
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
@@ -101,6 +108,37 @@ def refined(
     )
 
 
+def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) -> float:
+    """By how many nats the best fit is worse than errors can make it.
+
+    Half the least sum of squares of the paired residuals over their errors, where the descents of
+    two searches end, less twice what is expected, one half for each residual. Not above zero where
+    a pairing is inferred, which can leave out any mode.
+    """
+    if not all(likelihood.pairing_is_given for likelihood in model_class.likelihoods):
+        return 0.0
+    regions = NarrowRegions(model_class, workers)
+    ends = [regions(np.random.default_rng([seed, 3, search])).z for search in range(2)]
+    values = model_class.values(np.concatenate(ends))
+    halves = np.zeros(len(values))
+    for _, likelihood, columns in model_class.parts(values):
+        test = PairedResiduals(likelihood)
+        residuals = test.residuals(
+            likelihood.modes(columns), test.given_pairings(len(values)), test.errors(columns, 0.0)
+        )
+        halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
+    return float(np.nanmin(halves, initial=math.inf)) if len(halves) else 0.0
+
+
+def _without_hope(posterior: Posterior, misfit: float) -> Posterior:
+    """The posterior of a class that was sampled roughly, and says so."""
+    words = (
+        f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
+        "sampled roughly, and the error of its evidence is not known"
+    )
+    return replace(posterior, failed_checks=(words,))
+
+
 def _accurate_near_maxima(
     model_class: ModelClass, seed: int, workers: Workers | None, settings: RefinementSettings
 ) -> ModelClass:
@@ -109,17 +147,24 @@ def _accurate_near_maxima(
     The searches count the errors of the approximation as errors of the data, so that no region is
     lost because its modes are not accurate yet. They narrow as the structures become accurate.
     """
-    rng = np.random.default_rng([seed, 2])
-    n = len(model_class.parameters)
-    values = model_class.values(rng.standard_normal((settings.n_certified, n)))
+    widened = _widened_over_prior(model_class, seed, settings)
     for _ in range(settings.most_searches):
-        widened = _with_errors_of_approximation(model_class, values, settings)
         values = _near_maxima(widened, seed, workers, settings)
         better = improved(model_class, requirements(model_class, values, settings))
         if better is model_class:
             break
         model_class = better
+        widened = _with_errors_of_approximation(model_class, values, settings)
     return model_class
+
+
+def _widened_over_prior(
+    model_class: ModelClass, seed: int, settings: RefinementSettings
+) -> ModelClass:
+    """The class with the structures' errors at draws from the prior added to its own."""
+    rng = np.random.default_rng([seed, 2])
+    z = rng.standard_normal((settings.n_certified, len(model_class.parameters)))
+    return _with_errors_of_approximation(model_class, model_class.values(z), settings)
 
 
 def _with_errors_of_approximation(

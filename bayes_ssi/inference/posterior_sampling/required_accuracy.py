@@ -29,6 +29,9 @@ class RefinementSettings:
     most_confirmed: int = 64  # where the first leave too large an error
     most_searches: int = 50  # each of which may refine the structures
     most_rounds: int = 4  # of sampling
+    # Nats by which the best fit of no right class is worse than its errors can make it; beyond, a
+    # class is sampled roughly.
+    hopeless_misfit: float = 100.0
     largest_correction: float = 0.3  # of the log evidence, that so few draws can support
     correction_share: float = 0.5  # of the wanted error of the log evidence; the rest is sampling's
     # Of the share above, where an error is certified, but what it changes in the likelihood, which

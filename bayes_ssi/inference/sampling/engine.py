@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,7 @@ from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
     CHAINS,
     IMPORTANCE,
+    MAXIMA,
     MIXTURES,
     ChainSettings,
     SamplingSettings,
@@ -65,18 +66,23 @@ def sample_target(
     settings: SamplingSettings | None = None,
     progress: StepProgress = lambda _step, _done: None,
     chains: ChainSettings = CHAINS,
+    *,
+    roughly: bool = False,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
     Args:
         target: log-likelihood over coordinates whose prior is N(0, I).
+        roughly: by Laplace's approximation around the maxima of one small search, and importance
+            draws from it, however poor they are.
     """
     settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
-        return _Sampling(target, settings, chains, seeds, rng, progress).result()
+        sampling = _Sampling(target, settings, chains, seeds, rng, progress)
+        return sampling.rough_result() if roughly else sampling.result()
 
 
 @dataclass(frozen=True)
@@ -112,6 +118,27 @@ class _Sampling:
             result = self._from_particles(search)
         self.progress("evidence", 1.0)
         return result
+
+    def rough_result(self) -> SamplingResult:
+        """The result of one small search, with chains that only check."""
+        few = MAXIMA.ascents_beside_starts
+        search = search_maxima(
+            self.target, 1, self.seeds[4], n_draws=few * self.target.n_dimensions, n_ascents=few
+        )
+        first = self.sampler.sample(search.maxima.as_mixture().widened())
+        starts = [half.resampled(self.rng) for half in first.split_in_two(self.rng)]
+        walkers = [
+            Walkers(start.draws[: self.n_walkers], start.log_posteriors[: self.n_walkers, 0])
+            for start in starts
+        ]
+        coarse = replace(
+            self,
+            settings=replace(
+                self.settings, log_evidence_error=1e3, max_steps=self.chains.steps_of_check
+            ),
+        )
+        fitting = coarse._fitting(search.maxima)
+        return coarse._sampled(search, fitting, first, walkers, [])
 
     def _fitting(self, maxima: Maxima) -> ProposalFitting:
         return ProposalFitting(self.sampler, maxima, self.settings.log_evidence_error, self.chains)
