@@ -24,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
-from bayes_ssi.inference.calibration.paired_residuals import PairedResiduals
+from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions, PairedResiduals
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
