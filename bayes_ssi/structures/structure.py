@@ -432,11 +432,12 @@ class ApproximateStructure(SubstituteStructure):
     @abstractmethod
     def exact(self) -> Structure: ...
 
-    def prior_points(self, n_points: int, tail: float) -> FloatArray:
+    def prior_points(self, n_points: int, tail: float, seed: int = 0) -> FloatArray:
         """The prior medians, and Sobol points that fill the prior evenly, (1 + n, n_parameters).
 
         Args:
             tail: probability of the values of each parameter that are cut off at either end.
+            seed: of the scrambling of the points.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc
@@ -444,7 +445,7 @@ class ApproximateStructure(SubstituteStructure):
         d = len(self.parameters)
         if not d:
             return self.prior_medians()
-        sequence = qmc.Sobol(d, rng=np.random.default_rng(0))
+        sequence = qmc.Sobol(d, rng=np.random.default_rng(seed))
         uniform = sequence.random_base2((n_points - 1).bit_length())[:n_points]
         z = ndtri(np.clip(uniform, tail, 1.0 - tail))
         return np.vstack([self.prior_medians(), values_at(self.parameters, z)])

@@ -12,6 +12,7 @@ from delegating import DelegatingStructure
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.sample import with_emulated_structures
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.stored_result import load_result
@@ -98,6 +99,17 @@ def test_the_evidence_is_that_of_the_structure_itself_in_some_hundred_solutions(
         error = math.hypot(row.mean_error, other.mean_error)
         # The draws themselves are not corrected: a twentieth of their spread is allowed for.
         assert row.mean == pytest.approx(other.mean, abs=4.0 * error + 0.05 * other.sd)
+
+
+def test_runs_of_different_seeds_begin_with_different_solutions():
+    """Else they would share the errors of the emulator, which their scatter then hides."""
+    first, again, other = (
+        with_emulated_structures(of_class(BlackBox), seed, None, None).structure.fitted.x
+        for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    # Only the prior's median is in both.
+    assert sum((other == row).all(axis=1).any() for row in first) == 1
 
 
 def test_points_that_fail_have_no_likelihood_and_are_named():

@@ -225,6 +225,28 @@ def test_a_region_that_fewer_than_two_searches_found_is_reported(sampled, n):
     assert failed_checks(searched(sampled, n)) == ([expected] if n < 2 else [])
 
 
+def cut_off_bump(z):
+    """A normal of height 1, cut off at e^-690: above that in 8e-6 of the prior."""
+    squares = ((z - np.array([1.5, -1.0])) ** 2).sum(1) / 2.5e-4**2
+    return np.maximum(-0.5 * squares, -690.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_floor_is_passed_or_reported(seed):
+    result = sample_target(Target(cut_off_bump, 2), np.random.SeedSequence(seed))
+    exact = math.log(2.0 * math.pi) + 2.0 * math.log(2.5e-4)
+    exact += float(log_standard_normal(np.array([[1.5, -1.0]]))[0])
+    if abs(result.evidence.log_evidence - exact) < 0.05:
+        assert failed_checks(result) == []
+    else:
+        (check,) = failed_checks(result)
+        assert check == (
+            "the log-likelihood is -690 wherever it was evaluated: either no parameter has an "
+            "influence on it, or this is a floor at which small likelihoods are cut off, and all "
+            "above it lies in regions of less than 0.0002 of the prior, which were not found"
+        )
+
+
 def one_mass(prior, error):
     """A unit mass on a spring; its frequency is √k Hz, and was identified at 1.1 Hz."""
     k = bs.Parameter("k", prior)

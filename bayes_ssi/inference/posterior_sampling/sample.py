@@ -69,7 +69,7 @@ def sample(
         with run.working(), journal or nullcontext(), one_thread:
             emulated = model_class
             if settings.economical:
-                emulated = with_emulated_structures(model_class, run.workers, journal)
+                emulated = with_emulated_structures(model_class, seed, run.workers, journal)
             is_emulated = emulated is not model_class
             # Emulators are faster than sending them, and their solutions are in the journal.
             own_run = Run(progress=run.progress) if is_emulated else run
@@ -105,7 +105,7 @@ def _with_solutions_counted(posterior: Posterior, emulated: ModelClass) -> Poste
 
 
 def with_emulated_structures(
-    model_class: ModelClass, workers: Workers | None = None, journal: Journal | None = None
+    model_class: ModelClass, seed: int, workers: Workers | None, journal: Journal | None
 ) -> ModelClass:
     """The class with an emulator in place of every structure that takes long.
 
@@ -118,7 +118,7 @@ def with_emulated_structures(
             return structure
         if id(structure) not in emulators:
             recorded = RecordedStructure(structure, workers, journal)
-            emulators[id(structure)] = EmulatedStructure(recorded)
+            emulators[id(structure)] = EmulatedStructure(recorded, seed=seed)
         return emulators[id(structure)]
 
     return model_class.with_structures(emulated)

@@ -107,6 +107,18 @@ def _reach(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
+def _influence(sampled: SamplingResult) -> Iterator[str]:
+    """A log-likelihood that is the same wherever it was evaluated."""
+    values = sampled.importance.log_likelihoods
+    if np.mean(values == values.max()) > CHECKS.flat_share:
+        yield (
+            f"the log-likelihood is {values.max():.6g} wherever it was evaluated: either no "
+            "parameter has an influence on it, or this is a floor at which small likelihoods are "
+            "cut off, and all above it lies in regions of less than "
+            f"{sampled.search.largest_unseen_mass:.1g} of the prior, which were not found"
+        )
+
+
 def _searches(sampled: SamplingResult) -> Iterator[str]:
     """Maxima that only one search found, where there are no particles as a second check."""
     if not (sampled.compressions or sampled.search.converged):
@@ -116,4 +128,4 @@ def _searches(sampled: SamplingResult) -> Iterator[str]:
         )
 
 
-_CHECKS = (_chains, _importance_draws, _evidence_estimates, _regions, _reach, _searches)
+_CHECKS = (_chains, _importance_draws, _evidence_estimates, _regions, _reach, _influence, _searches)

@@ -267,6 +267,9 @@ class CheckSettings:
     missed_over_error: float = 2.0
     # A region with less of the posterior than this need not be found by every part of the sampling.
     small_share: float = 0.02
+    # A likelihood that is the same at more of the importance draws than this says nothing: at the
+    # others, a model may have failed.
+    flat_share: float = 0.999
 
 
 MAXIMA = MaximaSettings()

@@ -113,14 +113,16 @@ class EmulatedStructure(ApproximateStructure):
         *,
         most_solutions: int | None = None,
         fit: EmulatorFit | None = None,
+        seed: int = 0,
     ) -> None:
         """Choose the structure; nothing is computed yet.
 
         Args:
             exact: the structure; rows of its modes may be NaN, or raise, where it has none.
             most_solutions: largest number of its solutions; 70 for each parameter if None.
+            seed: of the first solutions: those of runs that should be independent differ.
         """
-        self._exact = exact
+        self._exact, self._seed = exact, seed
         self.most_solutions = most_solutions or 70 * max(len(exact.parameters), 2)
         self._fit = fit
 
@@ -207,7 +209,7 @@ class EmulatedStructure(ApproximateStructure):
         if self._fit is None:
             n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
             # Extremely rare values would be extrapolated from, rather than between.
-            self._fit = self._with(None, self.prior_points(n, tail=1e-3))
+            self._fit = self._with(None, self.prior_points(n, 1e-3, self._seed))
         return self._fit
 
     def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
