@@ -197,14 +197,11 @@ def values_at(parameters: Sequence[Parameter], z: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class ProductTable:
-    """Evaluates many products for a batch of parameter values at once.
-
-    Attributes:
-        parameters: the columns of the values that :meth:`evaluate` takes; every parameter in
-            ``products`` is among them.
-    """
+    """Evaluates many products for a batch of parameter values at once."""
 
     products: tuple[Product, ...]
+    # The columns of the values that :meth:`evaluate` takes; every parameter in ``products`` is
+    # among them.
     parameters: tuple[Parameter, ...]
 
     @cached_property

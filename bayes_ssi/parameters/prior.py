@@ -68,14 +68,10 @@ class Prior(ABC):
 
 @dataclass(frozen=True)
 class Widened(Prior):
-    """Another prior, widened in standard-normal coordinates.
-
-    Attributes:
-        factor: multiplies its standard-normal coordinates; below one, the prior is narrowed.
-    """
+    """Another prior, widened in standard-normal coordinates."""
 
     prior: Prior
-    factor: float
+    factor: float  # multiplies its standard-normal coordinates; below one, the prior is narrowed
 
     def __post_init__(self) -> None:
         if not isinstance(self.prior, Prior):

@@ -24,26 +24,6 @@ class FigureStyle:
 
     Colours are Okabe and Ito's: colour-blind readers can tell them apart and, by their lightness,
     so can readers in greyscale.
-
-    Attributes:
-        width: of most figures. Two fit next to one another on the page of a report, and on a
-            telephone, 360 pixels of 1/96 in wide without the margins, the smallest text still has
-            7 points.
-        text: of axes and legends.
-        small: of ticks and notes.
-        row_names: most that the names of rows may take.
-        row_line: height of a line of such a name.
-        panel: width of a panel of a mode shape.
-        panels_across: next to one another, as many as a width holds; of many modes, twice that.
-        tallest: height of a structure in space.
-        sds_of_90_percent: standard deviations to either side that hold 90 %.
-        most_classes: model classes that one figure can show legibly.
-        most_rows: whose labels fit a panel; with more, panels grow no taller and labels smaller.
-        most_floors: of a building; taller figures would not fit a page.
-        most_bars: places with a bar of their own, as many as fit on the first screen of a report.
-        most_named_tests: whose names fit next to one another.
-        most_vectors: lines or markers above which they are one picture within a drawing.
-        least_share: of the highest probability; less cannot be told from zero by its colour.
     """
 
     blue: str = "#0072B2"
@@ -51,21 +31,27 @@ class FigureStyle:
     green: str = "#009E73"
     vermilion: str = "#D55E00"
     grey: str = "#7F7F7F"
+    # Of most figures. Two fit next to one another on the page of a report, and on a telephone, 360
+    # pixels of 1/96 in wide without the margins, the smallest text still has 7 points.
     width: float = 4.3
-    text: float = 9.0
-    small: float = 8.0
-    row_names: float = 1.65
-    row_line: float = 0.14
-    panel: float = 1.13
+    text: float = 9.0  # of axes and legends
+    small: float = 8.0  # of ticks and notes
+    row_names: float = 1.65  # most that the names of rows may take
+    row_line: float = 0.14  # height of a line of such a name
+    panel: float = 1.13  # width of a panel of a mode shape
+    # Next to one another, as many as a width holds; of many modes, twice that.
     panels_across: int = 3
-    tallest: float = 4.0
-    sds_of_90_percent: float = 1.645
-    most_classes: int = 12
+    tallest: float = 4.0  # height of a structure in space
+    sds_of_90_percent: float = 1.645  # standard deviations to either side that hold 90 %
+    most_classes: int = 12  # model classes that one figure can show legibly
+    # Whose labels fit a panel; with more, panels grow no taller and labels smaller.
     most_rows: int = 40
-    most_floors: int = 40
+    most_floors: int = 40  # of a building; taller figures would not fit a page
+    # Places with a bar of their own, as many as fit on the first screen of a report.
     most_bars: int = 12
-    most_named_tests: int = 12
-    most_vectors: int = 300
+    most_named_tests: int = 12  # whose names fit next to one another
+    most_vectors: int = 300  # lines or markers above which they are one picture within a drawing
+    # Of the highest probability; less cannot be told from zero by its colour.
     least_share: float = 0.01
 
 

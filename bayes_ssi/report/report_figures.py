@@ -42,13 +42,7 @@ Plot = tuple[str, Callable[[], "Axes | Figure"]]
 
 @dataclass(frozen=True)
 class ReportLimits:
-    """Most items of each kind that a report shows; the result directory holds the others.
-
-    Attributes:
-        column_width: pixels of one of two columns of figures on the page.
-        least_probability: smallest probability of a class that is drawn, unless it is the first,
-            or the second of one test, or cannot be distinguished from the first.
-    """
+    """Most items of each kind that a report shows; the result directory holds the others."""
 
     classes: int = 8
     hypotheses: int = 12
@@ -57,7 +51,9 @@ class ReportLimits:
     classes_with_modes: int = 2
     classes_in_frequencies: int = 5
     parameters_in_corner: int = 6
-    column_width: int = 448
+    column_width: int = 448  # pixels of one of two columns of figures on the page
+    # Smallest probability of a class that is drawn, unless it is the first, or the second of one
+    # test, or cannot be distinguished from the first.
     least_probability: float = 0.01
 
 

@@ -40,18 +40,14 @@ from bayes_ssi.studies.ranking.study import Ranking
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a result, the most important first.
+    """The answer of a result, the most important first."""
 
-    Attributes:
-        warnings: what has to be understood before the answer is trusted: a sentence, and the items
-            of the list below it.
-        figures: Bayes factors and nats.
-    """
-
+    # What has to be understood before the answer is trusted: a sentence, and the items of the list
+    # below it.
     warnings: tuple[tuple[str, tuple[str, ...]], ...]
     verdict: str
     reasons: tuple[str, ...]
-    figures: tuple[str, ...]
+    figures: tuple[str, ...]  # Bayes factors and nats
 
     @property
     def paragraphs(self) -> tuple[str, ...]:

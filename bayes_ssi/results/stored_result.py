@@ -66,20 +66,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ResultRecord:
-    """Everything in a result but its draws and its data.
-
-    Attributes:
-        study_file: the file that defines the study; empty where there is none.
-        prior_weights: model class → prior weight; None where all are equal.
-        command: the command that reproduces the result; empty where it was made from Python.
-    """
+    """Everything in a result but its draws and its data."""
 
     created: str
     study: str
     description: str
-    study_file: str
+    study_file: str  # the file that defines the study; empty where there is none
     seed: int
     settings: SamplingSettings
+    # Model class → prior weight; None where all are equal.
     prior_weights: Mapping[str, float] | None
     data_digest: str
     versions: Mapping[str, str]
@@ -89,7 +84,7 @@ class ResultRecord:
     draws: Mapping[str, str]
     data: Mapping[str, str]
     failed_checks_accepted: bool
-    command: str
+    command: str  # the command that reproduces the result; empty where it was made from Python
     format: int = 19  # increased whenever the format of a result's files changes
 
     def model_class(self, name: str) -> ClassRecord:

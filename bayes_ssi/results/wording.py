@@ -11,18 +11,13 @@ from bayes_ssi.studies.ranking.comparison import probability_text
 
 @dataclass(frozen=True)
 class WordingSettings:
-    """What sentences list, and what they pass over.
+    """What sentences list, and what they pass over."""
 
-    Attributes:
-        most_listed: items of a list, about as many as one reads; tables hold all.
-        undetermined_spread: posterior over prior spread of a parameter about which the data say
-            next to nothing: they take away less than a fifth of its variance.
-        negligible_unsampled: probability of all hypotheses that were not sampled, together, that
-            needs no sentence.
-    """
-
-    most_listed: int = 8
+    most_listed: int = 8  # items of a list, about as many as one reads; tables hold all
+    # Posterior over prior spread of a parameter about which the data say next to nothing: they take
+    # away less than a fifth of its variance.
     undetermined_spread: float = 0.9
+    # Probability of all hypotheses that were not sampled, together, that needs no sentence.
     negligible_unsampled: float = 0.01
 
 

@@ -24,16 +24,11 @@ RowsOf = Callable[[SinglePlace, str], Iterable[tuple[int, float]]]
 
 
 class AddedTerm(NamedTuple):
-    """A spring or mass c w wᵀ.
-
-    Attributes:
-        vector: row → component of w.
-        on_ground: component by the motion of the ground.
-    """
+    """A spring or mass c w wᵀ."""
 
     coefficient: Product
-    vector: dict[int, float]
-    on_ground: float = 0.0
+    vector: dict[int, float]  # row → component of w
+    on_ground: float = 0.0  # component by the motion of the ground
 
     @classmethod
     def of(cls, coefficient: Product, motion: Motion, rows_of: RowsOf, label: str) -> AddedTerm:
@@ -47,12 +42,9 @@ class AddedTerm(NamedTuple):
 
 @dataclass(frozen=True)
 class CarriedElements:
-    """Springs and masses on a structure of ``size`` rows.
+    """Springs and masses on a structure of ``size`` rows."""
 
-    Attributes:
-        labels: of the elements' own degrees of freedom, which are rows ``size`` upwards.
-    """
-
+    # Of the elements' own degrees of freedom, which are rows ``size`` upwards.
     labels: tuple[str, ...]
     springs: tuple[AddedTerm, ...]
     masses: tuple[AddedTerm, ...]

@@ -44,15 +44,12 @@ class Element(ABC):
 
     Its quantities are numbers, Parameters or products of them.
 
-    Attributes:
-        label: names the element in messages and reports, and its own degree of freedom if it has
-            one.
-
     Raises:
         ValueError: an element cannot be in that place, or a quantity can be zero or negative.
         TypeError: a quantity is neither a number nor a Parameter.
     """
 
+    # Names the element in messages and reports, and its own degree of freedom if it has one.
     label: str
 
     @property

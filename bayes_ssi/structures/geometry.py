@@ -69,15 +69,10 @@ DIRECTIONS = ("x", "y", "z")
 
 
 class Location(NamedTuple):
-    """Where a motion takes place, and in which direction.
+    """Where a motion takes place, and in which direction."""
 
-    Attributes:
-        position: (x, y, z).
-        direction: unit vector; None for rotations and scalar motions.
-    """
-
-    position: Point
-    direction: Point | None
+    position: Point  # (x, y, z)
+    direction: Point | None  # unit vector; None for rotations and scalar motions
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,11 @@ from bayes_ssi.structures.structure import Structure
 
 @dataclass(frozen=True)
 class LumpedStructure(Structure):
-    """A main structure of springs and point masses, the elements on it, and sensors.
+    """A main structure of springs and point masses, the elements on it, and sensors."""
 
-    Attributes:
-        elements: non-structural elements on the main structure.
-        sensors: sensors that do not measure a single degree of freedom.
-    """
-
+    # Non-structural elements on the main structure.
     elements: tuple[Element, ...] = field(default=(), kw_only=True)
+    # Sensors that do not measure a single degree of freedom.
     sensors: tuple[Sensor, ...] = field(default=(), kw_only=True)
 
     @abstractmethod

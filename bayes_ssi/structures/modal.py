@@ -27,21 +27,20 @@ class SolverSettings:
     Attributes:
         equal_within, equal_units: eigenvalues that differ by this share, or by so many units in
             the last place of the largest, are equal but for rounding.
-        rounding: a number smaller than this share of the largest one that it was computed from may
-            be rounding: some hundred units in the last place.
-        resolved_above: solved at once, eigenvalues are wrong by rounding of the largest of their
-            matrix: by a millionth at most where they are this share of it, or more.
-        unseen_below: a sensor does not see what moves it by less than this share of the largest
-            motion of any sensor in any mode, at unit modal mass: that is rounding, of which no
-            shape consists.
-        batched_up_to: larger matrices are solved faster one at a time, for their lowest modes only.
     """
 
     equal_within: float = 1e-9
     equal_units: float = 8.0
+    # A number smaller than this share of the largest one that it was computed from may be rounding:
+    # some hundred units in the last place.
     rounding: float = 1e-13
+    # Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
+    # millionth at most where they are this share of it, or more.
     resolved_above: float = 1e-9
+    # A sensor does not see what moves it by less than this share of the largest motion of any
+    # sensor in any mode, at unit modal mass: that is rounding, of which no shape consists.
     unseen_below: float = 1e-8
+    # Larger matrices are solved faster one at a time, for their lowest modes only.
     batched_up_to: int = 40
 
 
@@ -99,14 +98,10 @@ class FreeBody(NamedTuple):
     """Rigid-body modes of a structure that nothing holds, left out of its modes.
 
     Solvers take K + shift·M in place of K, which is positive definite and has the same shapes.
-
-    Attributes:
-        number: of rigid-body modes, which are the lowest.
-        shift: in (rad/s)², by which all (2πf)² are raised; zero where there are none.
     """
 
-    number: int = 0
-    shift: float = 0.0
+    number: int = 0  # of rigid-body modes, which are the lowest
+    shift: float = 0.0  # in (rad/s)², by which all (2πf)² are raised; zero where there are none
 
     def elastic(self, raised: Modes) -> Modes:
         """The modes above the rigid-body ones, at their own frequencies."""
@@ -120,15 +115,10 @@ class FreeBody(NamedTuple):
 
 
 class Eigenpairs(NamedTuple):
-    """Modes of one structure.
+    """Modes of one structure."""
 
-    Attributes:
-        eigenvalues: (m,), (2πf)² ascending.
-        vectors: (n, m), at unit modal mass.
-    """
-
-    eigenvalues: FloatArray
-    vectors: FloatArray
+    eigenvalues: FloatArray  # (m,), (2πf)² ascending
+    vectors: FloatArray  # (n, m), at unit modal mass
 
 
 class Modes(NamedTuple):
@@ -151,19 +141,13 @@ class Modes(NamedTuple):
 
 
 class ModalModel(NamedTuple):
-    """Modes, and what else a response needs of the masses, for a batch of B values.
+    """Modes, and what else a response needs of the masses, for a batch of B values."""
 
-    Attributes:
-        frequencies_hz: (B, n_modes).
-        shapes: (B, n_dof, n_modes), at unit modal mass: φᵀ M φ = 1.
-        participation: (B, n_modes), φᵀ M ι, participation factors.
-        influence: (n_dof,), ι: displacement of every degree of freedom when the ground moves by 1
-            and nothing deforms.
-    """
-
-    frequencies_hz: FloatArray
-    shapes: FloatArray
-    participation: FloatArray
+    frequencies_hz: FloatArray  # (B, n_modes)
+    shapes: FloatArray  # (B, n_dof, n_modes), at unit modal mass: φᵀ M φ = 1
+    participation: FloatArray  # (B, n_modes), φᵀ M ι, participation factors
+    # (n_dof,), ι: displacement of every degree of freedom when the ground moves by 1 and nothing
+    # deforms.
     influence: FloatArray
 
 

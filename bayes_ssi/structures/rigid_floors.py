@@ -39,13 +39,11 @@ class RigidFloors(LumpedStructure):
     Elements stand on a degree of freedom, by its label; masses and sensors may be anywhere on a
     floor (:class:`FloorBlock`, :func:`floor_sensor`).
 
-    Attributes:
-        ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
-
     Raises:
         ValueError: the direction is neither "x" nor "y".
     """
 
+    # The direction in which an earthquake moves the ground, "x" or "y".
     ground_motion: str = field(default="x", kw_only=True)
 
     @property

@@ -53,14 +53,10 @@ class SensorMatrix:
     """The sensor matrix (n_sensors, n_dof) of a structure, by its nonzero terms.
 
     Rows with fewer terms than the longest are padded with terms of weight zero.
-
-    Attributes:
-        rows: (n_sensors, n_terms), degrees of freedom.
-        weights: (n_sensors, n_terms).
     """
 
-    rows: NDArray[np.intp]
-    weights: FloatArray
+    rows: NDArray[np.intp]  # (n_sensors, n_terms), degrees of freedom
+    weights: FloatArray  # (n_sensors, n_terms)
 
     @classmethod
     def of(

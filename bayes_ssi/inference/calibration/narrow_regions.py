@@ -65,13 +65,10 @@ class NarrowRegionSettings:
 
 @dataclass(frozen=True, eq=False)
 class NarrowRegions:
-    """Starts in the narrow regions of a model class's posterior.
-
-    Attributes:
-        workers: where structures that are solved one by one are solved; in this process if None.
-    """
+    """Starts in the narrow regions of a model class's posterior."""
 
     model_class: ModelClass
+    # Where structures that are solved one by one are solved; in this process if None.
     workers: Workers | None = None
     settings: NarrowRegionSettings = NarrowRegionSettings()
 

@@ -67,38 +67,28 @@ class PValue:
 
 @dataclass(frozen=True)
 class ModeMisfit:
-    """One identified mode and what the class says of it; numbers are medians over the draws.
-
-    Attributes:
-        frequency_error: model frequency over identified frequency, less one; None where it is
-            spurious at every draw.
-        frequency_sd: standard deviation that the error should have, of identification and
-            prediction errors in quadrature; None as well.
-        mac: MAC of model and identified shape; None where no shape is scored.
-        expected_mac: exceeded by 95 % of the shapes of a right model.
-    """
+    """One identified mode and what the class says of it; numbers are medians over the draws."""
 
     label: str
     paired: float
+    # Model frequency over identified frequency, less one; None where it is spurious at every draw.
     frequency_error: float | None
+    # Standard deviation that the error should have, of identification and prediction errors in
+    # quadrature; None as well.
     frequency_sd: float | None
-    mac: float | None
-    expected_mac: float | None
+    mac: float | None  # MAC of model and identified shape; None where no shape is scored
+    expected_mac: float | None  # exceeded by 95 % of the shapes of a right model
     misfit: PValue
 
 
 @dataclass(frozen=True)
 class ParameterMisfit:
-    """A parameter that is not where its prior expects it.
-
-    Attributes:
-        prior_sds: distance between them in standard deviations of the prior, in standard-normal
-            coordinates.
-    """
+    """A parameter that is not where its prior expects it."""
 
     name: str
     value: float
     prior_median: float
+    # Distance between them in standard deviations of the prior, in standard-normal coordinates.
     prior_sds: float
     is_error_size: bool
     misfit: PValue
@@ -106,13 +96,9 @@ class ParameterMisfit:
 
 @dataclass(frozen=True)
 class CountMisfit:
-    """Spurious modes and unidentified model modes of one configuration.
+    """Spurious modes and unidentified model modes of one configuration."""
 
-    Attributes:
-        configuration: its name; empty where there is only one.
-    """
-
-    configuration: str
+    configuration: str  # its name; empty where there is only one
     spurious: float
     expected_spurious: float
     unidentified: float
@@ -121,33 +107,26 @@ class CountMisfit:
 
 @dataclass(frozen=True)
 class Hint:
-    """A mistake without which the class would explain the data.
-
-    Attributes:
-        gain: rise of the maximum of likelihood times prior without it, in nats.
-    """
+    """A mistake without which the class would explain the data."""
 
     mistake: str
-    gain: float
+    gain: float  # rise of the maximum of likelihood times prior without it, in nats
     misfit: PValue
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """How well a class explains the data, part by part.
-
-    Attributes:
-        hints: mistakes without which the class would explain the data, or explain them far
-            better, where they were sought.
-        frequency_error: the prediction error of frequencies that is inferred, median over the
-            draws; None where it is given, or expected to be large.
-    """
+    """How well a class explains the data, part by part."""
 
     overall: PValue
     modes: tuple[ModeMisfit, ...]
     parameters: tuple[ParameterMisfit, ...]
     counts: tuple[CountMisfit, ...]
+    # Mistakes without which the class would explain the data, or explain them far better, where
+    # they were sought.
     hints: tuple[Hint, ...] = ()
+    # The prediction error of frequencies that is inferred, median over the draws; None where it is
+    # given, or expected to be large.
     frequency_error: float | None = None
 
     @property

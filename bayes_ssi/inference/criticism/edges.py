@@ -19,17 +19,12 @@ from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 
 @dataclass(frozen=True)
 class AtEdge:
-    """Most of a posterior lies at the edge of a setting.
-
-    Attributes:
-        parameter: name of the parameter whose prior it is; None for the band.
-        configuration: name of the configuration whose band it is; None for a prior.
-    """
+    """Most of a posterior lies at the edge of a setting."""
 
     statement: str
     end: int
-    parameter: str | None = None
-    configuration: str | None = None
+    parameter: str | None = None  # name of the parameter whose prior it is; None for the band
+    configuration: str | None = None  # name of the configuration whose band it is; None for a prior
 
 
 def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) -> list[AtEdge]:

@@ -96,30 +96,19 @@ def standard_deviations(log_p: float) -> float:
 
 
 class Misfit(NamedTuple):
-    """The misfit of J identified modes at B draws; NaN where a mode is spurious at a draw.
+    """The misfit of J identified modes at B draws; NaN where a mode is spurious at a draw."""
 
-    Attributes:
-        frequency_errors: (B, J), model frequency over identified frequency, less one.
-        frequency_sds: (B, J), the standard deviation that it should have.
-        frequency_log_p: (B, J), log probability of a larger error.
-        macs: (B, J); NaN also where no shape is scored, as are the next two.
-        expected_macs: (B, J), exceeded by 95 % of the shapes of a right model.
-        shape_log_p: (B, J), log probability of a smaller MAC.
-        unidentified: (B,), number of model modes that are not identified and would be expected to
-            be, by their probabilities to lie in the band.
-        spurious_log_p: (B,), log probability of as many spurious modes or more.
-        detected_log_p: (B,), log probability of as few identified model modes or fewer.
-    """
-
-    frequency_errors: FloatArray
-    frequency_sds: FloatArray
-    frequency_log_p: FloatArray
-    macs: FloatArray
-    expected_macs: FloatArray
-    shape_log_p: FloatArray
+    frequency_errors: FloatArray  # (B, J), model frequency over identified frequency, less one
+    frequency_sds: FloatArray  # (B, J), the standard deviation that it should have
+    frequency_log_p: FloatArray  # (B, J), log probability of a larger error
+    macs: FloatArray  # (B, J); NaN also where no shape is scored, as are the next two
+    expected_macs: FloatArray  # (B, J), exceeded by 95 % of the shapes of a right model
+    shape_log_p: FloatArray  # (B, J), log probability of a smaller MAC
+    # (B,), number of model modes that are not identified and would be expected to be, by their
+    # probabilities to lie in the band.
     unidentified: FloatArray
-    spurious_log_p: FloatArray
-    detected_log_p: FloatArray
+    spurious_log_p: FloatArray  # (B,), log probability of as many spurious modes or more
+    detected_log_p: FloatArray  # (B,), log probability of as few identified model modes or fewer
 
 
 def misfit(

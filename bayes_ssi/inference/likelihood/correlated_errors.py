@@ -55,14 +55,11 @@ LARGEST_ARRAY = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedErrors:
-    """Errors of the paired modes of all tests of a model class.
-
-    Attributes:
-        parameters: columns of ``values``; those of all likelihoods are among them.
-    """
+    """Errors of the paired modes of all tests of a model class."""
 
     error: ErrorModel
     likelihoods: tuple[ModalLikelihood, ...]
+    # Columns of ``values``; those of all likelihoods are among them.
     parameters: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:

@@ -33,14 +33,10 @@ class ErrorSizes(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """How far apart modes are: in different tests or in the same one, and in their numbers.
-
-    Attributes:
-        modes: difference of their numbers; infinite for modes of different tests that are not
-            correlated.
-    """
+    """How far apart modes are: in different tests or in the same one, and in their numbers."""
 
     tests: FloatArray
+    # Difference of their numbers; infinite for modes of different tests that are not correlated.
     modes: FloatArray
 
     @classmethod
@@ -72,21 +68,13 @@ def _distance(a: ModeOfTest, b: ModeOfTest, by_label: bool) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ErrorGroups:
-    """G groups of n errors, which are correlated within their group.
+    """G groups of n errors, which are correlated within their group."""
 
-    Attributes:
-        groups: (G,), indices of the groups among all.
-        members: (G, n), positions of the errors.
-        identification: (G, n, n), covariance of their identification errors.
-        separation: (G, n, n) each, for prediction errors.
-        dimensions: (G, 1), of each error: a number or a vector in a plane.
-    """
-
-    groups: list[int]
-    members: NDArray[np.intp]
-    identification: FloatArray
-    separation: Separation
-    dimensions: FloatArray | float = 1.0
+    groups: list[int]  # (G,), indices of the groups among all
+    members: NDArray[np.intp]  # (G, n), positions of the errors
+    identification: FloatArray  # (G, n, n), covariance of their identification errors
+    separation: Separation  # (G, n, n) each, for prediction errors
+    dimensions: FloatArray | float = 1.0  # (G, 1), of each error: a number or a vector in a plane
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
         """Covariance (B or 1, G, n, n) of the errors, whose components are independent."""

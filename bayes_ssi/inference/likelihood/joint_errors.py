@@ -37,21 +37,13 @@ from bayes_ssi.structures.modal import SOLVER
 
 
 class WhiteErrors(NamedTuple):
-    """Errors as independent normal numbers with variances, for a batch of B.
+    """Errors as independent normal numbers with variances, for a batch of B."""
 
-    Attributes:
-        frequencies: (B, P), each given all shapes and the frequencies before it.
-        frequency_var: (B or 1, P).
-        shapes: (B, K), along the axes of the shapes' covariance.
-        shape_var: (B or 1, K).
-        shape_squares: (B, S), squared lengths of the errors of shapes.
-    """
-
-    frequencies: FloatArray
-    frequency_var: FloatArray
-    shapes: FloatArray
-    shape_var: FloatArray
-    shape_squares: FloatArray
+    frequencies: FloatArray  # (B, P), each given all shapes and the frequencies before it
+    frequency_var: FloatArray  # (B or 1, P)
+    shapes: FloatArray  # (B, K), along the axes of the shapes' covariance
+    shape_var: FloatArray  # (B or 1, K)
+    shape_squares: FloatArray  # (B, S), squared lengths of the errors of shapes
 
     @property
     def numbers(self) -> FloatArray:
@@ -62,29 +54,20 @@ class WhiteErrors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """The errors of P frequencies and S shapes that are correlated with one another.
+    """The errors of P frequencies and S shapes that are correlated with one another."""
 
-    Attributes:
-        frequencies: the frequencies, one group.
-        shapes: (S,), which ones of all.
-        variances: (K,), of the identification errors of shapes along the axes of their covariance.
-        axes: (S, n, K), their components at n sensors.
-        between: (K, P), covariance of the errors along the axes with those of frequencies.
-        identified: (S, n), the identified shapes at unit length.
-        single_var: (S,), of identification errors of a component, the mean over its directions.
-        dimensions: (S,), directions in which each shape can err.
-        repeated: groups of all shapes, those of one mode in several tests in one; none where no
-            test repeats the error of another.
-    """
-
-    frequencies: ErrorGroups
-    shapes: Sequence[int]
+    frequencies: ErrorGroups  # the frequencies, one group
+    shapes: Sequence[int]  # (S,), which ones of all
+    # (K,), of the identification errors of shapes along the axes of their covariance.
     variances: FloatArray
-    axes: FloatArray
-    between: FloatArray
-    identified: FloatArray
+    axes: FloatArray  # (S, n, K), their components at n sensors
+    between: FloatArray  # (K, P), covariance of the errors along the axes with those of frequencies
+    identified: FloatArray  # (S, n), the identified shapes at unit length
+    # (S,), of identification errors of a component, the mean over its directions.
     single_var: FloatArray
-    dimensions: FloatArray
+    dimensions: FloatArray  # (S,), directions in which each shape can err
+    # Groups of all shapes, those of one mode in several tests in one; none where no test repeats
+    # the error of another.
     repeated: Sequence[Sequence[int]] = ()
 
     @classmethod

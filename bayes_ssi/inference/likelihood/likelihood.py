@@ -48,17 +48,13 @@ MISSED = "no other mode"
 
 
 class ComparedModes(NamedTuple):
-    """The modes of a model at a batch of B parameter values, compared with the identified ones.
+    """The modes of a model at a batch of B parameter values, compared with the identified ones."""
 
-    Attributes:
-        frequencies_hz: (B, n_modes), of the model.
-        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
-        unit_shapes: (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the
-            signs of the identified ones, pair by pair; (B, 0) where errors are independent.
-    """
-
-    frequencies_hz: FloatArray
+    frequencies_hz: FloatArray  # (B, n_modes), of the model
+    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
     shape_distances: FloatArray
+    # (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the signs of the
+    # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
 
     def rows(self, which: slice) -> ComparedModes:
@@ -67,17 +63,11 @@ class ComparedModes(NamedTuple):
 
 
 class ModalTerms(NamedTuple):
-    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole.
+    """Terms of the log-likelihood at a batch of B parameter values, which sum to the whole."""
 
-    Attributes:
-        frequency: (B, n_pairs), terms of the paired frequencies, p_D included.
-        shape: (B, n_shape_pairs), terms of the paired modes whose shape is scored.
-        undetected: (B,), terms of the unpaired model modes.
-    """
-
-    frequency: FloatArray
-    shape: FloatArray
-    undetected: FloatArray
+    frequency: FloatArray  # (B, n_pairs), terms of the paired frequencies, p_D included
+    shape: FloatArray  # (B, n_shape_pairs), terms of the paired modes whose shape is scored
+    undetected: FloatArray  # (B,), terms of the unpaired model modes
     spurious: float
 
     def total(self) -> FloatArray:
@@ -87,17 +77,13 @@ class ModalTerms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModalLikelihood:
-    """The log-likelihood of identified modes for one explicit pairing with model modes.
-
-    Attributes:
-        pairing: label of an identified mode → number of the model mode, from 1.
-    """
+    """The log-likelihood of identified modes for one explicit pairing with model modes."""
 
     structure: Structure
     data: ModalData
     error: ErrorModel
     identification: IdentificationModel
-    pairing: Mapping[str, int]
+    pairing: Mapping[str, int]  # label of an identified mode → number of the model mode, from 1
 
     # Whether ``pairing`` says which mode is which, or that is inferred.
     pairing_is_given: ClassVar[bool] = True

@@ -31,21 +31,15 @@ SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
 
 @dataclass(frozen=True, eq=False)
 class PairingWeights:
-    """Weights of pairs for a batch of B models, relative to pairing nothing.
+    """Weights of pairs for a batch of B models, relative to pairing nothing."""
 
-    Attributes:
-        log_ratios: (B, J, I), log of the density of identified mode j as model mode i over that
-            of j being spurious and i missed.
-        frequencies_hz: (J,), of the identified modes.
-        model_hz: (B, I), ascending; only for the nearest ones where there are more than
-            ``window`` of both.
-        window: number of identified modes that a model mode may then be; time and memory double
-            with each.
-    """
-
+    # (B, J, I), log of the density of identified mode j as model mode i over that of j being
+    # spurious and i missed.
     log_ratios: FloatArray
-    frequencies_hz: FloatArray
+    frequencies_hz: FloatArray  # (J,), of the identified modes
+    # (B, I), ascending; only for the nearest ones where there are more than ``window`` of both.
     model_hz: FloatArray
+    # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
 
     def without(self, j: int, i: int | None = None) -> PairingWeights:
@@ -120,15 +114,10 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
 
 @dataclass(frozen=True)
 class Listed:
-    """Which pairings are listed with their probability.
+    """Which pairings are listed with their probability."""
 
-    Attributes:
-        most_draws: at which probabilities are computed.
-        most: pairings in the list.
-    """
-
-    most_draws: int = 1000
-    most: int = 10
+    most_draws: int = 1000  # at which probabilities are computed
+    most: int = 10  # pairings in the list
 
     @property
     def least_probability(self) -> float:
@@ -141,27 +130,21 @@ LISTED = Listed()
 
 @dataclass(frozen=True)
 class PairingShare:
-    """One pairing and its posterior probability.
+    """One pairing and its posterior probability."""
 
-    Attributes:
-        pairing: label of an identified mode → number of the model mode, from 1; modes that are
-            left out are spurious.
-    """
-
+    # Label of an identified mode → number of the model mode, from 1; modes that are left out are
+    # spurious.
     pairing: Mapping[str, int]
     probability: float
 
 
 @dataclass(frozen=True)
 class InferredPairing:
-    """Posterior probabilities of pairings of identified with model modes.
-
-    Attributes:
-        of_modes: label of an identified mode → number of a model mode, from 1, or 0 for spurious
-            → probability. Probabilities below 0.0001 are left out.
-    """
+    """Posterior probabilities of pairings of identified with model modes."""
 
     pairings: tuple[PairingShare, ...]
+    # Label of an identified mode → number of a model mode, from 1, or 0 for spurious → probability.
+    # Probabilities below 0.0001 are left out.
     of_modes: Mapping[str, Mapping[int, float]]
 
     @property

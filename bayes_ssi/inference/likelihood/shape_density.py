@@ -14,25 +14,19 @@ from bayes_ssi.foundations.arrays import FloatArray
 
 @dataclass(frozen=True)
 class NormaliserSettings:
-    """How normalisers are computed, to the accuracy of the numbers that hold them.
+    """How normalisers are computed, to the accuracy of the numbers that hold them."""
 
-    Attributes:
-        reach: standard deviations within which integrals are taken; beyond, the integrand is below
-            e^(-40) of its largest value.
-        n_nodes: of the quadrature.
-        n_terms: of the series for small errors.
-        negligible: the last term of the series at the largest error for which it is used.
-        n_intervals: of other errors, in a unit of log(1 + κ/√d); in each a polynomial has the
-            values of log Z, which has no zero within about 0.8 of the real axis.
-        degree: of these polynomials, each term a 25th of the one before.
-    """
-
+    # Standard deviations within which integrals are taken; beyond, the integrand is below e^(-40)
+    # of its largest value.
     reach: float = 9.0
-    n_nodes: int = 64
-    n_terms: int = 12
+    n_nodes: int = 64  # of the quadrature
+    n_terms: int = 12  # of the series for small errors
+    # The last term of the series at the largest error for which it is used.
     negligible: float = np.finfo(float).eps / 16.0
+    # Of other errors, in a unit of log(1 + κ/√d); in each a polynomial has the values of log Z,
+    # which has no zero within about 0.8 of the real axis.
     n_intervals: int = 8
-    degree: int = 10
+    degree: int = 10  # of these polynomials, each term a 25th of the one before
 
 
 NORMALISER = NormaliserSettings()

@@ -117,27 +117,21 @@ class ParameterRecord:
 
 @dataclass(frozen=True)
 class ConfigurationRecord:
-    """One configuration of a model class.
+    """One configuration of a model class."""
 
-    Attributes:
-        name: name of the configuration; empty where there is only one.
-        definition: ``repr`` of the structure.
-        degrees_of_freedom: degrees of freedom of the structure.
-        pairing: label of an identified mode → number of the model mode; None where it is inferred.
-        spurious: labels of the identified modes that are not paired; None where that is inferred.
-        identification_errors: label → name of the error → its size, None where not given.
-        covariance_digest: of the joint covariance of these errors; None where they are independent.
-    """
-
-    name: str
+    name: str  # name of the configuration; empty where there is only one
     structure: str
-    definition: str
+    definition: str  # ``repr`` of the structure
     parameters: tuple[str, ...]
     structure_lines: tuple[tuple[str, str], ...]
-    degrees_of_freedom: tuple[str, ...]
+    degrees_of_freedom: tuple[str, ...]  # degrees of freedom of the structure
+    # Label of an identified mode → number of the model mode; None where it is inferred.
     pairing: Mapping[str, int] | None
+    # Labels of the identified modes that are not paired; None where that is inferred.
     spurious: tuple[str, ...] | None
+    # Label → name of the error → its size, None where not given.
     identification_errors: Mapping[str, Mapping[str, float | None]]
+    # Of the joint covariance of these errors; None where they are independent.
     covariance_digest: str | None
     data_digest: str
 

@@ -50,39 +50,31 @@ class UpdatedMode:
     draws that leave the mode out are left out. Intervals are the lower end, the median and the
     upper end of the central 95 %.
 
-    Attributes:
-        model_mode: number of the model mode, from 1, in the most probable pairing.
-        mac_before: MAC with the identified shape, at the prior medians; None where none is scored.
-        mac_after: interval of the MAC; None where none is scored.
-        shape_after: interval of each component, (low, median, high) of (n_places,) each.
-
     Shapes are scaled by :func:`~bayes_ssi.structures.modal.scaled_shapes` and turned to the
     identified ones.
     """
 
     label: str
-    model_mode: int
+    model_mode: int  # number of the model mode, from 1, in the most probable pairing
     before_hz: float
     after_hz: Interval
+    # MAC with the identified shape, at the prior medians; None where none is scored.
     mac_before: float | None
-    mac_after: Interval | None
+    mac_after: Interval | None  # interval of the MAC; None where none is scored
     shape_before: tuple[float, ...]
+    # Interval of each component, (low, median, high) of (n_places,) each.
     shape_after: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class UpdatedModes:
-    """The paired modes of one configuration of a model class.
+    """The paired modes of one configuration of a model class."""
 
-    Attributes:
-        places: degrees of freedom at which shapes are given.
-        has_floors: whether the places are floors above one another that move sideways; if not,
-            heights only keep them apart.
-    """
-
-    places: tuple[str, ...]
+    places: tuple[str, ...]  # degrees of freedom at which shapes are given
     place_heights: tuple[float, ...]
     appendages: tuple[str, ...]
+    # Whether the places are floors above one another that move sideways; if not, heights only keep
+    # them apart.
     has_floors: bool
     modes: tuple[UpdatedMode, ...]
 
@@ -93,18 +85,14 @@ class UpdatedModes:
 
 @dataclass(frozen=True)
 class ConfigurationModes:
-    """The model's modes in one configuration, and their pairing with the identified modes.
+    """The model's modes in one configuration, and their pairing with the identified modes."""
 
-    Attributes:
-        name: name of the configuration; empty where there is only one and it has no name.
-        pairing: label of an identified mode → number of the model mode, from 1; where it was
-            inferred, the most probable one.
-        inferred_pairing: probabilities of pairings; None where the pairing was given.
-    """
-
-    name: str
+    name: str  # name of the configuration; empty where there is only one and it has no name
     n_modes: int
+    # Label of an identified mode → number of the model mode, from 1; where it was inferred, the
+    # most probable one.
     pairing: Mapping[str, int]
+    # Probabilities of pairings; None where the pairing was given.
     inferred_pairing: InferredPairing | None
     updated: UpdatedModes
 

@@ -19,44 +19,34 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 
 
 class AtDraws(NamedTuple):
-    """The model at B draws; columns run through all configurations in turn.
+    """The model at B draws; columns run through all configurations in turn."""
 
-    Attributes:
-        frequencies_hz: (B, n_modes), model frequencies.
-        log_likelihoods: (B, n_data), log-likelihood of each datum.
-        frequency_sds_hz: (B, n_identified), standard deviation of each identified frequency about
-            the model's.
-        shape_distances: (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
-        unit_shapes: (B, n_pairs_and_sensors), of pairs where errors of shapes are correlated, as
-            in :class:`~bayes_ssi.inference.likelihood.likelihood.ComparedModes`.
-        sensor_shapes: (B, n_components), shapes at the sensors of the modes that the likelihood
-            compares: sensor by sensor, and mode by mode.
-    """
-
-    frequencies_hz: FloatArray
-    log_likelihoods: FloatArray
+    frequencies_hz: FloatArray  # (B, n_modes), model frequencies
+    log_likelihoods: FloatArray  # (B, n_data), log-likelihood of each datum
+    # (B, n_identified), standard deviation of each identified frequency about the model's.
     frequency_sds_hz: FloatArray
+    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
     shape_distances: FloatArray
+    # (B, n_pairs_and_sensors), of pairs where errors of shapes are correlated, as in
+    # :class:`~bayes_ssi.inference.likelihood.likelihood.ComparedModes`.
     unit_shapes: FloatArray
+    # (B, n_components), shapes at the sensors of the modes that the likelihood compares: sensor by
+    # sensor, and mode by mode.
     sensor_shapes: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class DatumTerms:
-    """A posterior datum by datum; labels of several configurations begin with their names.
+    """A posterior datum by datum; labels of several configurations begin with their names."""
 
-    Attributes:
-        data: names of the data: each identified mode, and the absence of others; or together the
-            modes whose errors are correlated, and all modes of a test whose pairing was inferred.
-        log_likelihoods: (n_chains, n_steps, n_data); they add up to the log-likelihood.
-        predicted_hz: (n_chains, n_steps, n_identified), identified frequencies drawn from the
-            class: the paired model frequency with its error, or, for a mode that it calls
-            spurious, anything in the band. An inferred pairing is the most probable one.
-    """
-
+    # Names of the data: each identified mode, and the absence of others; or together the modes
+    # whose errors are correlated, and all modes of a test whose pairing was inferred.
     data: tuple[str, ...]
-    log_likelihoods: FloatArray
+    log_likelihoods: FloatArray  # (n_chains, n_steps, n_data); they add up to the log-likelihood
     identified: tuple[str, ...]
+    # (n_chains, n_steps, n_identified), identified frequencies drawn from the class: the paired
+    # model frequency with its error, or, for a mode that it calls spurious, anything in the band.
+    # An inferred pairing is the most probable one.
     predicted_hz: FloatArray
 
 

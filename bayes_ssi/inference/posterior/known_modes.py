@@ -34,18 +34,12 @@ class KnownModes(Structure):
     """A structure of which only the modes at some parameter values are known.
 
     Its degrees of freedom are the sensors.
-
-    Attributes:
-        inferred: the parameters, columns of ``values``.
-        sensor_names: labels of the degrees of freedom.
-        values: (B, n_parameters).
-        known: the modes at these values, shapes (B, n_sensors, n_modes) at the sensors.
     """
 
-    inferred: tuple[Parameter, ...]
-    sensor_names: tuple[str, ...]
-    values: FloatArray
-    known: Modes
+    inferred: tuple[Parameter, ...]  # the parameters, columns of ``values``
+    sensor_names: tuple[str, ...]  # labels of the degrees of freedom
+    values: FloatArray  # (B, n_parameters)
+    known: Modes  # the modes at these values, shapes (B, n_sensors, n_modes) at the sensors
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -214,16 +214,14 @@ class Confirmation(NamedTuple):
     """Exact solutions at draws, and what they change.
 
     Attributes:
-        values: (n, n_parameters), the draws.
         correction, error: of the log evidence.
-        change: of the mean log-likelihood.
-        differences: largest relative difference of frequencies, and least MAC at the sensors.
     """
 
-    values: FloatArray
+    values: FloatArray  # (n, n_parameters), the draws
     correction: float
     error: float
-    change: float
+    change: float  # of the mean log-likelihood
+    # Largest relative difference of frequencies, and least MAC at the sensors.
     differences: tuple[float, float]
 
     def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:

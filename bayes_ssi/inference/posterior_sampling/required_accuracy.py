@@ -57,16 +57,11 @@ def evenly_spaced_draws(posterior: Posterior, n: int) -> FloatArray:
 
 
 class Requirement(NamedTuple):
-    """Where the structure of a configuration must be accurate, and how accurate.
+    """Where the structure of a configuration must be accurate, and how accurate."""
 
-    Attributes:
-        values: (B, n_parameters), parameter values of the structure.
-        shape: largest error of shapes at unit length.
-    """
-
-    values: FloatArray
+    values: FloatArray  # (B, n_parameters), parameter values of the structure
     frequency: float
-    shape: float
+    shape: float  # largest error of shapes at unit length
     n_modes: int
 
 

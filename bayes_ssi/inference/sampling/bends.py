@@ -21,13 +21,9 @@ from bayes_ssi.inference.sampling.settings import MIXTURES
 
 @dataclass(frozen=True, eq=False)
 class Bend:
-    """The polynomials of one component, or of several (...) of equal degree.
+    """The polynomials of one component, or of several (...) of equal degree."""
 
-    Attributes:
-        coefficients: (..., d, F), of all monomials of d - 1 variables; row j has those of the
-            first j.
-    """
-
+    # (..., d, F), of all monomials of d - 1 variables; row j has those of the first j.
     coefficients: FloatArray
     degree: int
     reach: FloatArray

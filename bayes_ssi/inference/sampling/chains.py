@@ -33,17 +33,13 @@ from bayes_ssi.inference.sampling.settings import (
 
 @dataclass(frozen=True)
 class ProposalFitting:
-    """Fits mixtures, each of which is tried out on a batch of importance draws.
-
-    Attributes:
-        maxima: maxima of the posterior. Every mixture has components around them, so that regions
-            that the draws lost are still proposed.
-        wanted_error: of the log evidence.
-    """
+    """Fits mixtures, each of which is tried out on a batch of importance draws."""
 
     sampler: ImportanceSampler
+    # Maxima of the posterior. Every mixture has components around them, so that regions that the
+    # draws lost are still proposed.
     maxima: Maxima
-    wanted_error: float = SamplingSettings.log_evidence_error
+    wanted_error: float = SamplingSettings.log_evidence_error  # of the log evidence
     chains: ChainSettings = CHAINS
 
     def fitted(self, draws: FloatArray, held_out: FloatArray) -> ImportanceSample:

@@ -37,22 +37,16 @@ from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 @dataclass(frozen=True, eq=False)
 class Compression:
-    """What one compression of the prior made.
+    """What one compression of the prior made."""
 
-    Attributes:
-        draws: (n_particles, d), distributed as the posterior, in standard-normal coordinates.
-        log_likelihoods: (n_particles,).
-        passed: (m, d), all particles on the way, at their levels.
-        log_likelihoods_passed: (m,).
-        log_evidence_error: its standard error, from the chance by which particles survive and the
-            correlation left between levels.
-    """
-
+    # (n_particles, d), distributed as the posterior, in standard-normal coordinates.
     draws: FloatArray
-    log_likelihoods: FloatArray
-    passed: FloatArray
-    log_likelihoods_passed: FloatArray
+    log_likelihoods: FloatArray  # (n_particles,)
+    passed: FloatArray  # (m, d), all particles on the way, at their levels
+    log_likelihoods_passed: FloatArray  # (m,)
     log_evidence: float
+    # Its standard error, from the chance by which particles survive and the correlation left
+    # between levels.
     log_evidence_error: float
 
     @cached_property
@@ -113,19 +107,12 @@ def compress_prior(
 
 
 class _Left(NamedTuple):
-    """Particles that did not pass a level, or the last ones.
+    """Particles that did not pass a level, or the last ones."""
 
-    Attributes:
-        positions: (m, d).
-        log_likelihoods: (m,).
-        log_mass: of the prior, for each particle.
-        memory: how many times the variance of independent particles theirs is.
-    """
-
-    positions: FloatArray
-    log_likelihoods: FloatArray
-    log_mass: float
-    memory: float
+    positions: FloatArray  # (m, d)
+    log_likelihoods: FloatArray  # (m,)
+    log_mass: float  # of the prior, for each particle
+    memory: float  # how many times the variance of independent particles theirs is
 
 
 class _Climb:

@@ -75,13 +75,9 @@ def _ranks(values: FloatArray) -> FloatArray:
 
 
 class ParetoTail(NamedTuple):
-    """A generalised Pareto distribution fitted to the largest weights.
+    """A generalised Pareto distribution fitted to the largest weights."""
 
-    Attributes:
-        k: its shape; -inf where the tail is flat, NaN where there are too few weights.
-    """
-
-    k: float
+    k: float  # its shape; -inf where the tail is flat, NaN where there are too few weights
     scale: float
     threshold: float
     share: float

@@ -87,15 +87,12 @@ def sample_target(
 
 @dataclass(frozen=True)
 class _Sampling:
-    """One run: what its steps share.
-
-    Attributes:
-        seeds: six; of the compressions, the ensembles, the searches and ``rng``.
-    """
+    """One run: what its steps share."""
 
     target: Target
     settings: SamplingSettings
     chains: ChainSettings
+    # Six; of the compressions, the ensembles, the searches and ``rng``.
     seeds: Sequence[np.random.SeedSequence]
     rng: np.random.Generator
     progress: StepProgress

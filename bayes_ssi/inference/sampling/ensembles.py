@@ -17,30 +17,19 @@ from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
 class Walkers(NamedTuple):
-    """Where the walkers of an ensemble are.
+    """Where the walkers of an ensemble are."""
 
-    Attributes:
-        positions: (n_walkers, d), an even number of at least 2 d walkers.
-        log_posteriors: (n_walkers,), likelihood times prior density.
-    """
-
-    positions: FloatArray
-    log_posteriors: FloatArray
+    positions: FloatArray  # (n_walkers, d), an even number of at least 2 d walkers
+    log_posteriors: FloatArray  # (n_walkers,), likelihood times prior density
 
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Draws of one emcee ensemble, in standard-normal coordinates.
+    """Draws of one emcee ensemble, in standard-normal coordinates."""
 
-    Attributes:
-        positions: (n_steps, n_walkers, d).
-        log_posteriors: (n_steps, n_walkers), likelihood times prior density.
-        autocorrelation_times: (d,), in steps.
-    """
-
-    positions: FloatArray
-    log_posteriors: FloatArray
-    autocorrelation_times: FloatArray
+    positions: FloatArray  # (n_steps, n_walkers, d)
+    log_posteriors: FloatArray  # (n_steps, n_walkers), likelihood times prior density
+    autocorrelation_times: FloatArray  # (d,), in steps
     acceptance: float
 
     @property

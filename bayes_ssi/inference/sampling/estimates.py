@@ -21,18 +21,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class EvidenceEstimate:
-    """An estimate of the log evidence by one method, which checks the quoted one.
-
-    Attributes:
-        log_evidence: in nats.
-        error: its standard error; None where it is unknown and nothing is judged by the estimate.
-        tolerance: a smaller difference from the quoted value is no disagreement, whatever the
-            errors.
-    """
+    """An estimate of the log evidence by one method, which checks the quoted one."""
 
     name: str
-    log_evidence: float
+    log_evidence: float  # in nats
+    # Its standard error; None where it is unknown and nothing is judged by the estimate.
     error: float | None = None
+    # A smaller difference from the quoted value is no disagreement, whatever the errors.
     tolerance: float = 0.0
 
     def agrees_with(self, quoted: Estimate) -> bool:

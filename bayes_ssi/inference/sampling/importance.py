@@ -37,19 +37,13 @@ class ScoredDraws(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ImportanceSample:
-    """Draws from a mixture, weighted to the posterior.
-
-    Attributes:
-        z: (n, d), standard-normal coordinates.
-        log_likelihoods: (n,).
-        log_proposals: (n,), log density of the mixture.
-        strata: (n,), the component that each draw came from; the prior's is the last.
-    """
+    """Draws from a mixture, weighted to the posterior."""
 
     mixture: StudentMixture
-    z: FloatArray
-    log_likelihoods: FloatArray
-    log_proposals: FloatArray
+    z: FloatArray  # (n, d), standard-normal coordinates
+    log_likelihoods: FloatArray  # (n,)
+    log_proposals: FloatArray  # (n,), log density of the mixture
+    # (n,), the component that each draw came from; the prior's is the last.
     strata: NDArray[np.intp]
 
     @property
@@ -180,19 +174,15 @@ class ImportanceSample:
 
 @dataclass(frozen=True)
 class ImportanceSampler:
-    """Draws importance samples of one target.
-
-    Attributes:
-        prior_share: weight of the prior N(0, I) in every mixture. It bounds the importance
-            weights and shows what the other components miss, but wastes nearly all of its draws.
-        least_efficiency: components are added until the effective sample size is this share of
-            the draws.
-    """
+    """Draws importance samples of one target."""
 
     target: Target
     rng: np.random.Generator
     batch: int = 3000
+    # Weight of the prior N(0, I) in every mixture. It bounds the importance weights and shows what
+    # the other components miss, but wastes nearly all of its draws.
     prior_share: float = 0.02
+    # Components are added until the effective sample size is this share of the draws.
     least_efficiency: float = 0.0
     max_draws: int = 200_000
 

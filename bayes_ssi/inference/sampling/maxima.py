@@ -23,17 +23,11 @@ from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 @dataclass(frozen=True, eq=False)
 class Maxima:
-    """Distinct maxima of likelihood times prior density in standard-normal coordinates.
+    """Distinct maxima of likelihood times prior density in standard-normal coordinates."""
 
-    Attributes:
-        z: (m, d), the highest first.
-        log_posteriors: (m,), likelihood times prior density.
-        precisions: (m, d, d), the negative Hessian.
-    """
-
-    z: FloatArray
-    log_posteriors: FloatArray
-    precisions: FloatArray
+    z: FloatArray  # (m, d), the highest first
+    log_posteriors: FloatArray  # (m,), likelihood times prior density
+    precisions: FloatArray  # (m, d, d), the negative Hessian
 
     @property
     def covariances(self) -> FloatArray:

@@ -18,24 +18,17 @@ from bayes_ssi.inference.sampling.settings import MIXTURES
 
 @dataclass(frozen=True, eq=False)
 class StudentMixture:
-    """K Student-t components in d dimensions, and a share of the standard normal prior.
+    """K Student-t components in d dimensions, and a share of the standard normal prior."""
 
-    Attributes:
-        weights: (K,), adding up to ``1 - prior_share``.
-        means: (K, d).
-        factors: (K, d, d), F with scale matrices F Fᵀ: z = mean + F w.
-        dof: (K,), degrees of freedom.
-        prior_share: weight of N(0, I), the defensive component: it bounds every importance
-            weight by the greatest likelihood over ``prior_share``.
-        bends: of the components that follow a curved ridge, all of one degree, None for straight
-            ones; empty where all are straight.
-    """
-
-    weights: FloatArray
-    means: FloatArray
-    factors: FloatArray
-    dof: FloatArray
+    weights: FloatArray  # (K,), adding up to ``1 - prior_share``
+    means: FloatArray  # (K, d)
+    factors: FloatArray  # (K, d, d), F with scale matrices F Fᵀ: z = mean + F w
+    dof: FloatArray  # (K,), degrees of freedom
+    # Weight of N(0, I), the defensive component: it bounds every importance weight by the greatest
+    # likelihood over ``prior_share``.
     prior_share: float = 0.0
+    # Of the components that follow a curved ridge, all of one degree, None for straight ones; empty
+    # where all are straight.
     bends: tuple[Bend | None, ...] = ()
 
     @property
@@ -173,14 +166,11 @@ class StudentMixture:
 
 
 class Proposal(NamedTuple):
-    """Independence proposal of walkers' moves.
-
-    Attributes:
-        share: share of the steps that it proposes; differential evolution and the stretch move
-            propose the others.
-    """
+    """Independence proposal of walkers' moves."""
 
     mixture: StudentMixture
+    # Share of the steps that it proposes; differential evolution and the stretch move propose the
+    # others.
     share: float = 0.7
 
 

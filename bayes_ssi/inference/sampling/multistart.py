@@ -29,14 +29,10 @@ from bayes_ssi.inference.sampling.target import Target
 
 @dataclass(frozen=True, eq=False)
 class MultistartSearch:
-    """The maxima that independent searches found.
-
-    Attributes:
-        found_by: (n_searches, m), whether a search found a maximum by itself.
-    """
+    """The maxima that independent searches found."""
 
     maxima: Maxima
-    found_by: NDArray[np.bool_]
+    found_by: NDArray[np.bool_]  # (n_searches, m), whether a search found a maximum by itself
     n_draws: int
 
     @property

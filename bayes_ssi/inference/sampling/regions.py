@@ -49,15 +49,10 @@ def lowest_between(
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Draws that represent the regions of a posterior.
+    """Draws that represent the regions of a posterior."""
 
-    Attributes:
-        draws: (n, d).
-        labels: (n,), the region of each draw, numbered from 0.
-    """
-
-    draws: FloatArray
-    labels: NDArray[np.intp]
+    draws: FloatArray  # (n, d)
+    labels: NDArray[np.intp]  # (n,), the region of each draw, numbered from 0
 
     @property
     def n_regions(self) -> int:

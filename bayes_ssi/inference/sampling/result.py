@@ -20,25 +20,19 @@ from bayes_ssi.inference.sampling.regions import Regions
 
 @dataclass(frozen=True, eq=False)
 class SamplingResult:
-    """Everything that sampling one target produced, in standard-normal coordinates.
-
-    Attributes:
-        resampled: posterior draws resampled from the importance draws, where ensembles mix too
-            slowly and the importance draws suffice; else empty.
-        evidence_checks: estimates of the log evidence by other methods.
-        wanted_error: wanted standard error of the log evidence.
-        n_evaluations: evaluations of the log-likelihood.
-    """
+    """Everything that sampling one target produced, in standard-normal coordinates."""
 
     search: MultistartSearch
     compressions: tuple[Compression, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
     importance: ImportanceSample
-    evidence_checks: tuple[EvidenceEstimate, ...]
+    evidence_checks: tuple[EvidenceEstimate, ...]  # estimates of the log evidence by other methods
     regions: Regions
-    wanted_error: float
-    n_evaluations: int
+    wanted_error: float  # wanted standard error of the log evidence
+    n_evaluations: int  # evaluations of the log-likelihood
+    # Posterior draws resampled from the importance draws, where ensembles mix too slowly and the
+    # importance draws suffice; else empty.
     resampled: tuple[Ensemble, ...] = ()
 
     @property

@@ -26,40 +26,31 @@ def log_standard_normal(z: FloatArray) -> FloatArray:
 
 
 class SuggestedStarts(NamedTuple):
-    """Where a target that knows its problem expects maxima.
+    """Where a target that knows its problem expects maxima."""
 
-    Attributes:
-        z: (m, d), coordinates near them with a positive likelihood; m may be zero.
-    """
-
-    z: FloatArray
+    z: FloatArray  # (m, d), coordinates near them with a positive likelihood; m may be zero
     n_evaluations: int
 
 
 @dataclass
 class Target:
-    """A log-likelihood over coordinates whose prior is N(0, I); counts its evaluations.
+    """A log-likelihood over coordinates whose prior is N(0, I); counts its evaluations."""
 
-    Attributes:
-        function: (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone.
-        workers: where it is evaluated; in this process if None.
-        suggest_starts: where a search should climb from besides its own draws, which each search
-            calls with its own generator; None where all that is known is the log-likelihood.
-        known_starts: (m, d), near maxima that an earlier search found, which counts as one of the
-            independent searches; None if there was none.
-        n_failed: points at which the function raised, returned NaN or lost its worker; they
-            count as likelihood zero.
-        first_failure: the point (d,) at which it failed first, and why.
-    """
-
-    function: Function
+    function: Function  # (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone
     n_dimensions: int
-    workers: Workers | None = None
+    workers: Workers | None = None  # where it is evaluated; in this process if None
     journal: Journal | None = None
+    # Where a search should climb from besides its own draws, which each search calls with its own
+    # generator; None where all that is known is the log-likelihood.
     suggest_starts: Callable[[np.random.Generator], SuggestedStarts] | None = None
+    # (m, d), near maxima that an earlier search found, which counts as one of the independent
+    # searches; None if there was none.
     known_starts: FloatArray | None = None
     n_evaluations: int = field(default=0, init=False)
+    # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
+    # zero.
     n_failed: int = field(default=0, init=False)
+    # The point (d,) at which it failed first, and why.
     first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:

@@ -42,18 +42,15 @@ def _keep_quiet(text: str) -> None:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Journals of the model classes of one run.
+    """Journals of the model classes of one run."""
 
-    Attributes:
-        directory: holds the journals; created with the first one, inside an existing directory. A
-            relative path starts in the working directory of this process, also for its workers.
-        say: called with a message when an earlier run is resumed, and when a journal is damaged or
-            was made on another kind of processor; issues a warning by default.
-    """
-
+    # Holds the journals; created with the first one, inside an existing directory. A relative path
+    # starts in the working directory of this process, also for its workers.
     directory: Path
     run: str = field(default="", kw_only=True)
     discard_others: bool = field(default=False, kw_only=True)
+    # Called with a message when an earlier run is resumed, and when a journal is damaged or was
+    # made on another kind of processor; issues a warning by default.
     say: Callable[[str], None] = field(default=_warn, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -28,15 +28,10 @@ Function = Callable[[FloatArray], FloatArray]
 
 
 class Evaluated(NamedTuple):
-    """What a model answers at a batch of points.
+    """What a model answers at a batch of points."""
 
-    Attributes:
-        values: (B,) log-likelihoods, or (B, n_columns); NaN where the model failed.
-        failures: row → reason, where one is known beyond that the answer was NaN.
-    """
-
-    values: FloatArray
-    failures: Mapping[int, str]
+    values: FloatArray  # (B,) log-likelihoods, or (B, n_columns); NaN where the model failed
+    failures: Mapping[int, str]  # row → reason, where one is known beyond that the answer was NaN
 
 
 def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) -> Evaluated:

@@ -45,45 +45,33 @@ MERGING = MergingSettings()
 
 @dataclass(frozen=True)
 class Scatter:
-    """How far the tests are apart in one quantity, and how far their errors let them be.
+    """How far the tests are apart in one quantity, and how far their errors let them be."""
 
-    Attributes:
-        ratio: root of chi-square over its degrees of freedom: scatter over claimed errors.
-    """
-
-    ratio: float
+    ratio: float  # root of chi-square over its degrees of freedom: scatter over claimed errors
     p_value: float
 
 
 @dataclass(frozen=True)
 class MergedMode:
-    """One merged mode.
-
-    Attributes:
-        frequency: scatter of the frequencies; None where one test has the mode.
-        shape: scatter of the shapes at shared sensors; None where they cannot differ.
-    """
+    """One merged mode."""
 
     label: str
     labels: Mapping[str, str]
-    frequency: Scatter | None
-    shape: Scatter | None
+    frequency: Scatter | None  # scatter of the frequencies; None where one test has the mode
+    shape: Scatter | None  # scatter of the shapes at shared sensors; None where they cannot differ
 
 
 @dataclass(frozen=True, eq=False)
 class MergedModes:
-    """Modes of several tests as one.
-
-    Attributes:
-        remarks: modes that tests lack in whose band they are, and modes that two bands of one
-            record have, a sentence each.
-        failed_checks: quantities in which the tests differ by more than their errors, a sentence
-            each: the structure changed in between, an error is too small, or two modes are not one.
-    """
+    """Modes of several tests as one."""
 
     data: ModalData
     modes: tuple[MergedMode, ...]
+    # Modes that tests lack in whose band they are, and modes that two bands of one record have, a
+    # sentence each.
     remarks: tuple[str, ...]
+    # Quantities in which the tests differ by more than their errors, a sentence each: the structure
+    # changed in between, an error is too small, or two modes are not one.
     failed_checks: tuple[str, ...]
 
 

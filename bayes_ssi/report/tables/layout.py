@@ -16,21 +16,14 @@ from rich.text import Text
 
 @dataclass(frozen=True)
 class TableSettings:
-    """How tables fit a terminal; the saved result has what they leave out.
+    """How tables fit a terminal; the saved result has what they leave out."""
 
-    Attributes:
-        gaps: spaces between columns, where there is room and where there is not.
-        narrowest: width of a column for names; below it, a line holds less than a syllable.
-        most_columns: of numbers, for which a terminal of 80 characters has room.
-        most_components: of a combination of parameters, which take two lines of a terminal.
-        most_hypotheses: of a search that are listed, and ``most_places``.
-    """
-
+    # Spaces between columns, where there is room and where there is not.
     gaps: tuple[int, int] = (3, 2)
-    narrowest: int = 5
-    most_columns: int = 8
-    most_components: int = 6
-    most_hypotheses: int = 8
+    narrowest: int = 5  # width of a column for names; below it, a line holds less than a syllable
+    most_columns: int = 8  # of numbers, for which a terminal of 80 characters has room
+    most_components: int = 6  # of a combination of parameters, which take two lines of a terminal
+    most_hypotheses: int = 8  # of a search that are listed, and ``most_places``
     most_places: int = 8
 
 

@@ -88,13 +88,9 @@ class RankedPopulation:
 
 @dataclass(frozen=True)
 class CovariateScale:
-    """A covariate, and how it is standardised.
+    """A covariate, and how it is standardised."""
 
-    Attributes:
-        name: for tables and figures, with its unit.
-    """
-
-    name: str
+    name: str  # for tables and figures, with its unit
     mean: float
     sd: float
 
@@ -258,17 +254,12 @@ class Hierarchy(Displayed):
 
 @dataclass(frozen=True)
 class HierarchyRecord:
-    """What ``hierarchy.json`` holds.
-
-    Attributes:
-        results: name of a test → directory of its result; empty where they were not read from
-            files.
-        command: the command that reproduces it; empty where it was made from Python.
-    """
+    """What ``hierarchy.json`` holds."""
 
     hierarchy: Hierarchy
+    # Name of a test → directory of its result; empty where they were not read from files.
     results: Mapping[str, str]
-    command: str
+    command: str  # the command that reproduces it; empty where it was made from Python
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     versions: Mapping[str, str] = field(default_factory=versions)
     format: int = 1  # increased whenever the format of the files changes

@@ -28,16 +28,11 @@ class Bumps:
 
     A bump is a multiple of a normal density, except that it may be flat in some directions, about
     which the data say nothing.
-
-    Attributes:
-        constants: (K,), in nats.
-        slopes: (K, d).
-        roots: (K, d, d), upper triangular; root'·root is the precision of a bump.
     """
 
-    constants: FloatArray
-    slopes: FloatArray
-    roots: FloatArray
+    constants: FloatArray  # (K,), in nats
+    slopes: FloatArray  # (K, d)
+    roots: FloatArray  # (K, d, d), upper triangular; root'·root is the precision of a bump
 
     @cached_property
     def precisions(self) -> FloatArray:
@@ -168,17 +163,11 @@ def _shares(log_parts: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """Bumps fitted to the likelihood of one test.
+    """Bumps fitted to the likelihood of one test."""
 
-    Attributes:
-        bumps: the best fit.
-        second: the second best, which tells how uncertain it is.
-        log_ratios: (n,), log of the likelihood over that of the bumps, at the draws.
-    """
-
-    bumps: Bumps
-    second: Bumps
-    log_ratios: FloatArray
+    bumps: Bumps  # the best fit
+    second: Bumps  # the second best, which tells how uncertain it is
+    log_ratios: FloatArray  # (n,), log of the likelihood over that of the bumps, at the draws
 
     @property
     def error(self) -> float:
@@ -219,14 +208,12 @@ class _Fitting:
 
     Attributes:
         origin, unit: (d,), mean and standard deviation of the draws; x = (z - origin) / unit.
-        x: (n, d), the draws.
-        log_likelihoods: (n,), at the draws.
     """
 
     origin: FloatArray
     unit: FloatArray
-    x: FloatArray
-    log_likelihoods: FloatArray
+    x: FloatArray  # (n, d), the draws
+    log_likelihoods: FloatArray  # (n,), at the draws
     log_evidence: float
     prior: Bumps
 

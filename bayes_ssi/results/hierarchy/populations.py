@@ -92,15 +92,11 @@ class Population:
 
 @dataclass(frozen=True, eq=False)
 class PopulationLikelihood:
-    """The likelihood of all tests, each given by bumps, at parameters of a population.
-
-    Attributes:
-        covariates: (n_tests,), standardised; zero where there are none.
-    """
+    """The likelihood of all tests, each given by bumps, at parameters of a population."""
 
     population: Population
     bumps: Sequence[Bumps]
-    covariates: FloatArray
+    covariates: FloatArray  # (n_tests,), standardised; zero where there are none
 
     def log_likelihood_at(self, u: FloatArray) -> FloatArray:
         """The log-likelihood (B,) at standard-normal coordinates of the population's parameters."""
@@ -158,17 +154,12 @@ def _forward_substituted(lower: FloatArray, right: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Corrections of the log-likelihoods of the tests, at S points of a population's parameters.
+    """Corrections of the log-likelihoods of the tests, at S points of a population's parameters."""
 
-    Attributes:
-        corrections: (S, n_tests), log of the mean of r, to be added to the log-likelihoods.
-        errors: (S, n_tests), their standard errors.
-        effective_sample_sizes: (S, n_tests), of the weighted draws.
-    """
-
+    # (S, n_tests), log of the mean of r, to be added to the log-likelihoods.
     corrections: FloatArray
-    errors: FloatArray
-    effective_sample_sizes: FloatArray
+    errors: FloatArray  # (S, n_tests), their standard errors
+    effective_sample_sizes: FloatArray  # (S, n_tests), of the weighted draws
 
     @property
     def error(self) -> float:
@@ -227,18 +218,13 @@ def _log_densities(draws: FloatArray, centres: FloatArray, spreads: FloatArray) 
 
 @dataclass(frozen=True, eq=False)
 class SampledPopulation:
-    """A population whose parameters were sampled.
-
-    Attributes:
-        log_evidence: in nats, of all tests together, and ``error``, its standard error.
-        draws: (n_draws, n_parameters), posterior draws of the population's parameters.
-    """
+    """A population whose parameters were sampled."""
 
     population: Population
-    log_evidence: float
+    log_evidence: float  # in nats, of all tests together, and ``error``, its standard error
     error: float
     coverage: Coverage
-    draws: FloatArray
+    draws: FloatArray  # (n_draws, n_parameters), posterior draws of the population's parameters
     failed_checks: tuple[str, ...]
 
 
@@ -272,16 +258,12 @@ def failed_fits(tests: Sequence[SingleTest], fits: Sequence[LikelihoodFit]) -> l
 
 @dataclass(frozen=True, eq=False)
 class PopulationSampler:
-    """Samples populations of one series of tests.
-
-    Attributes:
-        covariates: (n_tests,), standardised.
-    """
+    """Samples populations of one series of tests."""
 
     tests: Sequence[SingleTest]
     fits: Sequence[LikelihoodFit]
     columns: Sequence[int]
-    covariates: FloatArray
+    covariates: FloatArray  # (n_tests,), standardised
     seed: int
     settings: SamplingSettings
 

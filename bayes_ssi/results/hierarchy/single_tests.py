@@ -37,20 +37,13 @@ TestResult = Ranking | StoredResult | str | PathLike[str]
 
 @dataclass(frozen=True, eq=False)
 class SingleTest:
-    """The posterior of one model class in one test.
-
-    Attributes:
-        parameters: of the model class, the columns of ``z``.
-        z: (n, d), nearly independent posterior draws in standard-normal coordinates.
-        log_likelihoods: (n,).
-        evidence: log evidence of the class.
-    """
+    """The posterior of one model class in one test."""
 
     name: str
-    parameters: tuple[ParameterRecord, ...]
-    z: FloatArray
-    log_likelihoods: FloatArray
-    evidence: Estimate
+    parameters: tuple[ParameterRecord, ...]  # of the model class, the columns of ``z``
+    z: FloatArray  # (n, d), nearly independent posterior draws in standard-normal coordinates
+    log_likelihoods: FloatArray  # (n,)
+    evidence: Estimate  # log evidence of the class
     data_digest: str
     definitions: tuple[str, ...]
     failed_checks: tuple[str, ...]

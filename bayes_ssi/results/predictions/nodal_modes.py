@@ -21,22 +21,15 @@ class NoNodesError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class NodalModes:
-    """Modes at nodes.
-
-    Attributes:
-        positions: (n_nodes, 3), x, y and z; NaN where they are not known.
-        geometry: the structure's, with lines and faces between some of the nodes; None if it has
-            none.
-        frequencies_hz: (n_modes,).
-        displacements: (n_modes, n_nodes, 6), along x, y, z and about them, the largest
-            displacement of a mode being 1; zero where the model has no row, as where a node is
-            restrained.
-    """
+    """Modes at nodes."""
 
     nodes: tuple[str, ...]
-    positions: FloatArray
+    positions: FloatArray  # (n_nodes, 3), x, y and z; NaN where they are not known
+    # The structure's, with lines and faces between some of the nodes; None if it has none.
     geometry: Geometry | None
-    frequencies_hz: FloatArray
+    frequencies_hz: FloatArray  # (n_modes,)
+    # (n_modes, n_nodes, 6), along x, y, z and about them, the largest displacement of a mode being
+    # 1; zero where the model has no row, as where a node is restrained.
     displacements: FloatArray
 
 

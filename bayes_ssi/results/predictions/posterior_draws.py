@@ -20,25 +20,20 @@ from bayes_ssi.structures.structure import Structure
 
 @dataclass(frozen=True)
 class PredictionSettings:
-    """Numbers that decide how predictions are computed and shown.
+    """Numbers that decide how predictions are computed and shown."""
 
-    Attributes:
-        n_draws: of a prediction, by default.
-        array_size: numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
-        frequency_error: of an approximate structure at the draws, at most, and ``shape_error``.
-        stored_error: of frequencies that an approximate structure gave, relative to the largest at
-            the few draws where it is known, at most.
-        most_frequencies: of transfer functions; of a thousand draws at more, they take minutes.
-        most_places: in a table; where there are more, those with sensors are shown alone.
-    """
-
-    n_draws: int = 1000
+    n_draws: int = 1000  # of a prediction, by default
+    # Numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
     array_size: int = 20_000_000
+    # Of an approximate structure at the draws, at most, and ``shape_error``.
     frequency_error: float = 1e-4
     shape_error: float = 0.01
+    # Of frequencies that an approximate structure gave, relative to the largest at the few draws
+    # where it is known, at most.
     stored_error: float = 4.0
+    # Of transfer functions; of a thousand draws at more, they take minutes.
     most_frequencies: int = 6000
-    most_places: int = 60
+    most_places: int = 60  # in a table; where there are more, those with sensors are shown alone
 
 
 PREDICTION_SETTINGS = PredictionSettings()
@@ -46,17 +41,12 @@ PREDICTION_SETTINGS = PredictionSettings()
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDraws:
-    """Posterior draws of the parameters of one model class's structure.
-
-    Attributes:
-        pairing: label of an identified mode → number of the model mode, from 1.
-        values: (n_draws, n_parameters), parameter values of the structure.
-    """
+    """Posterior draws of the parameters of one model class's structure."""
 
     name: str
     structure: Structure
-    pairing: Mapping[str, int]
-    values: FloatArray
+    pairing: Mapping[str, int]  # label of an identified mode → number of the model mode, from 1
+    values: FloatArray  # (n_draws, n_parameters), parameter values of the structure
     data: ModalData
 
     @property

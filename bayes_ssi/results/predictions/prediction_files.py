@@ -37,23 +37,18 @@ class MotionRecord:
 
 @dataclass(frozen=True)
 class PredictionsRecord:
-    """What was predicted, and from what.
-
-    Attributes:
-        configuration: the one that is predicted; empty where there is only one.
-        transfer_functions: their output and input; None where there are none.
-    """
+    """What was predicted, and from what."""
 
     study: str
     result_created: str
-    configuration: str
+    configuration: str  # the one that is predicted; empty where there is only one
     predictions_of: tuple[str, ...]
     draws: int
     level: float
     quantity: str
     places: tuple[str, ...]
     damping: float | tuple[float, ...]
-    transfer_functions: str | None
+    transfer_functions: str | None  # their output and input; None where there are none
     records: tuple[MotionRecord, ...]
     versions: Mapping[str, str]
 

@@ -30,17 +30,14 @@ PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²
 
 @dataclass(frozen=True, eq=False)
 class ResponseRequest:
-    """The responses to be predicted.
-
-    Attributes:
-        frequencies_hz: (F,), frequencies of transfer functions; none are computed if None.
-        force_at: where the force of the transfer functions acts; if None, their input is the
-            ground acceleration.
-    """
+    """The responses to be predicted."""
 
     output: Output
     damping: Damping
+    # (F,), frequencies of transfer functions; none are computed if None.
     frequencies_hz: FloatArray | None = None
+    # Where the force of the transfer functions acts; if None, their input is the ground
+    # acceleration.
     force_at: str | None = None
     motions: tuple[GroundMotion, ...] = ()
     level: float = 0.95
@@ -74,21 +71,14 @@ class ResponseRequest:
 
 @dataclass(frozen=True, eq=False)
 class ResponseBands:
-    """Responses predicted by one model class, or by the average over all.
-
-    Attributes:
-        transfer_functions: bands of amplitudes (n_places, F), where requested.
-        transfer_peaks: bands of the largest amplitude (n_places,), likewise.
-        time_histories: name of a ground motion → bands (n_places, n_samples).
-        peaks: name of a ground motion → bands of the largest amplitude (n_places,).
-    """
+    """Responses predicted by one model class, or by the average over all."""
 
     predictions: Predictions
     request: ResponseRequest
-    transfer_functions: Band | None
-    transfer_peaks: Band | None
-    time_histories: dict[str, Band]
-    peaks: dict[str, Band]
+    transfer_functions: Band | None  # bands of amplitudes (n_places, F), where requested
+    transfer_peaks: Band | None  # bands of the largest amplitude (n_places,), likewise
+    time_histories: dict[str, Band]  # name of a ground motion → bands (n_places, n_samples)
+    peaks: dict[str, Band]  # name of a ground motion → bands of the largest amplitude (n_places,)
 
     @property
     def name(self) -> str:

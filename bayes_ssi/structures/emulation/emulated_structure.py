@@ -34,18 +34,12 @@ class FailingPoints:
 
     The logarithm of the odds is a polynomial of second degree, whose boundary is a plane, an
     ellipsoid or a hyperboloid.
-
-    Attributes:
-        x: (F, d), coordinates where the model failed.
-        values: (F, d), the parameters' values there.
-        coefficients: of the polynomial; None where it never failed.
-        succeeded: (N, d), coordinates where it did not fail.
     """
 
-    x: FloatArray
-    values: FloatArray
-    coefficients: FloatArray | None
-    succeeded: FloatArray
+    x: FloatArray  # (F, d), coordinates where the model failed
+    values: FloatArray  # (F, d), the parameters' values there
+    coefficients: FloatArray | None  # of the polynomial; None where it never failed
+    succeeded: FloatArray  # (N, d), coordinates where it did not fail
 
     @classmethod
     def fitted(cls, failed: FloatArray, values: FloatArray, succeeded: FloatArray) -> FailingPoints:
@@ -266,19 +260,15 @@ class EmulatedStructure(ApproximateStructure):
 
 
 class EmulatorFit(NamedTuple):
-    """Solutions and what is fitted to them.
+    """Solutions and what is fitted to them."""
 
-    Attributes:
-        x: (N, d), coordinates of the solutions.
-        ratios: (N, 2), errors of the frequencies and shapes of each solution, predicted from all
-            others, as multiples of the process's spread there.
-    """
-
-    x: FloatArray
+    x: FloatArray  # (N, d), coordinates of the solutions
     modes: Modes
     failing: FailingPoints
     representation: Representation
     process: GaussianProcess
+    # (N, 2), errors of the frequencies and shapes of each solution, predicted from all others, as
+    # multiples of the process's spread there.
     ratios: FloatArray
     n_needed: int
 

@@ -22,17 +22,11 @@ from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """Outputs as functions of some variables.
+    """Outputs as functions of some variables."""
 
-    Attributes:
-        x: (N, d), the points.
-        y: (N, n_outputs), the outputs there.
-        lengths: (d,), correlation lengths.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    lengths: FloatArray
+    x: FloatArray  # (N, d), the points
+    y: FloatArray  # (N, n_outputs), the outputs there
+    lengths: FloatArray  # (d,), correlation lengths
     noise: float
 
     @classmethod
@@ -117,21 +111,13 @@ class GaussianProcess:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The equations of universal kriging, solved.
+    """The equations of universal kriging, solved."""
 
-    Attributes:
-        cholesky: L of the correlations R = L Lᵀ.
-        half_trend: L⁻¹ F, F (N, p) being the trend's terms.
-        trend_root: the root of Fᵀ R⁻¹ F, upper triangular.
-        coefficients: (p, n_outputs), of the trend.
-        weights: (N, n_outputs), R⁻¹ (y - F β).
-    """
-
-    cholesky: FloatArray
-    half_trend: FloatArray
-    trend_root: FloatArray
-    coefficients: FloatArray
-    weights: FloatArray
+    cholesky: FloatArray  # L of the correlations R = L Lᵀ
+    half_trend: FloatArray  # L⁻¹ F, F (N, p) being the trend's terms
+    trend_root: FloatArray  # the root of Fᵀ R⁻¹ F, upper triangular
+    coefficients: FloatArray  # (p, n_outputs), of the trend
+    weights: FloatArray  # (N, n_outputs), R⁻¹ (y - F β)
 
     @classmethod
     def of(cls, r: FloatArray, trend: FloatArray, y: FloatArray) -> _Solved:

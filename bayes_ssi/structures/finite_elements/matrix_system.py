@@ -187,23 +187,16 @@ class Coefficients(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """K(θ) and M(θ), with their rows in an order that keeps factors sparse; elements come last.
+    """K(θ) and M(θ), with their rows in an order that keeps factors sparse; elements come last."""
 
-    Attributes:
-        stiffness: K + shift·M, of the shift of ``free_body``.
-        parameters: the columns of values.
-        rows: (n,): row i of the model, as it was given, is row ``rows[i]`` here.
-        influence: (n,), displacements when the ground moves by 1; None if not known.
-        carried: the elements on the model; their terms follow its own.
-    """
-
-    stiffness: AffineMatrix
+    stiffness: AffineMatrix  # K + shift·M, of the shift of ``free_body``
     mass: AffineMatrix
-    parameters: tuple[Parameter, ...]
-    rows: NDArray[np.intp]
+    parameters: tuple[Parameter, ...]  # the columns of values
+    rows: NDArray[np.intp]  # (n,): row i of the model, as it was given, is row ``rows[i]`` here
+    # (n,), displacements when the ground moves by 1; None if not known.
     influence: FloatArray | None
     free_body: FreeBody
-    carried: CarriedElements
+    carried: CarriedElements  # the elements on the model; their terms follow its own
 
     @classmethod
     def of(

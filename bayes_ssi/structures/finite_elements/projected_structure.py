@@ -50,26 +50,21 @@ class Projection:
     Attributes:
         stiffness, mass: coefficients and matrices (N, N), term by term; of the mass only the
             diagonals (N,) where all terms are diagonal.
-        at_sensors: (d, N), motions of the sensors.
-        places: P single places on which elements may be put.
-        motions: (P, N), their rows of V.
-        flexibilities: (P, sketch_size), rows of what the basis lacks of S, whose squares are ρ.
-        moved_sensors: (P, d), displacements of the sensors under a unit force, as far as V lacks
-            them.
-        free_body: by whose shift the stiffness is raised.
     """
 
     stiffness: tuple[tuple[Product, FloatArray], ...]
     mass: tuple[tuple[Product, FloatArray], ...]
-    at_sensors: FloatArray
-    places: tuple[SinglePlace, ...]
-    motions: FloatArray
+    at_sensors: FloatArray  # (d, N), motions of the sensors
+    places: tuple[SinglePlace, ...]  # P single places on which elements may be put
+    motions: FloatArray  # (P, N), their rows of V
+    # (P, sketch_size), rows of what the basis lacks of S, whose squares are ρ.
     flexibilities: FloatArray
+    # (P, d), displacements of the sensors under a unit force, as far as V lacks them.
     moved_sensors: FloatArray
     sensors: tuple[str, ...]
     combined_sensors: tuple[Sensor, ...]
     n_modes: int
-    free_body: FreeBody
+    free_body: FreeBody  # by whose shift the stiffness is raised
 
     @classmethod
     def of(
@@ -128,19 +123,13 @@ class Projection:
 
 
 class ElementVectors(NamedTuple):
-    """The places of elements, for a batch of structures.
+    """The places of elements, for a batch of structures."""
 
-    Attributes:
-        springs: (B, n_springs, N + p), elongations by all coordinates.
-        flexibilities: (B, n_springs), ρ at their places.
-        at_sensors: (B, n_springs, d + p), displacements under a unit force, as far as V lacks them.
-        masses: (B, n_masses, N + p), motions of the masses by all coordinates.
-    """
-
-    springs: FloatArray
-    flexibilities: FloatArray
+    springs: FloatArray  # (B, n_springs, N + p), elongations by all coordinates
+    flexibilities: FloatArray  # (B, n_springs), ρ at their places
+    # (B, n_springs, d + p), displacements under a unit force, as far as V lacks them.
     at_sensors: FloatArray
-    masses: FloatArray
+    masses: FloatArray  # (B, n_masses, N + p), motions of the masses by all coordinates
 
 
 class ProjectedStructure(Structure):

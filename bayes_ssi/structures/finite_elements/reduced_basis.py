@@ -55,15 +55,10 @@ from bayes_ssi.structures.modal import (
 
 
 class Bounds(NamedTuple):
-    """Largest errors of reduced modes.
+    """Largest errors of reduced modes."""
 
-    Attributes:
-        frequency: (m,), as a fraction of the frequency.
-        shape: (m,), at the sensors, of shapes that have unit length there.
-    """
-
-    frequency: FloatArray
-    shape: FloatArray
+    frequency: FloatArray  # (m,), as a fraction of the frequency
+    shape: FloatArray  # (m,), at the sensors, of shapes that have unit length there
 
 
 class Reference:
@@ -101,17 +96,12 @@ class Reference:
 
 
 class Elongations(NamedTuple):
-    """Elements' own degrees of freedom q = B⁻¹ (s - A u), of elongations s = A u + B q.
+    """Elements' own degrees of freedom q = B⁻¹ (s - A u), of elongations s = A u + B q."""
 
-    Attributes:
-        rows: (r,), degrees of freedom of the model at which elements act; A has these columns.
-        follow: B⁻¹ A (p, r).
-        inverse: B⁻¹ (p, p).
-    """
-
+    # (r,), degrees of freedom of the model at which elements act; A has these columns.
     rows: NDArray[np.intp]
-    follow: FloatArray
-    inverse: FloatArray
+    follow: FloatArray  # B⁻¹ A (p, r)
+    inverse: FloatArray  # B⁻¹ (p, p)
 
     @classmethod
     def of(cls, carried: CarriedElements) -> Elongations:
@@ -134,25 +124,16 @@ class ReducedBasis:
 
     With elements, its N coordinates are those of vectors without them, of static answers to the
     elements' forces, and elongations.
-
-    Attributes:
-        stiffness: (T, N, N), of each term of the stiffness.
-        mass: (U, N, N).
-        residual_stiffness: (T, sketch_size + d, N), the reference's sketch of each term times the
-            coordinates.
-        residual_mass: (U, sketch_size + d, N).
-        at_sensors: (d, N), motions of the sensors.
-        vectors: (n, N), or fewer columns by those elongations.
-        n_before: number of vectors without elements; None where there are none.
     """
 
-    stiffness: FloatArray
-    mass: FloatArray
+    stiffness: FloatArray  # (T, N, N), of each term of the stiffness
+    mass: FloatArray  # (U, N, N)
+    # (T, sketch_size + d, N), the reference's sketch of each term times the coordinates.
     residual_stiffness: FloatArray
-    residual_mass: FloatArray
-    at_sensors: FloatArray
-    vectors: FloatArray
-    n_before: int | None = None
+    residual_mass: FloatArray  # (U, sketch_size + d, N)
+    at_sensors: FloatArray  # (d, N), motions of the sensors
+    vectors: FloatArray  # (n, N), or fewer columns by those elongations
+    n_before: int | None = None  # number of vectors without elements; None where there are none
     elongations: Elongations | None = None
 
     @classmethod

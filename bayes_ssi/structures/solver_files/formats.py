@@ -18,24 +18,19 @@ _MASS = re.compile(r"(?:mass|m)(.*)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Matrices:
-    """What a reader returns.
-
-    Attributes:
-        stiffness_from: what messages call the stiffness, and ``mass_from`` the mass.
-        labels: "node direction" of every row, or None where the files do not state them.
-        dependent: "node direction" without a row of its own → row → factor, where the program's
-            constraints tie it to rows (counted from 0).
-        removed: rows that are restrained.
-    """
+    """What a reader returns."""
 
     stiffness: Any
     mass: Any
-    stiffness_from: str
+    stiffness_from: str  # what messages call the stiffness, and ``mass_from`` the mass
     mass_from: str
+    # "node direction" of every row, or None where the files do not state them.
     labels: Sequence[str] | None = None
     geometry: Geometry | None = None
+    # "node direction" without a row of its own → row → factor, where the program's constraints tie
+    # it to rows (counted from 0).
     dependent: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
-    removed: Any = ()
+    removed: Any = ()  # rows that are restrained
     notes: tuple[str, ...] = ()
 
 

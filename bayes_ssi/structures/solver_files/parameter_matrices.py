@@ -34,16 +34,12 @@ from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 
 @dataclass(frozen=True)
 class DifferenceSettings:
-    """When exports count as predicted, and by which powers.
+    """When exports count as predicted, and by which powers."""
 
-    Attributes:
-        tolerance: largest error of a prediction, relative to √(K_ii K_jj): what nine printed
-            digits allow.
-        exponents: of properties: modulus, area and density enter by 1, bending of plates and the
-            depth of sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
-    """
-
+    # Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
     tolerance: float = 1e-8
+    # Of properties: modulus, area and density enter by 1, bending of plates and the depth of
+    # sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
     exponents: tuple[int, ...] = (1, 3, 2, 4, -1)
 
     @property

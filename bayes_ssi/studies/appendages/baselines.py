@@ -33,19 +33,13 @@ from bayes_ssi.studies.search.family import Family, Limits
 
 @dataclass(frozen=True, eq=False)
 class Baselines(Family[AppendagePlace]):
-    """The classes that a search hangs appendages on, and what it compares them with.
+    """The classes that a search hangs appendages on, and what it compares them with."""
 
-    Attributes:
-        options: what an appendage may be.
-        present_in: names of the configurations that have appendages; all if None.
-        rivals: classes that are compared without appendages.
-        left_out: other classes of the study → why nothing is hung on them.
-    """
-
-    options: SearchSettings
+    options: SearchSettings  # what an appendage may be
+    # Names of the configurations that have appendages; all if None.
     present_in: tuple[str, ...] | None
-    rivals: tuple[ModelClass, ...]
-    left_out: Mapping[str, str]
+    rivals: tuple[ModelClass, ...]  # classes that are compared without appendages
+    left_out: Mapping[str, str]  # other classes of the study → why nothing is hung on them
 
     @property
     def limits(self) -> Limits:

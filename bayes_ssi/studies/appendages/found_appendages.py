@@ -95,20 +95,14 @@ def place_records(
 
 
 class RankedDraws(NamedTuple):
-    """Draws of the appendage of one rank by frequency, of several hypotheses in turn: (n,) each.
+    """Draws of the appendage of one rank by frequency, of several hypotheses in turn: (n,) each."""
 
-    Attributes:
-        hypothesis: numbers of the hypotheses, which do not fall.
-        place: numbers of the places.
-        by_data: weights under a prior that is uniform in the logarithm of mass.
-    """
-
-    hypothesis: NDArray[np.intp]
-    place: NDArray[np.intp]
+    hypothesis: NDArray[np.intp]  # numbers of the hypotheses, which do not fall
+    place: NDArray[np.intp]  # numbers of the places
     mass: FloatArray
     frequency_hz: FloatArray
     weights: FloatArray
-    by_data: FloatArray
+    by_data: FloatArray  # weights under a prior that is uniform in the logarithm of mass
 
     def where(self, chosen: NDArray[np.bool_]) -> RankedDraws:
         columns: Iterable[Any] = (column[chosen] for column in self)
@@ -116,19 +110,12 @@ class RankedDraws(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Motions in the modes of a baseline that the sensors see, at unit modal mass.
+    """Motions in the modes of a baseline that the sensors see, at unit modal mass."""
 
-    Attributes:
-        numbers: (m,), of the modes, from 1.
-        frequencies_hz: (m,).
-        of_places: place → (m,).
-        of_sensors: (m,), that of the sensor that moves most.
-    """
-
-    numbers: NDArray[np.intp]
-    frequencies_hz: FloatArray
-    of_places: Mapping[AppendagePlace, FloatArray]
-    of_sensors: FloatArray
+    numbers: NDArray[np.intp]  # (m,), of the modes, from 1
+    frequencies_hz: FloatArray  # (m,)
+    of_places: Mapping[AppendagePlace, FloatArray]  # place → (m,)
+    of_sensors: FloatArray  # (m,), that of the sensor that moves most
 
 
 def matched_appendages(

@@ -45,17 +45,13 @@ class AppendageSummary:
 
 @dataclass(frozen=True)
 class PlaceRecord:
-    """A place of a search.
+    """A place of a search."""
 
-    Attributes:
-        appendage: what hangs there, if anything does, averaged over all hypotheses in which
-            something does.
-        is_observed: whether the place takes part in a mode of the band that the sensors see; else
-            the test says nothing about it.
-    """
-
+    # What hangs there, if anything does, averaged over all hypotheses in which something does.
     appendage: AppendageSummary
     probability: float
+    # Whether the place takes part in a mode of the band that the sensors see; else the test says
+    # nothing about it.
     is_observed: bool
 
     @property
@@ -121,41 +117,31 @@ class MatchedAppendage:
 
 @dataclass(frozen=True)
 class HypothesisRecord:
-    """One hypothesis of a search.
-
-    Attributes:
-        prior_probability: among all hypotheses, and ``probability`` likewise.
-        log_evidence: in nats, with its standard ``error``; approximate where it is not sampled.
-        screened: the approximate log evidence, and ``laplace``, Laplace's alone.
-    """
+    """One hypothesis of a search."""
 
     name: str
     baseline: str
-    prior_probability: float
+    prior_probability: float  # among all hypotheses, and ``probability`` likewise
     probability: float
-    log_evidence: float
+    log_evidence: float  # in nats, with its standard ``error``; approximate where it is not sampled
     error: float
     is_sampled: bool
-    screened: float
+    screened: float  # the approximate log evidence, and ``laplace``, Laplace's alone
     laplace: float
     appendages: tuple[AppendageSummary, ...]
 
 
 @dataclass(frozen=True)
 class BaselineRecord:
-    """A class that appendages were hung on, or that was compared with such without appendages.
-
-    Attributes:
-        log_evidence: without any appendage, in nats; approximate where that was not sampled.
-        mass_scale: the mass, in the structure's unit, to which mass ratios refer; None where no
-            appendage was tried.
-    """
+    """A class that appendages were hung on, or that was compared with such without appendages."""
 
     name: str
     classes: tuple[str, ...]
-    log_evidence: float
+    log_evidence: float  # without any appendage, in nats; approximate where that was not sampled
     prior_probability: float
     probability: float
+    # The mass, in the structure's unit, to which mass ratios refer; None where no appendage was
+    # tried.
     mass_scale: MassScale | None
 
 

@@ -88,34 +88,25 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class SearchCriteria:
-    """What a search takes for seen, near or apart, and for too many.
+    """What a search takes for seen, near or apart, and for too many."""
 
-    Attributes:
-        visible: a mode moves the sensors by at least this share of the one that moves them most, at
-            unit modal mass.
-        takes_part: a place moves in a mode by this share of what the sensors do; less, and an
-            appendage of a tenth of the modal mass moves its frequencies apart by less than 0.3 %.
-        least_in_band: share of the prior of an appendage's frequency.
-        apart: frequencies with nothing between them over this factor are two answers,
-        share_of_a_group: if each has this share of the probability.
-        near: modes closer than this, relative to their frequencies, may be one that is split.
-        most_places: more are not screened in a few seconds, for a warning.
-        credible: share of the probability of appendages that the named places hold.
-        most_sampled: sampling takes as long as screening five hypotheses; with more, errors of a
-            tenth of a nat, which are independent, change sums little.
-        most_with_full_solutions: baselines included, where each takes some 20 full solutions of a
-            finite-element model.
-    """
-
+    # A mode moves the sensors by at least this share of the one that moves them most, at unit modal
+    # mass.
     visible: float = 0.05
+    # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
+    # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
     takes_part: float = 0.01
-    least_in_band: float = 0.01
-    apart: float = 1.1
-    share_of_a_group: float = 0.05
+    least_in_band: float = 0.01  # share of the prior of an appendage's frequency
+    apart: float = 1.1  # frequencies with nothing between them over this factor are two answers,
+    share_of_a_group: float = 0.05  # if each has this share of the probability
+    # Modes closer than this, relative to their frequencies, may be one that is split.
     near: float = 0.1
-    most_places: int = 30
-    credible: float = 0.95
+    most_places: int = 30  # more are not screened in a few seconds, for a warning
+    credible: float = 0.95  # share of the probability of appendages that the named places hold
+    # Sampling takes as long as screening five hypotheses; with more, errors of a tenth of a nat,
+    # which are independent, change sums little.
     most_sampled: int = 12
+    # Baselines included, where each takes some 20 full solutions of a finite-element model.
     most_with_full_solutions: int = 6
 
 

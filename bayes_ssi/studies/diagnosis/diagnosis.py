@@ -99,15 +99,12 @@ def diagnose(
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Where repairs are compared: coordinates (n, d) of named parameters, and the modes there.
-
-    Attributes:
-        log_densities: configuration of the class → log density (n,) of its data.
-    """
+    """Where repairs are compared: coordinates (n, d) of named parameters, and the modes there."""
 
     names: tuple[str, ...]
     z: FloatArray
     modes: list[Modes]
+    # Configuration of the class → log density (n,) of its data.
     log_densities: Mapping[Configuration, FloatArray]
 
     @classmethod

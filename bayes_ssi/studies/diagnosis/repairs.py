@@ -33,19 +33,15 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """A model class with one mistake undone.
+    """A model class with one mistake undone."""
 
-    Attributes:
-        mistake: what seems to be wrong, in words; empty for a pairing, which the fit shows.
-        log_scale: log density of the original data over that of the changed ones; not zero where
-            frequencies are scaled.
-        given_pairings: the pairing of each configuration before it was inferred.
-    """
-
-    mistake: str
+    mistake: str  # what seems to be wrong, in words; empty for a pairing, which the fit shows
     original: ModelClass
     configurations: tuple[Configuration, ...]
+    # Log density of the original data over that of the changed ones; not zero where frequencies are
+    # scaled.
     log_scale: float = 0.0
+    # The pairing of each configuration before it was inferred.
     given_pairings: tuple[Pairing, ...] = ()
 
     @cached_property

@@ -17,14 +17,10 @@ class AveragedParameter(Summary):
     """A parameter averaged over the model classes that infer it, weighted by their probabilities.
 
     Classes in which it has a fixed value, or does not occur, are left out.
-
-    Attributes:
-        n_classes: number of classes that infer it.
-        probability: of these classes together.
     """
 
-    n_classes: int
-    probability: float
+    n_classes: int  # number of classes that infer it
+    probability: float  # of these classes together
 
 
 @dataclass(frozen=True)

@@ -174,29 +174,21 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class ChangedClass:
-    """A model class before and after.
-
-    Attributes:
-        log_evidence_before: in nats.
-        log_evidence_after: None where the draws do not say.
-        probability_after: None where the draws of any class do not say, and it may matter.
-        pareto_k: shape of the weights' tail; -inf where they have none.
-        problem: why the draws do not say; empty where they do.
-        misfit_before: how far the data are from the class; None where that is not known.
-        misfit_after: None also where the draws do not say.
-        unexplained: what of the data the class does not explain after the change, in words; empty
-            where it explains them, or where that is not known.
-    """
+    """A model class before and after."""
 
     name: str
-    log_evidence_before: Estimate
-    log_evidence_after: Estimate | None
+    log_evidence_before: Estimate  # in nats
+    log_evidence_after: Estimate | None  # None where the draws do not say
     probability_before: float
+    # None where the draws of any class do not say, and it may matter.
     probability_after: float | None
-    pareto_k: float
-    problem: str
+    pareto_k: float  # shape of the weights' tail; -inf where they have none
+    problem: str  # why the draws do not say; empty where they do
+    # How far the data are from the class; None where that is not known.
     misfit_before: PValue | None
-    misfit_after: PValue | None
+    misfit_after: PValue | None  # None also where the draws do not say
+    # What of the data the class does not explain after the change, in words; empty where it
+    # explains them, or where that is not known.
     unexplained: str
     parameters: tuple[ParameterChange, ...]
 

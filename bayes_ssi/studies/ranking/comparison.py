@@ -27,35 +27,30 @@ SCALE = (
 
 @dataclass(frozen=True)
 class RankingSettings:
-    """When model classes, and rankings under other settings, count as different.
+    """When model classes, and rankings under other settings, count as different."""
 
-    Attributes:
-        standard_errors: of a difference from the best class beyond which it is distinguishable:
-            about 95 % of a normal distribution lie within two.
-        probable: a class less probable than this is not flagged for lying at the edge of its
-            priors: having to do so is what makes it improbable.
-        negligible: the least probability that is shown; less changes by no setting.
-        most_diagnosed: classes whose misfit is diagnosed, the most probable first.
-        varied_by: factor by which widths of priors, and probabilities of missed and spurious modes,
-            may be wrong.
-        band_moved: filters roll off and identification gets worse over about this much of a band.
-        probability_moved: a setting that moves a class's probability by more fails a check.
-        parameter_moved: so does one that moves a parameter of the structure by more of its standard
-            deviations, which is the error it is quoted with.
-        untailed_weight: weights of no more than this multiple of the mean have no tail to judge.
-        share_at_bound: of a posterior within its standard deviation of a bound, where it has half
-            as much beyond: one hundredth of the evidence, or 0.01 nats, is not seen.
-    """
-
+    # Of a difference from the best class beyond which it is distinguishable: about 95 % of a normal
+    # distribution lie within two.
     standard_errors: float = 2.0
+    # A class less probable than this is not flagged for lying at the edge of its priors: having to
+    # do so is what makes it improbable.
     probable: float = 0.01
-    negligible: float = 1e-4
-    most_diagnosed: int = 3
+    negligible: float = 1e-4  # the least probability that is shown; less changes by no setting
+    most_diagnosed: int = 3  # classes whose misfit is diagnosed, the most probable first
+    # Factor by which widths of priors, and probabilities of missed and spurious modes, may be
+    # wrong.
     varied_by: float = 2.0
+    # Filters roll off and identification gets worse over about this much of a band.
     band_moved: float = 0.05
+    # A setting that moves a class's probability by more fails a check.
     probability_moved: float = 0.1
+    # So does one that moves a parameter of the structure by more of its standard deviations, which
+    # is the error it is quoted with.
     parameter_moved: float = 1.0
+    # Weights of no more than this multiple of the mean have no tail to judge.
     untailed_weight: float = 3.0
+    # Of a posterior within its standard deviation of a bound, where it has half as much beyond: one
+    # hundredth of the evidence, or 0.01 nats, is not seen.
     share_at_bound: float = 0.02
 
     @property

@@ -24,13 +24,10 @@ from bayes_ssi.studies.ranking.variations import SampledClasses, Variation, defa
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """The ranking under one variation.
-
-    Attributes:
-        log_evidences: model class → log evidence in nats, with its standard error.
-    """
+    """The ranking under one variation."""
 
     name: str
+    # Model class → log evidence in nats, with its standard error.
     log_evidences: Mapping[str, Estimate]
     probabilities: Mapping[str, float]
     sampled: tuple[str, ...] = ()

@@ -98,15 +98,11 @@ def _with_check(row: RankedClass, kind: str, what: str, effect: Effect) -> Ranke
 
 @dataclass(frozen=True)
 class _MovableStudy:
-    """A comparison that can be made again with a setting moved.
-
-    Attributes:
-        answers: by the name of a move, which says what is moved and how far: classes at one edge
-            share them.
-    """
+    """A comparison that can be made again with a setting moved."""
 
     comparison: Comparison
     sampled: SampledClasses
+    # By the name of a move, which says what is moved and how far: classes at one edge share them.
     answers: dict[str, dict[str, Varied]] = field(default_factory=dict)
 
     def effect(self, moves: Sequence[Variation], row: RankedClass) -> Effect:

@@ -116,29 +116,17 @@ class ParameterSpread(Summary):
 
 @dataclass(frozen=True, eq=False)
 class Varied:
-    """What a varied class is known by: draws of the class as sampled, or as sampled again.
+    """What a varied class is known by: draws of the class as sampled, or as sampled again."""
 
-    Attributes:
-        posterior: whose draws these are.
-        changed: the varied class.
-        values: (m, n_parameters), draws.
-        weights: (m,), of the draws under the varied class; they add up to one.
-        log_evidence: of the varied class, in nats.
-        log_ratio: the same less that of the class as sampled at first.
-        pareto_k: shape of the weights' tail; -inf where they have none.
-        problem: why this cannot be trusted; empty where it can.
-        is_sampled_again: whether the draws are of the varied class itself.
-    """
-
-    posterior: Posterior
-    changed: ModelClass
-    values: FloatArray
-    weights: FloatArray
-    log_evidence: Estimate
-    log_ratio: Estimate
-    pareto_k: float
-    problem: str
-    is_sampled_again: bool = False
+    posterior: Posterior  # whose draws these are
+    changed: ModelClass  # the varied class
+    values: FloatArray  # (m, n_parameters), draws
+    weights: FloatArray  # (m,), of the draws under the varied class; they add up to one
+    log_evidence: Estimate  # of the varied class, in nats
+    log_ratio: Estimate  # the same less that of the class as sampled at first
+    pareto_k: float  # shape of the weights' tail; -inf where they have none
+    problem: str  # why this cannot be trusted; empty where it can
+    is_sampled_again: bool = False  # whether the draws are of the varied class itself
 
     @cached_property
     def parameters(self) -> tuple[ParameterSpread, ...]:
@@ -147,19 +135,15 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class SampledClasses:
-    """Model classes that were sampled, and can be varied.
+    """Model classes that were sampled, and can be varied."""
 
-    Attributes:
-        posteriors: by the names of the classes.
-        classes: as they were sampled; those of a stored result are known at its draws alone.
-        known: the same with modes known at draws, from
-            :func:`~bayes_ssi.inference.posterior.known_modes.known_at_draws`.
-        sample: samples varied classes, where draws of the given ones do not cover them.
-    """
-
-    posteriors: Mapping[str, Posterior]
+    posteriors: Mapping[str, Posterior]  # by the names of the classes
+    # As they were sampled; those of a stored result are known at its draws alone.
     classes: Mapping[str, ModelClass]
+    # The same with modes known at draws, from
+    # :func:`~bayes_ssi.inference.posterior.known_modes.known_at_draws`.
     known: Mapping[str, ModelClass]
+    # Samples varied classes, where draws of the given ones do not cover them.
     sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
 
     @classmethod

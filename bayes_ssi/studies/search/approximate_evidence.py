@@ -40,27 +40,18 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """A hypothesis's approximate evidence and posterior.
+    """A hypothesis's approximate evidence and posterior."""
 
-    Attributes:
-        parameter_names: columns of ``z``.
-        log_evidence: in nats, from importance draws.
-        laplace: Laplace's approximation of the log evidence, summed over the maxima; NaN where
-            none were climbed to.
-        n_evaluations: evaluations of the log-likelihood.
-        maxima: (m, d), those that were climbed to, in standard-normal coordinates.
-        z: (n, d), importance draws in standard-normal coordinates.
-        weights: (n,), of the draws, which add up to one.
-    """
-
-    parameter_names: tuple[str, ...]
-    log_evidence: float
+    parameter_names: tuple[str, ...]  # columns of ``z``
+    log_evidence: float  # in nats, from importance draws
     error: float
+    # Laplace's approximation of the log evidence, summed over the maxima; NaN where none were
+    # climbed to.
     laplace: float
-    n_evaluations: int
-    maxima: FloatArray
-    z: FloatArray
-    weights: FloatArray
+    n_evaluations: int  # evaluations of the log-likelihood
+    maxima: FloatArray  # (m, d), those that were climbed to, in standard-normal coordinates
+    z: FloatArray  # (n, d), importance draws in standard-normal coordinates
+    weights: FloatArray  # (n,), of the draws, which add up to one
     mixture: StudentMixture
 
     def draws(self, names: Sequence[str], n: int) -> FloatArray:

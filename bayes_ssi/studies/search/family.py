@@ -58,33 +58,22 @@ class Hypothesis(NamedTuple, Generic[Feature]):
 
 
 class Limits(NamedTuple):
-    """How far a search goes.
+    """How far a search goes."""
 
-    Attributes:
-        number_weights: prior weights of no feature, of one, of two, ...; the weight of a number is
-            shared by all ways to choose that many.
-        branches: number of best hypotheses that are extended by one more feature.
-        most_unsampled: most that sampling the others might change of any probability.
-        most_sampled: number of hypotheses; None if there is no limit.
-    """
-
+    # Prior weights of no feature, of one, of two, ...; the weight of a number is shared by all ways
+    # to choose that many.
     number_weights: Sequence[float]
-    branches: int
-    most_unsampled: float
-    most_sampled: int | None
+    branches: int  # number of best hypotheses that are extended by one more feature
+    most_unsampled: float  # most that sampling the others might change of any probability
+    most_sampled: int | None  # number of hypotheses; None if there is no limit
 
 
 @dataclass(frozen=True, eq=False)
 class Family(ABC, Generic[Feature]):
-    """Hypotheses that add some of several features to one of several baselines.
+    """Hypotheses that add some of several features to one of several baselines."""
 
-    Attributes:
-        study: the baselines, with their prior weights.
-        features: name of a baseline → what may be added to it.
-    """
-
-    study: Study
-    features: Mapping[str, tuple[Feature, ...]]
+    study: Study  # the baselines, with their prior weights
+    features: Mapping[str, tuple[Feature, ...]]  # name of a baseline → what may be added to it
 
     @property
     @abstractmethod

@@ -34,14 +34,11 @@ from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_b
 
 
 class Level(NamedTuple, Generic[Feature]):
-    """Hypotheses with one number of features to try, and those with as many that are not.
-
-    Attributes:
-        log_mass_not_tried: log of their expected evidences times prior weights, summed.
-    """
+    """Hypotheses with one number of features to try, and those with as many that are not."""
 
     keys: list[Key[Feature]]
     n_not_tried: int = 0
+    # Log of their expected evidences times prior weights, summed.
     log_mass_not_tried: float = -math.inf
 
 

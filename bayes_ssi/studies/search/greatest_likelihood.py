@@ -40,17 +40,11 @@ from bayes_ssi.studies.search.efforts import EFFORTS
 
 
 class Look(NamedTuple):
-    """What a look at a hypothesis shows.
+    """What a look at a hypothesis shows."""
 
-    Attributes:
-        z: (m, d), where ascents ended, in standard-normal coordinates, the highest first.
-        log_likelihoods: (m,), there.
-        n_evaluations: evaluations of the log-likelihood.
-    """
-
-    z: FloatArray
-    log_likelihoods: FloatArray
-    n_evaluations: int
+    z: FloatArray  # (m, d), where ascents ended, in standard-normal coordinates, the highest first
+    log_likelihoods: FloatArray  # (m,), there
+    n_evaluations: int  # evaluations of the log-likelihood
 
     @property
     def greatest(self) -> float:

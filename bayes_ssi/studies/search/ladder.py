@@ -26,20 +26,13 @@ H = TypeVar("H", bound=Hashable)
 
 
 class _Step(NamedTuple):
-    """Which hypotheses go on to an effort, the highest first.
-
-    Attributes:
-        most: number of these.
-        at_once: so many go on between two judgements of those left; all if None.
-        least: those lower than this stay, a log mass;
-        share_left: and those that together have no more than this share of the others.
-    """
+    """Which hypotheses go on to an effort, the highest first."""
 
     effort: Effort
-    most: int
-    at_once: int | None = None
-    least: float = -math.inf
-    share_left: float = 0.0
+    most: int  # number of these
+    at_once: int | None = None  # so many go on between two judgements of those left; all if None
+    least: float = -math.inf  # those lower than this stay, a log mass;
+    share_left: float = 0.0  # and those that together have no more than this share of the others
 
 
 def screen_best(
