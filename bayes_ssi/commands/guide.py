@@ -1,7 +1,5 @@
 """``bayes-ssi guide``: the documentation that is installed with the package."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 

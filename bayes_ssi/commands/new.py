@@ -6,8 +6,6 @@ The modes are those of a shear building of three storeys with unit masses, its f
 1 Hz and its second storey 20 % softer, with identification errors of half a per cent.
 """
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

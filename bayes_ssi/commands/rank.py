@@ -1,7 +1,5 @@
 """``bayes-ssi rank``: the model classes of a study, ranked by evidence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

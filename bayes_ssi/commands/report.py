@@ -1,7 +1,5 @@
 """``bayes-ssi report``: a stored result as an HTML page."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``bayes-ssi search``: appendages that hide in the identified modes of a study."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

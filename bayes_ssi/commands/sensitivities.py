@@ -1,7 +1,5 @@
 """``bayes-ssi sensitivities``: of modes to parameters, and which of these to update."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Checks of arguments against their type hints, so that a wrong one is named where it is given."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, wraps

@@ -1,7 +1,5 @@
 """The types of the arrays that pass between modules."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """One line for a name or a value that is not among those to choose from."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 from itertools import islice
 

@@ -5,8 +5,6 @@ infinities and NaN text. A class with subclasses to choose from, such as a prior
 ``record_tag`` the key under which a record holds the name of the subclass.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass

@@ -1,7 +1,5 @@
 """Errors of a user's own code: at which rows of a batch, and where in the user's files."""
 
-from __future__ import annotations
-
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterator

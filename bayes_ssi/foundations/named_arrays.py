@@ -1,7 +1,5 @@
 """Files of named arrays: numpy's .npz, MATLAB's .mat (version 7.3, which is HDF5, too) and HDF5."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Installed packages: their versions, and imports without parts that take long to import."""
 
-from __future__ import annotations
-
 import platform
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Mean, standard deviation and quantiles of the draws of a quantity."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Self

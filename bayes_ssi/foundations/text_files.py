@@ -1,7 +1,5 @@
 """Text files of columns, as spreadsheets and other programs write them, and names of files."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

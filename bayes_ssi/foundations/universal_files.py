@@ -1,7 +1,5 @@
 """Universal files, in which programs for vibration tests exchange data."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

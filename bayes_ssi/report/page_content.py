@@ -1,7 +1,5 @@
 """The contents of a report, from stored records only: numbers and names for the template."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ What a model class claims, the modes it explains, and why it loses; medians and 
 throughout.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

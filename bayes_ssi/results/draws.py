@@ -6,8 +6,6 @@ A file is made in memory and then written as one piece, because the HDF5 library
 disk that becomes full.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from io import BytesIO

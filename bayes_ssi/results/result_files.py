@@ -1,7 +1,5 @@
 """Directories created with all their files or not at all, and the JSON files in them."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The answer of a search in sentences: is there an appendage, where, and of which mass?"""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from bayes_ssi.results.wording import (

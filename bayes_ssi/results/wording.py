@@ -1,7 +1,5 @@
 """Probabilities, quantities and lists as they stand in a sentence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

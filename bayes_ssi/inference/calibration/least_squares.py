@@ -1,7 +1,5 @@
 """The least-squares problem of a calibration: residuals, local searches, distinct minima."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

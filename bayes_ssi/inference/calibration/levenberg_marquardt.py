@@ -4,8 +4,6 @@ Every row descends by itself: its steps do not depend on the others, which are o
 the same batches.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

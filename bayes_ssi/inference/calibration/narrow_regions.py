@@ -18,8 +18,6 @@ plausible where errors are wide, a descent follows them while the errors are nar
    drawn and the descent continued with them, in turn.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

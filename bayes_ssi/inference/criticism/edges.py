@@ -4,8 +4,6 @@ There the result depends on the setting besides the data. By how much, only a ra
 which the setting is moved for all classes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

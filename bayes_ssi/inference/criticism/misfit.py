@@ -4,8 +4,6 @@ If the model class is right and the draws are from its posterior, each probabili
 (see :mod:`bayes_ssi.inference.criticism.adequacy`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

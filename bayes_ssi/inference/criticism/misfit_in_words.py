@@ -1,7 +1,5 @@
 """In an engineer's words: what of the data a model class does not explain, and a likely cause."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from bayes_ssi.inference.criticism.adequacy import (

@@ -4,8 +4,6 @@ The pairing is inferred along with the parameters, and the order of model modes 
 them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -23,8 +23,6 @@ of a test have a joint covariance, its shapes and frequencies are one group
 Model modes that are paired with nothing are missed with the probability that each has by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Sizes of the errors of pairs of identified and model modes, identification and prediction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

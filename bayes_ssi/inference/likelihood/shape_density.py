@@ -1,7 +1,5 @@
 """The density of a unit mode shape of unknown sign, ``exp(-(1 - |φ_e·φ|)/σ²) / Z_d(σ)``."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Stored records of model classes: for results, and to recognise a class again."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ Tables, drawings and reports of a stored result are made from these records: the
 the study nor its structures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Packages that compare or criticise models ask for these: leave-one-out cross-val
 first, posterior predictive checks for the second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 With them, a likelihood under other settings is computed without solving for any mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

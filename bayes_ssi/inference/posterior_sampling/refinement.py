@@ -14,8 +14,6 @@ places and no approximation is smooth, and would take many times as long as that
 While a class is sampled its structures do not change, so a result depends on nothing but the seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

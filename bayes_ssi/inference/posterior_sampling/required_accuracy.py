@@ -1,7 +1,5 @@
 """How accurate the approximate structures of a class must be, and making them so."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

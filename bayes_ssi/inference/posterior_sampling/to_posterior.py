@@ -1,7 +1,5 @@
 """Sampling one model class: from the engine's coordinates to parameter values, modes and checks."""
 
-from __future__ import annotations
-
 import hashlib
 from functools import partial
 from time import perf_counter

@@ -3,8 +3,6 @@
 The ensembles are the posterior's draws, or check importance draws that suffice.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ No check can reveal a region that every part of the sampling missed; the agreeme
 searches is the best evidence that there is none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -12,8 +12,6 @@ positive in a tiny part of the prior alone. Equal likelihoods are ranked by a nu
 particle, so that every level keeps the same share of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

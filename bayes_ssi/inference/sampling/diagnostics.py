@@ -1,7 +1,5 @@
 """Diagnostics of chains and importance weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

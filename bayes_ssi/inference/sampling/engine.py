@@ -18,8 +18,6 @@
 The numbers by which all of them decide are in ``settings``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace

@@ -1,7 +1,5 @@
 """Independent emcee ensembles that sample a posterior until they are long enough."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Components at the maxima are added to all proposals, so that regions that partic
 reach one in proportion to its mass on the way from the prior, are still visited.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ emcee's own accept/reject step visits one walker after another, which for a vect
 costs as much as the likelihood itself. Imported only where sampling begins, since emcee is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -10,8 +10,6 @@ the evidence that there are no others; they go on until every maximum that matte
 two of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ where a path between the two does not lead through a valley. Distances are scale
 between neighbours, not by the spread of all draws, in which separate regions would seem near.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain

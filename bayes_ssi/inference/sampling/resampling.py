@@ -1,7 +1,5 @@
 """Selection of draws by their weights, or evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

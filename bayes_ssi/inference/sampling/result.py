@@ -1,7 +1,5 @@
 """Everything that sampling one target produces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is sampled: a log-likelihood over standard-normal coordinates, evaluated in batches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple

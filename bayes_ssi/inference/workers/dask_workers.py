@@ -1,7 +1,5 @@
 """The workers of a Dask cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from time import monotonic

@@ -1,7 +1,5 @@
 """Worker processes on this machine, and the choice of workers."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import sys

@@ -1,7 +1,5 @@
 """A slow structure whose solutions are counted, kept, and computed by workers."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Inside a worker: functions arrive pickled, and a worker unpickles each of them only once."""
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import os

@@ -11,8 +11,6 @@ modes come from, one, or several where modes were merged. Paths of figures are r
 file's directory.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """How modes were identified from a vibration record: what a report says of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -5,8 +5,6 @@ sensors, mode by mode. A shape at unit length has no error along itself, and wha
 has none either: there the covariance is zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Whether axes and units of a test are those of the model, by the modes of the nominal model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import permutations

@@ -7,8 +7,6 @@ by the inverse covariance of each test, move them to the least sum of squares. S
 tests share join the parts of a shape, each with the weight that its error gives it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ band are known from their own, and every band is explained again with the neighb
 pass left. Bands do not share lines, so that errors of different bands are independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -17,8 +17,6 @@ does one of ISO time stamps such as ``2024-05-12T10:00:00.010``, also with a spa
 ``T``, and with ``Z`` or an offset at the end.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from datetime import datetime

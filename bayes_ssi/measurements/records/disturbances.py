@@ -12,8 +12,6 @@ compared with its median: where it is many times as strong, those windows are le
 follows until it has decayed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

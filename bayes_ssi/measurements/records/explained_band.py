@@ -6,8 +6,6 @@ leading order in d, whether their forces are coherent or not, since the best sin
 all else.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Bandwidths are half-power bandwidths; a width or a share is relative to the freq
 else is said; evidences are in nats.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

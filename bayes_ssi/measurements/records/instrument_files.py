@@ -8,8 +8,6 @@ line, ``End of data for channel``. Channels of one station follow each other in 
 file each.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from itertools import islice

@@ -1,7 +1,5 @@
 """Which modes a band has, by evidence: those of candidates, and one or two at each peak."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

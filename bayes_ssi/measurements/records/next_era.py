@@ -8,8 +8,6 @@ Standard deviations and correlations come from a jackknife: the record is divide
 and the modes are identified again without each of them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

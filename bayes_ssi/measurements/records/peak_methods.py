@@ -13,8 +13,6 @@ frequencies at which it stays there with the least dispersion over time are thos
 amplitude ratios at these give the shape. It gives no errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray

@@ -3,8 +3,6 @@
 A sound record of an ambient test gives no remark.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

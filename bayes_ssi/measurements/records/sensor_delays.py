@@ -5,8 +5,6 @@ sensor that is late by τ turns by -2π f τ there, which moves the phases of fi
 A clock that runs at another rate is later in the second half of the record than in the first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

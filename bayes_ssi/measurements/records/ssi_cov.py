@@ -7,8 +7,6 @@ singular vectors, and standard deviations come out at 0.6 to 0.8 of the scatter;
 identification ("dat") claims 0.4 to 0.7 of it, and is not offered.
 """
 
-from __future__ import annotations
-
 import logging
 from contextlib import redirect_stderr
 from io import StringIO

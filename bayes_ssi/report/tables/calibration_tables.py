@@ -1,7 +1,5 @@
 """Calibrations: every minimum, and the modes before and after."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """What all tables share: nothing is cropped, names are shown as they are."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

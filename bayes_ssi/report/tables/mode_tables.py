@@ -1,7 +1,5 @@
 """Identified modes: as they were read, by every method, and merged."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from rich.table import Table

@@ -1,7 +1,5 @@
 """What follows from stored results: predictions, and populations of many tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

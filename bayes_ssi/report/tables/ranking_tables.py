@@ -1,7 +1,5 @@
 """Ranked model classes: evidences, parameters, and what other settings change."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

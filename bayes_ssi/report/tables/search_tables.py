@@ -1,7 +1,5 @@
 """The result of a search for appendages."""
 
-from __future__ import annotations
-
 from rich.table import Table
 
 from bayes_ssi.report.tables.layout import TABLES, add_row, marked, new_table

@@ -1,7 +1,5 @@
 """Numbers that decide how hierarchies are computed, and when they fail."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

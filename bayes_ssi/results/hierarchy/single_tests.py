@@ -3,8 +3,6 @@
 What tests that the model class does not explain say of a population means nothing.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

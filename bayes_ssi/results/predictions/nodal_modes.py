@@ -1,7 +1,5 @@
 """Modes of a structure at all of its nodes, as other programs draw them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

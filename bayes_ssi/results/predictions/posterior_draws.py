@@ -1,7 +1,5 @@
 """Posterior draws of one model class, with the structure whose parameters they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Predictions as CSV files: one row for each model class, place and point."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

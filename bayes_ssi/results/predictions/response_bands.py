@@ -3,8 +3,6 @@
 Only bands are kept: the histories of a thousand draws at every place would not fit into memory.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator

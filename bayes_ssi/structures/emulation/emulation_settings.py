@@ -1,7 +1,5 @@
 """The numbers by which emulators are fitted, refined and judged."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -11,8 +11,6 @@ are smooth there:
 * modes tracked one by one by their shapes and frequencies, which is right at crossings.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 

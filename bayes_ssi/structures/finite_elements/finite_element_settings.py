@@ -1,7 +1,5 @@
 """The numbers by which solutions of finite-element models, and reduced bases, are decided."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

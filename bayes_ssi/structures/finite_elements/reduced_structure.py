@@ -1,7 +1,5 @@
 """A finite-element model in a reduced basis: small matrices with a certified error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy

@@ -1,7 +1,5 @@
 """Which degrees of freedom of a model are measured, as a user names them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from numbers import Integral

@@ -11,8 +11,6 @@ own, and where only a few have inertia all modes follow from their flexibility. 
 definite.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
 from typing import Any, Literal

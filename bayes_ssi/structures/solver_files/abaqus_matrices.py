@@ -14,8 +14,6 @@ freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the ent
 triangle, row by row.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ degrees of freedom are rows without entries; those that couplings and constraint
 depend on others have none.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sp
 

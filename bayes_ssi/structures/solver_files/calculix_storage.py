@@ -8,8 +8,6 @@ that no deck states; beams, shells and trusses are expanded into solids, whose n
 number of the node that they come from (``.12d``).
 """
 
-from __future__ import annotations
-
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.formats import Matrices, Source
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck

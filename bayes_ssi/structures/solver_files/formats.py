@@ -1,7 +1,5 @@
 """What a reader of one format of solver files gets, and what it returns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

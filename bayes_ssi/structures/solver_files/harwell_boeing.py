@@ -7,8 +7,6 @@ triangle is stated. ``HBMAT, …, YES`` in its last field adds a file ``.mapping
 degree of freedom. scipy reads unsymmetric files without right-hand sides only.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

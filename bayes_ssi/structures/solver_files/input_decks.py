@@ -5,8 +5,6 @@ Faces of shell and solid elements are given by their first, the corner nodes (Ab
 the middle of sides follow the corners, and are not drawn.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import pairwise

@@ -3,8 +3,6 @@
 ANSYS writes Matrix Market files, too (``*EXPORT, …, MMF``), in the order of its solver.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,8 +6,6 @@ labels: which row is which degree of freedom is in other files, such as the punc
 of freedom.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections import Counter
 from pathlib import Path

@@ -7,8 +7,6 @@ which one triangle is stated) and the type (1 or 2, real); each column entry a p
 degrees of freedom have no rows. Fields are 8 or 16 characters wide, or separated by commas.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ All Your Damping, All Your Mass and Stiffness Too", Portwood Digital, 2020; Open
 does not state them. Six digits are printed unless ``setPrecision`` asks for more.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Labels of rows, "node direction", from the numbers and names that programs give directions."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable

@@ -13,8 +13,6 @@ Each has a line of headings, then lines of tab-separated fields:
 - ``.TXK``, ``.TXM``: row, column, value of one half of the symmetric matrices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 

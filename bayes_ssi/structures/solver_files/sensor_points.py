@@ -1,7 +1,5 @@
 """Sensors by coordinates: the nearest nodes of a model that move in their directions."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Matrices from the lines of text files: numbers, read fast, and refused with their line."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from functools import partial

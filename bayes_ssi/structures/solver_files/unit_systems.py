@@ -5,8 +5,6 @@ unit of mass is that of force times s² divided by that of length; masses and st
 added to a model in kg and N/m are not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType

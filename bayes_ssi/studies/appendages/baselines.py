@@ -1,7 +1,5 @@
 """The model classes on which appendages are hung: the baseline of a search is a question, too."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

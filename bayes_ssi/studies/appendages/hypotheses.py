@@ -1,7 +1,5 @@
 """Hypotheses of a search: a structure with appendages at some places, in all tests or in some."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Appendages at places: a class for each kind, which says on which candidates it can be put."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass

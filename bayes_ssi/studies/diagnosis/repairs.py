@@ -1,7 +1,5 @@
 """Mistakes in the data, or in the pairing, that a model class can be tried without."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

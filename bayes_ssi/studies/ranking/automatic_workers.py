@@ -3,8 +3,6 @@
 Whether an object can be used in any process: it holds data, and no code of a user's.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from io import BytesIO

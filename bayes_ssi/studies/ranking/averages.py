@@ -1,7 +1,5 @@
 """Parameters averaged over model classes by the classes' probabilities."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

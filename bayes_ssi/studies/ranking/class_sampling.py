@@ -6,8 +6,6 @@ shared, except those of small matrices and of approximate structures: these are 
 in less time than it takes to send them. Results do not depend on this choice.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from contextlib import suppress

@@ -7,8 +7,6 @@ The posterior draws are reweighted; where they do not cover a changed class, or 
 enough, it is sampled again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

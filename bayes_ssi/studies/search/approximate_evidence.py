@@ -7,8 +7,6 @@ Laplace's approximation at the maxima, corrected by some hundred importance draw
 evidence.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What a search may cost: the efforts that a hypothesis may be worth, and when it is worth more."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

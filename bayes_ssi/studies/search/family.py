@@ -1,7 +1,5 @@
 """A family of hypotheses: features that a search adds to the model classes it begins from."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence

@@ -7,8 +7,6 @@ different modes. Where both explain the same modes this is too much, which costs
 feature that shows only next to another one is tried with the best, not with all.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

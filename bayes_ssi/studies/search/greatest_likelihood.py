@@ -6,8 +6,6 @@ their priors, the others as in the posterior without it, in common batches: a se
 a quick effort.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Sequence
 from functools import partial

@@ -6,8 +6,6 @@ best go on to the next, until those left cannot matter. Sampling is the last: th
 hardly on the others.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
