@@ -42,7 +42,7 @@ from bayes_ssi.inference.sampling.importance import (
     bridge_sampling,
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima
+from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
@@ -117,9 +117,10 @@ class _Sampling:
     def rough_result(self) -> SamplingResult:
         """The result of one small search, with chains that only check."""
         few = MAXIMA.ascents_beside_starts
-        search = search_maxima(
-            self.target, 1, self.seeds[4], n_draws=few * self.target.n_dimensions, n_ascents=few
-        )
+        n_draws = few * self.target.n_dimensions
+        highest, suggested = search_starts(self.target, n_draws, self.rng)
+        maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
+        search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
         first = self.sampler.sample(search.maxima.as_mixture().widened())
         starts = [half.resampled(self.rng) for half in first.split_in_two(self.rng)]
         walkers = [
@@ -131,6 +132,7 @@ class _Sampling:
             settings=replace(
                 self.settings, log_evidence_error=1e3, max_steps=self.chains.steps_of_check
             ),
+            chains=replace(self.chains, most_refits=0),
         )
         fitting = coarse._fitting(search.maxima)
         return coarse._sampled(search, fitting, first, walkers, [])
