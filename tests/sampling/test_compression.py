@@ -178,9 +178,9 @@ def test_progress_rises_to_one():
     assert len(set(seen)) > 3
 
 
-def compression(log_evidence, error):
+def compression(log_evidence, error, behind=0.0):
     return Compression(
-        np.zeros((4, 1)), np.zeros(4), np.zeros((4, 1)), np.zeros(4), log_evidence, error
+        np.zeros((4, 1)), np.zeros(4), np.zeros((4, 1)), np.zeros(4), log_evidence, error, behind
     )
 
 
@@ -189,6 +189,7 @@ def compression(log_evidence, error):
     [
         ([(2.0, 0.3), (2.0, 0.4)], 2.0, 0.25),  # √(0.09 + 0.16) / 2
         ([(math.log(1.0), 0.01), (math.log(3.0), 0.01)], math.log(2.0), math.log(3.0) / 2.0),
+        ([(2.0, 0.3, 0.8), (2.0, 0.4, 0.4)], 2.0, 0.65),  # √(0.25² + 0.6²)
     ],
 )
 def test_estimates_are_averaged_with_the_larger_error(each, log_evidence, error):
@@ -206,3 +207,20 @@ def test_the_correlation_is_the_mean_over_dimensions():
     before = np.random.default_rng(1).standard_normal((50, 2))
     after = np.column_stack([before[:, 0], -2.0 * before[:, 1]])
     assert _correlation(before, after) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_particles_that_fall_behind_enlarge_the_error():
+    """A normal of width 0.3 eight prior deviations away in either coordinate."""
+    sd, centre = 0.3, 8.0 * (1.0 + 0.3**2)
+    exact = -0.5 * (2.0 * centre**2 / (1.0 + sd**2)) - math.log(2.0 * math.pi * (1.0 + sd**2))
+
+    def log_likelihood(z):
+        squares = ((z - centre) ** 2).sum(1) / sd**2
+        return -0.5 * squares - 2.0 * math.log(sd) - math.log(2.0 * math.pi)
+
+    for seed in range(3):
+        seeds = np.random.SeedSequence(seed).spawn(2)
+        target = Target(log_likelihood, 2)
+        maxima = find_maxima(target, np.zeros((1, 2)))
+        result = compression_estimate(compress_prior(target, 1000, maxima, seeds))
+        assert abs(result.log_evidence - exact) < 4.0 * result.error

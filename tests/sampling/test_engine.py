@@ -369,3 +369,20 @@ def test_a_thin_curved_ridge_is_followed_to_its_ends():
     )
     assert result.importance.efficiency > 0.2
     assert result.importance.share_beyond(result.ensembles) <= 2.0 * result.evidence.error
+
+
+@pytest.mark.parametrize("width", [0.1, 0.3])
+def test_a_stripe_without_likelihood_through_the_mode_is_no_reason_for_doubt(width):
+    """A normal, NaN in a stripe about its top: what lies on either side is found or reached."""
+
+    def log_likelihood(z):
+        squares = ((z - 0.5) ** 2).sum(1) / 0.25
+        return np.where(np.abs(z[:, 0] - 0.4) < 0.5 * width, np.nan, -0.5 * squares)
+
+    result = run(log_likelihood)
+    whole = 2.0 * stats.norm(0.0, math.sqrt(1.25)).logpdf(0.5) + math.log(2.0 * math.pi * 0.25)
+    left_out = 2.0 * stats.norm(0.0, math.sqrt(0.2)).cdf(0.5 * width) - 1.0
+    exact = whole + math.log1p(-left_out)
+    assert result.evidence.log_evidence == pytest.approx(exact, abs=4.0 * result.evidence.error)
+    assert result.regions.n_regions == 2
+    assert failed_checks(result) == []

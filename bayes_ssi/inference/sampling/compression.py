@@ -19,9 +19,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.diagnostics import averaged_ranks
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.maxima import Maxima
@@ -46,6 +48,8 @@ class Compression:
     # Its standard error, from the chance by which particles survive and the correlation left
     # between levels.
     log_evidence_error: float
+    # By about how much it is too low, for particles that fell behind their levels.
+    behind: float
 
     @cached_property
     def log_posteriors(self) -> FloatArray:
@@ -111,6 +115,7 @@ class _Left(NamedTuple):
     log_likelihoods: FloatArray  # (m,)
     log_mass: float  # of the prior, for each particle
     memory: float  # how many times the variance of independent particles theirs is
+    behind: float  # by how many nats of the prior's mass they are behind their level
 
 
 class _Climb:
@@ -131,7 +136,7 @@ class _Climb:
         self.positions, self.log_likelihoods, possible = drawn
         self.log_prior_left, self.log_evidence = math.log(possible), -math.inf
         self._variance = (1.0 - possible) / len(self.positions)
-        self._memory = 1.0
+        self._memory, self._behind = 1.0, 0.0
         self._ranks_of_equals = rng.random(len(self.positions))
         self._left: list[_Left] = []
         # The log-likelihood, and the rank among equals, 0 to 1, above which particles are.
@@ -147,12 +152,16 @@ class _Climb:
         order = np.lexsort((self._ranks_of_equals, self.log_likelihoods))
         lost, kept = order[: -self._n_surviving], order[-self._n_surviving :]
         values = self.log_likelihoods[lost]
-        self._left.append(_Left(self.positions[lost], values, self._log_mass, self._memory))
+        self._left.append(self._as_left(lost))
         added = self._log_mass + float(logsumexp(values))
         self.log_evidence = float(np.logaddexp(self.log_evidence, added))
         self.log_prior_left += math.log(self._n_surviving / self._n)
         self._level = float(values[-1]), float(self._ranks_of_equals[lost[-1]])
         self.positions, self.log_likelihoods = self.positions[kept], self.log_likelihoods[kept]
+
+    def _as_left(self, chosen: NDArray[np.intp]) -> _Left:
+        positions, values = self.positions[chosen], self.log_likelihoods[chosen]
+        return _Left(positions, values, self._log_mass, self._memory, self._behind)
 
     def move(self, others: FloatArray) -> None:
         """Copy and move the survivors, if there was a level.
@@ -170,10 +179,11 @@ class _Climb:
             return np.where(above, log_standard_normal(z), -np.inf), values
 
         copies = np.resize(rng.permutation(len(self.positions)), self._n)
+        before = self.log_likelihoods[copies]
         self.positions, self.log_likelihoods, left = _moved(
             log_density,
             self.positions[copies],
-            self.log_likelihoods[copies],
+            before,
             self._proposal(level, others),
             others,
             rng,
@@ -181,6 +191,9 @@ class _Climb:
         # Copies of one particle, each with that correlation with it, have its square among
         # themselves.
         self._memory = 1.0 + (1.0 / COMPRESSION.surviving - 1.0) * left**2
+        # Moves leave survivors where they should be as they are. Where they raise them instead,
+        # they would go on to do so while they are correlated with where they began.
+        self._behind = _risen(before, self.log_likelihoods) * left / (1.0 - left)
         # Given that it is above the level, the number drawn for a particle is uniform.
         least = np.where(self.log_likelihoods == level, rank, 0.0)
         self._ranks_of_equals = least + (1.0 - least) * rng.random(self._n)
@@ -199,9 +212,8 @@ class _Climb:
 
     def compression(self) -> Compression:
         """The posterior and the evidence, from all levels and the particles that are left."""
-        n, variance, beyond = self._n, self._variance, 1.0
-        last = _Left(self.positions, self.log_likelihoods, self._log_mass, self._memory)
-        levels = [*self._left, last]
+        n, variance, beyond, behind = self._n, self._variance, 1.0, 0.0
+        levels = [*self._left, self._as_left(np.arange(n))]
         passed = np.concatenate([level.positions for level in levels])
         log_likelihoods = np.concatenate([level.log_likelihoods for level in levels])
         log_terms = [level.log_likelihoods + level.log_mass for level in levels]
@@ -213,6 +225,7 @@ class _Climb:
             shares = np.full(n, max(beyond, 0.0) / max(n - len(level_weights), 1))
             shares[: len(level_weights)] = level_weights
             variance += level.memory * n * float(shares.var(ddof=1))
+            behind += max(beyond, 0.0) * level.behind
         chosen = systematic_indices(np.concatenate(weights), n, self._rng)
         return Compression(
             passed[chosen],
@@ -221,6 +234,7 @@ class _Climb:
             log_likelihoods,
             log_evidence,
             math.sqrt(variance),
+            behind,
         )
 
 
@@ -313,6 +327,16 @@ def _ranks(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     return ranks
 
 
+def _risen(before: FloatArray, after: FloatArray) -> float:
+    """By how many nats of the prior's mass particles (n,) have risen from others (n,).
+
+    Of n particles above a level, a share e^-x is above the rest by x nats; the log of the rank from
+    the top falls by as much as they rise.
+    """
+    log_ranks = np.log(averaged_ranks(-np.concatenate([before, after])))
+    return float(log_ranks[: len(before)].mean() - log_ranks[len(before) :].mean())
+
+
 def _correlation(before: FloatArray, after: FloatArray) -> float:
     """The mean over dimensions of the correlation between positions before and after.
 
@@ -329,10 +353,12 @@ def compression_estimate(compressions: Sequence[Compression]) -> EvidenceEstimat
     """The compressions' evidence, averaged, with the larger of its two errors.
 
     One error follows from the particles of every level and leaves out what the levels share; the
-    other is the scatter of the compressions.
+    other is the scatter of the compressions. What both of them are behind is added.
     """
     n, log_evidences = len(compressions), np.array([c.log_evidence for c in compressions])
     log_evidence = float(logsumexp(log_evidences) - np.log(n))
     by_levels = math.sqrt(sum(c.log_evidence_error**2 for c in compressions)) / n
     by_scatter = float(log_evidences.std(ddof=1)) / math.sqrt(n)
-    return EvidenceEstimate("compression of the prior", log_evidence, max(by_levels, by_scatter))
+    behind = float(np.mean([c.behind for c in compressions]))
+    error = math.hypot(max(by_levels, by_scatter), behind)
+    return EvidenceEstimate("compression of the prior", log_evidence, error)

@@ -55,7 +55,7 @@ def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
     """R-hat of normal scores (Blom 1958) of the ranks of ``parts`` (n_parts, n, d); (d,)."""
     size, n = parts[..., 0].size, parts.shape[1]
     columns = parts.reshape(size, -1).T
-    ranks = np.array([_ranks(column) for column in columns]).T.reshape(parts.shape)
+    ranks = np.array([averaged_ranks(column) for column in columns]).T.reshape(parts.shape)
     scores = ndtri((ranks - 0.375) / (size + 0.25))
     within = scores.var(axis=1, ddof=1).mean(axis=0)
     between = scores.mean(axis=1).var(axis=0, ddof=1)
@@ -65,7 +65,7 @@ def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
     return np.where(moves, ratio, np.where(differ, np.inf, 1.0))
 
 
-def _ranks(values: FloatArray) -> FloatArray:
+def averaged_ranks(values: FloatArray) -> FloatArray:
     """Ranks (n,) from 1, those of equal values averaged."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
     ranks: FloatArray = (np.cumsum(counts) - 0.5 * (counts - 1.0))[which]

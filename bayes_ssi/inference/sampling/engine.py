@@ -24,6 +24,7 @@ from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.inference.sampling.chains import ProposalFitting, run_ensembles
@@ -41,7 +42,7 @@ from bayes_ssi.inference.sampling.importance import (
     ScoredDraws,
     bridge_sampling,
 )
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, reached
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
@@ -50,6 +51,7 @@ from bayes_ssi.inference.sampling.settings import (
     IMPORTANCE,
     MAXIMA,
     MIXTURES,
+    REGIONS,
     ChainSettings,
     SamplingSettings,
     StepProgress,
@@ -227,6 +229,7 @@ class _Sampling:
                 fitting.maxima.laplace_estimate,
             ),
             regions=regions,
+            maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
             wanted_error=self.settings.log_evidence_error,
             n_evaluations=self.target.n_evaluations,
             resampled=resampled,
@@ -250,6 +253,26 @@ class _Sampling:
             sample = self.sampler.extended(sample, factor)
             sample = self.sampler.refined(sample, wanted_error, others)
         return sample, regions
+
+    def _maxima_of(
+        self, regions: Regions, sample: ImportanceSample, maxima: Maxima
+    ) -> NDArray[np.bool_]:
+        """Whether maxima are in regions, (n_regions, m): at their tops, for the searches.
+
+        These count as one what is hardly apart, such as the two edges of a narrow stripe without a
+        likelihood, and climb to only one of them.
+        """
+        numbers = np.arange(regions.n_regions)[:, None]
+        inside = regions.assign(maxima.z) == numbers
+        if regions.n_regions == 1:
+            return inside
+        in_region = regions.assign(sample.z) == numbers
+        tops = np.where(in_region, sample.log_posteriors, -math.inf).argmax(axis=1)
+        heights = sample.log_posteriors[tops]
+        # One that is much higher is another maximum, however near.
+        alike = heights < maxima.log_posteriors[:, None] + REGIONS.valley_depth
+        at_top = reached(self.target, maxima, sample.z[tops], heights) & alike
+        return inside | at_top.T
 
     def _in_place_of_chains(
         self, sample: ImportanceSample

@@ -27,6 +27,8 @@ class SamplingResult:
     importance: ImportanceSample
     evidence_checks: tuple[EvidenceEstimate, ...]  # estimates of the log evidence by other methods
     regions: Regions
+    # (n_regions, m), whether a maximum that the searches found is in a region.
+    maxima_of_regions: NDArray[np.bool_]
     wanted_error: float  # wanted standard error of the log evidence
     n_evaluations: int  # evaluations of the log-likelihood
     # Posterior draws resampled from the importance draws, where ensembles mix too slowly and the
@@ -65,9 +67,8 @@ class SamplingResult:
     @property
     def searches_of_regions(self) -> NDArray[np.intp]:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        label = self.regions.assign(self.search.maxima.z)
-        inside = label == np.arange(self.regions.n_regions)[:, None]
-        counts: NDArray[np.intp] = (self.search.found_by @ inside.T).sum(axis=0)
+        found = self.search.found_by @ self.maxima_of_regions.T
+        counts: NDArray[np.intp] = found.sum(axis=0)
         return counts
 
     @property
