@@ -358,11 +358,12 @@ def no_drawings(monkeypatch):
 
 @pytest.fixture
 def close_figures():
-    """Draws without a display, and leaves no figure open."""
+    """Draws without a display; neither finds nor leaves a figure open."""
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 
     mpl.use("agg")
+    plt.close("all")
     yield
     plt.close("all")
 

@@ -25,9 +25,6 @@ WITH_CODE = [page for page in CHAPTERS if {b.language for b in blocks(page)} & {
 @pytest.fixture
 def printed(tmp_path, monkeypatch, capsys):
     """Runs a chapter next to the repository's studies; returns its output."""
-    import matplotlib as mpl
-
-    mpl.use("agg")
     monkeypatch.chdir(tmp_path)
     for folder in ("model_classes", "runs"):
         (tmp_path / folder).mkdir()
@@ -106,7 +103,7 @@ def check_plots_and_arviz(printed):
 CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "check_" in name}
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures", "no_drawings")
+@pytest.mark.usefixtures("close_figures", "coarse_command", "no_figures", "no_drawings")
 @pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")  # arviz 0.23
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_a_chapter_runs(page, printed):

@@ -116,6 +116,7 @@ def _study(
         "UNIT": _quoted("m" if model.units == "N, m, kg" else ""),
         "RETURNED": "model.reduced()" if model.size > SOLVER.batched_up_to else "model",
         "CLASSES": ONE_CLASS if len(properties) == 1 else TWO_CLASSES,
+        "MASS_UNIT": _quoted("kg" if model.units == "N, m, kg" else ""),
     }.items():
         written = in_a_docstring(value) if mark in ("PROGRAM", "COMMAND") else value
         text = text.replace(f"{{{mark}}}", written)
@@ -132,7 +133,9 @@ with (matrices / "faces.csv").open(encoding="utf-8") as file:
 """
 ONE_CLASS = """\
 study = bs.Study(
-    "How far are the properties from nominal?", [model_class("altered", own, "a factor each")]
+    "How far are the properties from nominal?",
+    [model_class("altered", own, "a factor each")],
+    mass_unit={MASS_UNIT},  # of the model, such as "kg", for tables and reports
 )
 """
 TWO_CLASSES = """\
@@ -142,6 +145,7 @@ study = bs.Study(
         model_class("one factor", common, "the same factor for all properties"),
         model_class("each its own", own, "a factor for each property"),
     ],
+    mass_unit={MASS_UNIT},  # of the model, such as "kg", for tables and reports
 )
 """
 

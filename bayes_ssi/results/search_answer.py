@@ -123,8 +123,9 @@ def _appendages(search: SearchRecord) -> str:
         probability = probability_in_words(search.place_probabilities[place])
         items.append(
             f"{place.description} (probability of one there: {probability}) with a vibrating "
-            f"mass of {quantity(*mass)}, which is {quantity(low, middle, high, '%')} of the "
-            f"{scale.name}, and a frequency of {quantity(*frequency, unit='Hz')}"
+            f"mass of {quantity(*mass, unit=search.mass_unit)}, which is "
+            f"{quantity(low, middle, high, '%')} of the {scale.name}, "
+            f"and a frequency of {quantity(*frequency, unit='Hz')}"
             + "".join(
                 f" or, with probability {probability_in_words(share)}, of "
                 f"{quantity(*other, unit='Hz')}"
@@ -148,8 +149,8 @@ def _determined(search: SearchRecord) -> Iterator[str]:
             yield (
                 f"The data determine the effective mass of {whose} in mode {each.mode} of the main "
                 f"structure{'' if ordinal != ORDINALS[0] else which} to be "
-                f"{quantity(*each.effective_mass)} where a sensor moves most, or "
-                f"{quantity(low, middle, high, '%')} of the modal mass."
+                f"{quantity(*each.effective_mass, unit=search.mass_unit)} where a sensor moves "
+                f"most, or {quantity(low, middle, high, '%')} of the modal mass."
             )
         left = {place.place.name: place.by_data for place in each.places_by_data}
         against = [place.place.name for place in each.against_by_prior]

@@ -85,6 +85,7 @@ class ResultRecord:
     data: Mapping[str, str]
     failed_checks_accepted: bool
     command: str  # the command that reproduces the result; empty where it was made from Python
+    mass_unit: str = ""  # of the structures; empty where the study states none
     format: int = 19  # increased whenever the format of a result's files changes
 
     def model_class(self, name: str) -> ClassRecord:
@@ -332,6 +333,7 @@ def result_record(
         data=data,
         failed_checks_accepted=accept_failed_checks,
         command=command,
+        mass_unit=study.mass_unit,
     )
 
 

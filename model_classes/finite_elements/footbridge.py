@@ -128,4 +128,5 @@ study = bs.Study(
         )
     ],
     description="What is the fifth mode?",
+    mass_unit="kg",
 )

@@ -1,6 +1,7 @@
 """Tables, notes and figures of a search."""
 
 import io
+from dataclasses import replace
 
 import matplotlib as mpl
 import pytest
@@ -11,6 +12,7 @@ mpl.use("Agg")
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
+from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.result_figures import result_figures
 from bayes_ssi.report.tables.search_tables import (
@@ -22,6 +24,7 @@ from bayes_ssi.report.tables.search_tables import (
 )
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 
@@ -44,7 +47,8 @@ def of_a_tall_building(fake_sampling):
     k = bs.Parameter("stiffness multiplier of all storeys", bs.LogNormal(1.0, 0.3))
     structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)
     data = bs.ModalData((bs.IdentifiedMode("1", 0.98),), (0.0, 6.0))
-    return search(bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={}))
+    tower = bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={})
+    return search(bs.Study("tower", [tower], mass_unit="kg"))
 
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
@@ -70,6 +74,15 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
     priors = dict(zip(shown, map(str, table.columns[1].cells), strict=True))
     assert priors["no appendage"] == "0.5000"
     assert priors["infill 1-2"] == "0.0833"  # a sixth of a half
+
+
+def test_masses_have_the_unit_of_the_study(of_a_tall_building):
+    record = of_a_tall_building.record
+    assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
+    for table in (place_table(record), appendage_table(of_a_tall_building)):
+        assert "vibrating mass (kg)" in [str(column.header) for column in table.columns]
+    older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
+    assert from_record(SearchRecord, older) == replace(record, mass_unit="")
 
 
 def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
@@ -133,7 +146,7 @@ def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
 
 def test_a_note_says_which_mass_the_prior_refers_to(of_a_tall_building):
     assert search_notes(of_a_tall_building)[0] == (
-        "Priors of masses are relative to the mean floor mass, 3.2e+05."
+        "Priors of masses are relative to the mean floor mass, 3.2e+05 kg."
     )
 
 

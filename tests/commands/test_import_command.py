@@ -83,6 +83,7 @@ def test_a_study_from_exports():
     assert own.degrees_of_freedom == SENSORS
     assert own.geometry.nodes["340"] == (0.5, 0.7, 12.0)
     assert own.geometry.unit == "m"
+    assert study.mass_unit == "kg"
     identified = [mode.frequency_hz for mode in bs.read_modal_data("modes.csv").modes]
     modes = own.modes(np.array([[0.9, 1.3]])).frequencies_hz[0, :4]
     np.testing.assert_allclose(modes, identified, rtol=1e-6)

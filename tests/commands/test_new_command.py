@@ -27,6 +27,7 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
     assert "No warnings." in checked.output
     study = load_study("mine.py")
     one, each = study.model_classes
+    assert study.mass_unit == "t"
     assert [p.name for p in one.parameters] == ["k"]
     assert [p.name for p in each.parameters] == ["k1", "k2", "k3"]
     for candidate in study.model_classes:

@@ -278,6 +278,13 @@ def test_a_label_that_would_read_as_a_remark_is_refused(read):
         read(HEAD + "#1, 1.0, 1, 2\n2, 2.0, 1, 1\n")
 
 
+def test_keys_may_stand_below_the_column_names(read):
+    data = read("label, frequency_hz\n# band_hz, 0, 6\n1, 1.0\n# source: a test\n")
+    assert (data.band_hz, data.source) == ((0.0, 6.0), "a test")
+    with pytest.raises(ValueError, match="line 3: a second line of band_hz; the first is line 1"):
+        read(HEAD + "# band_hz, 0, 9\n1, 1.0, 1, 2\n")
+
+
 @pytest.mark.parametrize("heading", ["Frequency [Hz]", "Frequency_Hz", "frequency (Hz)"])
 @pytest.mark.parametrize("head", ["# band_hz = 0, 6.5", "# band_hz: 0, 6.5", "# Band_hz, 0, 6.5"])
 def test_spellings_that_people_use(read, heading, head):

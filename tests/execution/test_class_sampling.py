@@ -1,6 +1,7 @@
 """Several classes with workers: whole classes or shared evaluations, and the same results."""
 
 import json
+import logging
 import os
 from dataclasses import replace
 
@@ -26,6 +27,16 @@ def _few_parts(monkeypatch):
 def with_structure(candidate, kind, name="x"):
     old = candidate.structure
     return replace(candidate, name=name, structure=kind(old.masses, old.stiffnesses))
+
+
+def test_completed_steps_are_logged(tiny_study, caplog, capfd):
+    run = bs.Run()
+    run.report("a class", "searches", 1.0)  # as by default, without any output
+    assert capfd.readouterr() == ("", "")
+    with caplog.at_level(logging.INFO, "bayes_ssi"):
+        bs.rank(tiny_study.only(["one k"]), settings=COARSE, run=run)
+    assert "one k: evidence 100 %" in caplog.messages
+    assert all(message.endswith(" 100 %") for message in caplog.messages)
 
 
 @pytest.fixture

@@ -220,8 +220,11 @@ def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
 
 @pytest.mark.usefixtures("no_drawings")
 def test_the_findings_of_a_search(found_in_case_c, tmp_path):
-    save_result(found_in_case_c.ranking, tmp_path / "r",
-                extra={"search.json": found_in_case_c.record})  # fmt: skip
+    ranking = replace(
+        found_in_case_c.ranking, study=replace(found_in_case_c.ranking.study, mass_unit="kg")
+    )
+    record = replace(found_in_case_c.record, mass_unit="kg")
+    save_result(ranking, tmp_path / "r", extra={"search.json": record})
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     assert "That there is an appendage is virtually certain: the probability of at least" in shown
     best = found_in_case_c.ranking.comparison.best
@@ -229,6 +232,8 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     assert interval(appendage.frequency_hz, 3) in shown
     assert interval(appendage.mass_ratio, 2) in shown
     assert interval(appendage.mass, 3) in shown
+    assert "vibrating mass (kg)" in shown
+    assert "Masses of structures are in kg." in shown
 
 
 def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path, monkeypatch):

@@ -162,6 +162,10 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     effective, unit = record.matched[0].effective_mass, "where a sensor moves most"
     assert f"{quantity(*effective)} {unit}" in result.reasons[1]
     assert "without appendages" in result.reasons[2]
+    in_kg = search_sentences(replace(record, mass_unit="kg"), found_in_case_c.ranking.comparison)
+    said = " ".join(in_kg)
+    assert f"a vibrating mass of {quantity(*appendage.mass, 'kg')}, which" in said
+    assert f"{quantity(*effective, 'kg')} {unit}" in said
 
 
 def test_a_search_says_which_places_share_the_probability_and_in_which_tests(found_in_case_c):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager, nullcontext, suppress
@@ -13,6 +14,9 @@ from bayes_ssi.foundations.notebook import notebook_progress
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
 from bayes_ssi.inference.workers.workers import Workers
+
+LOG = logging.getLogger("bayes_ssi")
+LOG.addHandler(logging.NullHandler())
 
 # Called with the name of what is computed (usually a model class), the name of the step, and the
 # completed share of that step.
@@ -71,7 +75,9 @@ class Run:
             yield
 
     def report(self, name: str, step: str, done: float) -> None:
-        """Report the completed share ``done`` of a ``step`` of the class ``name``."""
+        """Report the completed share ``done`` of a ``step`` of the class ``name``, and log it."""
+        level = logging.INFO if done >= 1.0 else logging.DEBUG
+        LOG.log(level, "%s: %s %.0f %%", name, step, 100.0 * done)
         if self.progress is not None:
             self.progress(name, step, done)
 

@@ -13,11 +13,11 @@
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
 rows), ``covariance`` and ``identification`` (files in the same directory, see
-:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment. Then a row
-of column names, also spelled ``Frequency [Hz]``: ``label`` and ``frequency_hz`` are required,
-``frequency_cov``, ``shape_sd``, ``damping`` and ``damping_sd`` (fractions) are optional, and
-**every other column is a sensor**, named as the structure's degree of freedom. An empty cell is a
-value not measured. Complex components are written
+:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment, allowed
+above the column names only. The first other row holds the column names, also spelled ``Frequency
+[Hz]``: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping``
+and ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
+structure's degree of freedom. An empty cell is a value not measured. Complex components are written
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
 """
@@ -53,7 +53,7 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
-HEAD_KEYS = ("source", "band_hz", *COMPANIONS)
+ONCE = ("source", "band_hz", *COMPANIONS)  # keys that a file may hold once
 DELIMITERS = ",;\t"
 
 
@@ -69,6 +69,15 @@ class _Line:
     @property
     def is_comment(self) -> bool:
         return self.cells[0].startswith("#")
+
+    def key_and_cells(self) -> tuple[str, list[str]]:
+        """The key that a comment states, in lower case, and the cells behind it."""
+        first, *others = self.cells
+        plain = first.lstrip("# ").strip()
+        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
+        stated = re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", plain)
+        cells = [stated[2], *others] if stated else others
+        return (stated[1] if stated else plain).lower(), [cell for cell in cells if cell]
 
     def error(self, message: str) -> ValueError:
         return ValueError(f"{self.path}, line {self.number}: {message}")
@@ -126,14 +135,15 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
     path = Path(path)
     lines = _split(path)
     n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
-    head, body = lines[:n_head], lines[n_head:]
+    head = [line for line in lines if line.is_comment]
+    body = [line for line in lines if not line.is_comment]
     if not body:
         raise ValueError(f"{path}: the file holds no table of modes")
-    for line in body:
-        if line.is_comment:
+    for line in lines[n_head:]:
+        if line.is_comment and line.key_and_cells()[0] not in (*ONCE, "failed_check"):
             raise line.error(
-                "a row beginning with '#' below the column names; comments and keys belong above "
-                "them, and no mode's label may begin with '#'"
+                "a row beginning with '#' below the column names that holds no key; comments "
+                "belong above them, and no mode's label may begin with '#'"
             )
     columns = _column_names(body[0])
     modes = tuple(_mode(line, columns) for line in body[1:])
@@ -278,7 +288,7 @@ def _column_names(line: _Line) -> list[str]:
 
 @dataclass
 class _Head:
-    """What the lines above the column names state."""
+    """What the lines with keys state."""
 
     source: str = ""
     band_hz: Sequence[float] | None = None
@@ -290,13 +300,8 @@ def _read_head(lines: list[_Line]) -> _Head:
     head = _Head()
     first: dict[str, int] = {}
     for line in lines:
-        cells = [line.cells[0].lstrip("# ").strip(), *line.cells[1:]]
-        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
-        if stated := re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", cells[0]):
-            cells = [*stated.groups(), *cells[1:]]
-        values = [cell for cell in cells[1:] if cell]
-        key = cells[0].lower()
-        if key in HEAD_KEYS and first.setdefault(key, line.number) != line.number:
+        key, values = line.key_and_cells()
+        if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
             head.source = ", ".join(values)

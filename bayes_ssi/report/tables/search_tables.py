@@ -78,7 +78,7 @@ def place_table(record: SearchRecord) -> Table:
         "Appendages by place, averaged over all hypotheses"
         f"{f' with {len(record.matched)}' if several else ''}: medians and 90 % intervals",
         ["place"],
-        ["probability", "vibrating mass", "frequency (Hz)"],
+        ["probability", record.mass_heading, "frequency (Hz)"],
     )
     places = record.places_by_probability
     groups = [
@@ -112,7 +112,7 @@ def appendage_table(search: AppendageSearch) -> Table | None:
     table = new_table(
         "Appendages of hypotheses with several: medians and 90 % intervals",
         ["hypothesis", "appendage"],
-        ["vibrating mass", "frequency (Hz)"],
+        [search.record.mass_heading, "frequency (Hz)"],
     )
     for row in rows:
         for i, each in enumerate(row.appendages):
@@ -164,7 +164,8 @@ def search_notes(search: AppendageSearch) -> list[str]:
 def mass_scales(record: SearchRecord) -> list[str]:
     """The masses that mass ratios refer to, in words, one for all baselines where they agree."""
     scales = {each.name: each.mass_scale for each in record.baselines if each.mass_scale}
-    words = [f"the {scale.name}, {scale.mass:.4g}" for scale in scales.values()]
+    unit = f" {record.mass_unit}" if record.mass_unit else ""
+    words = [f"the {scale.name}, {scale.mass:.4g}{unit}" for scale in scales.values()]
     if len(set(words)) == 1:
         return words[:1]
     return [f"{text}, on {name!r}" for name, text in zip(scales, words, strict=True)]

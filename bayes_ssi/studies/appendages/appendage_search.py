@@ -114,6 +114,7 @@ def _record(
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
         n_not_tried=found.n_not_tried,
         expected_not_tried=found.expected_not_tried,
+        mass_unit=baselines.study.mass_unit,
     )
 
 

@@ -168,6 +168,7 @@ class SearchRecord(Displayed):
             others with as many were.
         expected_not_tried: the probability that these would have together, if every appendage
             added what it adds alone.
+        mass_unit: the structure's unit of mass; empty where the study states none.
     """
 
     baselines: tuple[BaselineRecord, ...]
@@ -183,6 +184,12 @@ class SearchRecord(Displayed):
     matched: tuple[MatchedAppendage, ...] = ()
     n_not_tried: int = 0
     expected_not_tried: float = 0.0
+    mass_unit: str = ""
+
+    @property
+    def mass_heading(self) -> str:
+        """The heading of a column of vibrating masses."""
+        return "vibrating mass" + (f" ({self.mass_unit})" if self.mass_unit else "")
 
     @property
     def place_probabilities(self) -> dict[AppendagePlace, float]:

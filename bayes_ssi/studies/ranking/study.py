@@ -41,6 +41,7 @@ class Study(Displayed):
         model_classes: the candidates.
         prior_weights: name of a class → its prior weight; equal where not given.
         description: what the study asks.
+        mass_unit: unit of its structures' masses, such as "kg", which results print with masses.
         stands_for: class whose pairing is inferred in place of a given one → the classes of the
             original study that it represents.
 
@@ -54,6 +55,7 @@ class Study(Displayed):
     model_classes: Sequence[ModelClass]
     prior_weights: Mapping[str, float] | None = field(default=None, kw_only=True)
     description: str = field(default="", kw_only=True)
+    mass_unit: str = field(default="", kw_only=True)
     stands_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -72,6 +74,7 @@ class Study(Displayed):
         require(
             self.prior_weights, Mapping[str, float] | None, f"study {self.name!r}: prior_weights"
         )
+        require(self.mass_unit, str, f"study {self.name!r}: mass_unit")
         try:
             checked_weights(self.names, self.prior_weights)
         except ValueError as error:

@@ -112,7 +112,7 @@ def search_family(
     sampled = _sampled(family, hypotheses, seed, settings, run)
     classes, posteriors = zip(*sampled.values(), strict=True)
     weights = {made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()}
-    study = Study(title, classes, prior_weights=weights)
+    study = Study(title, classes, prior_weights=weights, mass_unit=family.study.mass_unit)
     ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
     return FamilySearch(ranking, tuple(hypotheses.values()), tuple(levels))
 
