@@ -97,7 +97,7 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             "may stand for what the baseline itself lacks.",
             beaten,
         )
-    failed = result.comparison.failed_checks_of("sampling", "edge", "setting")
+    failed = result.comparison.failed_checks_besides("misfit", "data", "appendage")
     if failed:
         several = len(failed) > 1
         yield (

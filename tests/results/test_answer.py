@@ -278,3 +278,17 @@ def test_correlations_are_not_called_sizes_of_errors(make_posterior):
         posterior = make_posterior("A", names=candidate.parameter_names)
         sentences = parameters_in_words(posterior, class_record(candidate))
         assert sum(each.startswith(words) for each in sentences) == 1
+
+
+def test_a_failed_check_of_any_kind_is_said(stored):
+    result = stored(("A", 0.0, 1.0, ""), ("B", -10.0, 1.0, ""))
+    best, other = result.comparison.classes
+    best = replace(best, checks=(*best.checks, Check("anything", "the moon was full")))
+    comparison = replace(
+        result.comparison, classes=(best, other), common_checks=(Check("else", "it rained"),)
+    )
+    vars(result)["comparison"] = comparison
+    (warning,) = answer(result).warnings
+    assert "2 checks failed" in str(warning)
+    assert "it rained" in str(warning)
+    assert "'A': the moon was full" in str(warning)

@@ -241,13 +241,17 @@ class Comparison(Displayed):
 
         The best's misfit is the first of these.
         """
-        of_classes = self.failed_checks_of("misfit", "sampling", "edge", "setting")
-        return (*words_of(self.common_checks), *of_classes)
+        return self.failed_checks_besides()
 
-    def failed_checks_of(self, *kinds: str) -> tuple[str, ...]:
-        """The failed checks of some kinds, of every class with its name."""
-        each = ((row.name, words_of(row.checks, *kinds)) for row in self.classes)
-        return tuple(f"{name!r}: {words}" for name, of_class in each for words in of_class)
+    def failed_checks_besides(self, *kinds: str) -> tuple[str, ...]:
+        """The failed checks of all but some kinds, those of every class with its name."""
+        common = [check for check in self.common_checks if check.kind not in kinds]
+        of_classes = (
+            f"{row.name!r}: {words}"
+            for row in self.classes
+            for words in words_of(check for check in row.checks if check.kind not in kinds)
+        )
+        return (*words_of(common), *of_classes)
 
     def with_common(self, kind: str, words: Iterable[str]) -> Comparison:
         """This comparison with failed checks of one kind that concern all classes, and no others.
