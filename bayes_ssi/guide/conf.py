@@ -14,6 +14,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 exclude_patterns = ["html"]
 
 myst_heading_anchors = 3
+smartquotes_action = "qe"  # quotes and ellipses; --json in a help text is no dash
 
 add_module_names = False
 autodoc_member_order = "bysource"
