@@ -25,7 +25,7 @@ def test_the_pipe_on_the_footbridge(run, tmp_path):
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
     assert "Appendages by place, averaged over all hypotheses" in text
-    assert "Priors of masses are relative to the median modal mass, 2.062e+04." in text
+    assert "Priors of masses are relative to the median modal mass, 2.062e+04 kg." in text
     record = load_result(out).search
     true, second, _ = record.places_by_probability
     assert true.place.name == TRUE_PLACE
