@@ -17,7 +17,7 @@ While a class is sampled its structures do not change, so a result depends on no
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,8 @@ def refined(
     model_class.check_structure()
     misfit = least_misfit(_widened_over_prior(model_class, seed, settings), seed, workers)
     if misfit > settings.hopeless_misfit:
-        return _without_hope(sample_class(model_class, roughly=True), misfit)
+        posterior = _without_hope(sample_class(model_class, roughly=True), misfit)
+        return replace(posterior, emulators=_emulators(model_class))
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
@@ -98,11 +99,13 @@ def refined(
     if n_before:
         remark = f"{n_before} full solutions at draws showed that this accuracy is needed"
         posterior = replace(posterior, remarks=(*posterior.remarks, remark))
-    emulators = [test.structure.emulator for test in model_class.configurations]
-    return replace(
-        corrected(posterior, confirmation, log_evidence_error, settings),
-        emulators=tuple(emulators) if any(emulators) else (),
-    )
+    posterior = corrected(posterior, confirmation, log_evidence_error, settings)
+    return replace(posterior, emulators=_emulators(model_class))
+
+
+def _emulators(model_class: ModelClass) -> tuple[Any, ...]:
+    emulators = tuple(test.structure.emulator for test in model_class.configurations)
+    return emulators if any(emulators) else ()
 
 
 def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) -> float:
@@ -124,7 +127,8 @@ def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) ->
             likelihood.modes(columns), test.given_pairings(len(values)), test.errors(columns, 0.0)
         )
         halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
-    return float(np.nanmin(halves, initial=math.inf)) if len(halves) else 0.0
+    known = halves[np.isfinite(halves)]
+    return float(known.min()) if len(known) else 0.0
 
 
 def _without_hope(posterior: Posterior, misfit: float) -> Posterior:
