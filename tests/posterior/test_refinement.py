@@ -163,7 +163,10 @@ def test_a_class_that_nothing_brings_near_the_data_is_sampled_roughly_and_says_s
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.02)
     structure = Stiff(frame, 2e-5)
     wrong = bs.ModelClass("exchanged", structure, case_c, error, pairing={"1": 1, "2a": 3, "3": 2})
-    posterior = bs.sample(wrong, settings=SETTINGS)
+    steps = []
+    run = bs.Run(progress=lambda *report: steps.append(report))
+    posterior = bs.sample(wrong, settings=SETTINGS, run=run)
+    assert steps[-1] == ("exchanged", "evidence", 1.0)
     whole = sample_as_it_is(wrong, settings=SETTINGS)
     (words,) = posterior.failed_checks
     shortfall = float(re.search(r"best fit is (\d+) nats worse", words)[1])

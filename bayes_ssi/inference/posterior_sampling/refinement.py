@@ -109,26 +109,28 @@ def _emulators(model_class: ModelClass) -> tuple[Any, ...]:
 
 
 def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) -> float:
-    """By how many nats the best fit is worse than errors can make it.
+    """By how many nats the best fit is worse than errors can make it; at most zero if it is not.
 
-    Half the least sum of squares of the paired residuals over their errors, where the descents of
-    two searches end, less twice what is expected, one half for each residual. Not above zero where
-    a pairing is inferred, which can leave out any mode.
+    Half the least sum of squares of the paired residuals over their errors, where descents end,
+    less twice what is expected, one half for each residual. A second search confirms the first one.
+    Zero where a pairing is inferred, which can leave out any mode.
     """
     if not all(likelihood.pairing_is_given for likelihood in model_class.likelihoods):
         return 0.0
-    regions = NarrowRegions(model_class, workers)
-    ends = [regions(np.random.default_rng([seed, 3, search])).z for search in range(2)]
-    values = model_class.values(np.concatenate(ends))
-    halves = np.zeros(len(values))
-    for _, likelihood, columns in model_class.parts(values):
-        test = PairedResiduals(likelihood)
-        residuals = test.residuals(
-            likelihood.modes(columns), test.given_pairings(len(values)), test.errors(columns, 0.0)
-        )
-        halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
-    known = halves[np.isfinite(halves)]
-    return float(known.min()) if len(known) else 0.0
+    least = math.inf
+    for search in range(2):
+        ends = NarrowRegions(model_class, workers)(np.random.default_rng([seed, 3, search])).z
+        values = model_class.values(ends)
+        halves = np.zeros(len(values))
+        for _, likelihood, columns in model_class.parts(values):
+            test = PairedResiduals(likelihood)
+            pairings, errors = test.given_pairings(len(values)), test.errors(columns, 0.0)
+            residuals = test.residuals(likelihood.modes(columns), pairings, errors)
+            halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
+        least = float(np.append(halves[np.isfinite(halves)], least).min())
+        if least <= 0.0:
+            break
+    return least if math.isfinite(least) else 0.0
 
 
 def _without_hope(posterior: Posterior, misfit: float) -> Posterior:

@@ -82,7 +82,9 @@ def sample_target(
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
         sampling = _Sampling(target, settings, chains, seeds, rng, progress)
-        return sampling.rough_result() if roughly else sampling.result()
+        result = sampling.rough_result() if roughly else sampling.result()
+        progress("evidence", 1.0)
+        return result
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,6 @@ class _Sampling:
             result = self._from_maxima(search)
         if result is None or failed_checks(result):
             result = self._from_particles(search)
-        self.progress("evidence", 1.0)
         return result
 
     def rough_result(self) -> SamplingResult:
