@@ -37,10 +37,10 @@ class WholeTable(Table):
     """
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        for i, (columns, gap) in enumerate(self._parts(options.max_width)):
+        if self.title:  # as a paragraph: a table's own would wrap at the width of the table
+            yield Text(str(self.title), style="table.title")
+        for columns, gap in self._parts(options.max_width):
             part = Table(
-                title=self.title if i == 0 else None,
-                title_justify="left",
                 box=box.SIMPLE_HEAD,
                 pad_edge=False,
                 padding=(0, 1, 0, gap - 2),  # and one space that the box draws
