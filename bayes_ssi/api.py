@@ -15,6 +15,7 @@ from bayes_ssi.measurements.modes.merging import merge_modal_data
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
 from bayes_ssi.measurements.modes.modal_tools import modal_data_from_pyoma2
+from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
 from bayes_ssi.measurements.records.modal_identification import identify
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_files import read_record
@@ -41,7 +42,7 @@ from bayes_ssi.structures.finite_elements.matrix_files import read_matrix
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
 from bayes_ssi.structures.geometry import Candidate, Geometry
 from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.response.ground_motion import GroundMotion, read_ground_motion
+from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
 from bayes_ssi.structures.sensors import Sensor

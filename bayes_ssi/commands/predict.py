@@ -192,13 +192,14 @@ def _request(
     """The request from the options, and remarks on it."""
     import numpy as np
 
+    from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
     from bayes_ssi.results.predictions.response_bands import (
         ResponseRequest,
         default_frequencies,
         default_output,
     )
-    from bayes_ssi.structures.response.ground_motion import UNITS, read_ground_motion
+    from bayes_ssi.structures.response.ground_motion import UNITS
     from bayes_ssi.structures.response.modal_response import ground_influence
     from bayes_ssi.structures.response.output import (
         GROUND,

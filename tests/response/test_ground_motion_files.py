@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.structures.response.ground_motion import read_ground_motion
+from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
 
 G = 9.80665
 SAMPLES = [-0.1, 0.25e-2, 0.3, -0.4, 0.5, -0.6]
@@ -118,26 +118,24 @@ def test_rounded_times_are_equal_steps(load):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("", {}, "the file is empty"),
-        ("  \n\n", {}, "the file is empty"),
-        ("# unit, g\n# dt_s, 0.1\n", {}, "the file holds no acceleration"),
+        ("", {}, "the file holds no samples"),
+        ("# unit, g\n# dt_s, 0.1\n", {}, "the file holds no samples"),
         ("1\n", {"unit": "g", "dt": 0.1}, "two samples or more, got 1"),
         ("0 1\n", {"unit": "g"}, "two samples or more, got 1"),
         ("1\n2\n", {"unit": "g"}, "dt, the time between samples, is not given"),
         ("1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given; give one of 'g'"),
         ("a_g\n1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given"),
-        ("# unit, m/s2\n# unit, g\n1\n2\n", {"dt": 0.1}, "two units .*'m/s2' and 'g'"),
+        ("# unit, m/s2\n# unit, g\n1\n2\n", {"dt": 0.1}, "line 2: unit is m/s2, and now g"),
         ("# unit, ft\n1\n2\n", {"dt": 0.1}, "got 'ft'"),
-        ("# dt_s, soon\n1\n2\n", {"unit": "g"}, "line 1: dt_s must be a finite number"),
+        ("# quantity, velocity\n1\n2\n", {"dt": 0.1}, "holds a velocity, not an acceleration"),
+        ("# dt_s, soon\n1\n2\n", {"unit": "g"}, "dt_s must be a positive, finite number"),
         ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": 0.2}, "two values of dt .*0.2 and 0.1"),
         ("0 1\n0.1 2\n", {"unit": "g", "dt": 0.2}, "two values of dt .*0.2 and 0.1"),
-        ("0 1\n0.1 2\n0.2 3\n0.4 4\n", {"unit": "g"}, "equal steps .* after 0.2 comes 0.4"),
-        ("0.1 1\n0.1 2\n", {"unit": "g"}, "equal steps"),
-        ("1\nx\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number, got 'x'"),
-        ("a\nb\n1\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number"),
-        ("1\nnan\n", {"unit": "g", "dt": 0.1}, "line 2: value must be a finite number"),
-        ("0 1\n0.1\n", {"unit": "g"}, r"line 2: expected 2, as above column\(s\), got 1"),
-        ("0 1 2\n", {"unit": "g"}, r"line 1: expected 1 or 2 column\(s\), got 3"),
+        ("time a\n0.0 1\n0.1 2\n0.2 3\n0.5 4\n", {"unit": "g"}, r"equal steps; .* \(at 0.2 s\)"),
+        ("1\nx\n", {"unit": "g", "dt": 0.1}, "line 2, column 1: 'x' is not a number"),
+        ("1\nnan\n", {"unit": "g", "dt": 0.1}, "sample 2 is not finite: nan"),
+        ("0 1 2\n0.1 2 3\n0.2 3 4\n0.3 3 4\n", {"unit": "g"}, r"2 channels \(without names\)"),
+        ("t,x,y\n0,1,2\n1,2,3\n2,3,4\n3,4,5\n", {"unit": "g"}, r"2 channels \('x', 'y'\)"),
         ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": np.nan}, r"dt must be positive .*, got nan"),
         ("1\n2\n", {"unit": "g", "dt": -0.1}, r"dt must be positive and finite \(s\), got -0.1"),
     ],
@@ -155,3 +153,10 @@ def test_a_file_that_is_no_text(tmp_path):
         read_ground_motion(path, unit="g", dt=0.1)
     with pytest.raises(FileNotFoundError):
         read_ground_motion(tmp_path / "none.txt", unit="g", dt=0.1)
+
+
+def test_a_channel_of_a_record_in_another_format(tmp_path):
+    np.savez(tmp_path / "quake.npz", a=0.1 * np.arange(4.0), dt_s=0.02, unit="g")
+    motion = read_ground_motion(tmp_path / "quake.npz")
+    np.testing.assert_allclose(motion.acceleration, G * 0.1 * np.arange(4.0), rtol=1e-12)
+    assert motion.dt == pytest.approx(0.02, rel=1e-12)

@@ -88,7 +88,7 @@ def _read(file: TextIO) -> Channels:
     if names and len(names) != table.shape[1]:
         raise ValueError(f"{len(names)} column names for {table.shape[1]} columns")
     times = table[:, 0]
-    is_timed = bool(stamps) or (bool(NAME_OF_TIMES.match(names[0])) if names else _are_times(times))
+    is_timed = bool(stamps) or (bool(NAME_OF_TIMES.match(names[0])) if names else _are_times(table))
     columns = np.ascontiguousarray(table.T[int(is_timed) :])
     channels = with_statements(columns, names[int(is_timed) :], stated)
     if is_timed:
@@ -143,9 +143,11 @@ def _in_seconds(
         yield line
 
 
-def _are_times(column: FloatArray) -> bool:
-    """Whether a column without a name rises by equal steps, but for some, which are gaps."""
-    steps = np.diff(column)
+def _are_times(table: FloatArray) -> bool:
+    """Whether the first of columns without names rises by equal steps, but for some, gaps."""
+    if table.shape[1] == 1:
+        return False
+    steps = np.diff(table[:, 0])
     usual = float(np.median(steps))
     return bool(usual > 0.0 and np.median(np.abs(steps - usual)) < 0.01 * usual)
 

@@ -68,7 +68,7 @@ def read_record(
     parts = []
     for path in files:
         try:
-            parts.append(_read(path, keys, quantity))
+            parts.append(read_file_of_record(path, keys, quantity))
         except ValueError as error:
             raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     lengths = [part.samples.shape[1] for part in parts]
@@ -133,7 +133,8 @@ def is_record(path: Path) -> bool:
     return bool(head.strip()) and COLUMNS_OF_MODES.search(head[:4096]) is None
 
 
-def _read(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
+def read_file_of_record(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
+    """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
         return read_channels(path, keys)
