@@ -85,7 +85,7 @@ def calibrate(
             with progress_bars() as progress:
                 report = partial(progress, candidate.name)
                 calibrations.append(
-                    calibrate_class(candidate, shape_weight, None, starts, seed, report, with_prior)
+                    calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
                 )
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
@@ -143,24 +143,16 @@ def _show(where: Console, group: list[Calibration]) -> None:
             "for independent: standard errors differ from those of a ranking."
         )
     open_ = calibration.undetermined_directions
-    if not calibration.n_converged:
-        where.print(
-            "(!) No search ended at a minimum: errors of the data drive what they do not "
-            f"determine, {open_} of {len(calibration.parameter_names)} directions of the "
-            "parameters, as far as a search may go. Minimum 1 fits what they do determine and "
-            "has the rest at the prior median; --with-prior fits the data and the prior."
-        )
-    elif calibration.least_change is not None:
-        where.print(
-            "(!) The data do not determine every parameter, and their errors enter the minima "
-            "where they do not. The least change fits what they do determine and has the rest at "
-            "the prior median; --with-prior fits the data and the prior."
-        )
-    elif open_:
+    if open_:
         where.print(
             f"(!) The data leave {open_} direction(s) of the "
             "parameters undetermined: minimum 1 is, among equally good points, the one "
             "closest to the prior median."
+        )
+    elif calibration.determination.undetermined and not calibration.with_prior:
+        where.print(
+            "(!) The data do not determine every parameter, and their errors enter the minima "
+            "where they do not; --with-prior fits the data and the prior."
         )
     elif not calibration.with_prior and _is_not_unique(calibration):
         where.print("(!) The fit is not unique: several minima are equally good.")

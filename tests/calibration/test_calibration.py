@@ -174,16 +174,6 @@ def test_distances_that_mean_nothing(values, reference, message):
         bs.rms_distance(values, reference)
 
 
-def test_the_reference_is_where_calibration_begins(model_classes):
-    reference = {"k1": 2.0, "k3": 0.5}
-    calibration = bs.calibrate(model_classes["1-a"], 0.0, reference)
-    assert calibration.before.values == (2.0, 1.0, 0.5)
-    expected = [0.948 - 2.0, 1.159 - 1.0, 0.850 - 0.5]
-    assert calibration.best.distance == pytest.approx(
-        math.sqrt(np.mean(np.square(expected))), abs=1e-3
-    )
-
-
 def test_the_seed_decides_and_more_starts_find_no_less(model_classes):
     a, b = (bs.calibrate(model_classes["3"], 0.0, seed=1, n_starts=16) for _ in range(2))
     assert a == b
@@ -203,7 +193,6 @@ def test_errors_are_not_calibrated(model_classes):
         ({"shape_weight": math.nan}, "shape_weight must be zero or positive, got nan"),
         ({"n_starts": 0}, "n_starts must be from 1 to 10,000, got 0"),
         ({"n_starts": 100_000_000}, "n_starts must be from 1 to 10,000, got 100000000"),
-        ({"reference": {"k9": 1.0}}, "'2': reference for unknown parameter 'k9'; choose from 'k1'"),
     ],
 )
 def test_bad_options_are_refused(model_classes, options, message):

@@ -8,8 +8,7 @@ Updating problems often have several minima, even with the same f_ob, so one opt
 sufficient answer: all minima reached from many starts are listed.
 
 Where the parameters are more than the data determine, the errors of the data drive the others as
-far as a search lets them go. The fit is then that of the determined directions alone, the others
-at the prior median; or, with the prior's pull, the maximum of the posterior density.
+far as a search lets them go. With the prior's pull the fit is the maximum of the posterior density.
 
 How far calibrated classes are from a reference class, in what all of them may infer.
 """
@@ -43,23 +42,18 @@ class Calibration(Displayed):
     Attributes:
         name: name of the model class.
         parameter_names: parameters that the structure depends on.
-        before: the model at the reference values.
-        minima: the best first; equally good ones by their distance from the prior median. Where
-            no search ended at one, the least change alone.
-        least_change: the fit of what the data determine better than the prior, the rest at the
-            prior median; None where there is no rest, or the best minimum is this fit.
+        before: the model at the prior medians.
+        minima: the best first; equally good ones by their distance from the prior median.
         shape_weight: λ.
         undetermined_directions: the number of directions in parameter space that the residuals
             do not determine at the best minimum. If any, the minima form a surface, and its
-            point nearest to the prior median is listed. Where no search ended at a minimum, the
-            number that the data determine no better than the prior.
+            point nearest to the prior median is listed.
         n_starts: local searches made.
         n_converged: those that ended at a minimum.
         with_prior: whether the prior was fitted, too; minima are then those of
             ``Σ r²/σ² + Σ z²`` over residuals r with standard errors σ and standard-normal
             coordinates z of the parameters, which is the posterior density's exponent.
-        determination: what the data determine of the parameters, at the least change where there
-            is one, and otherwise at the best minimum.
+        determination: what the data determine of the parameters at the best minimum.
         errors_are_correlated: whether the class's error model has correlations. These are not
             considered here: the determination, and a fit with the prior, take all residuals for
             independent.
@@ -69,7 +63,6 @@ class Calibration(Displayed):
     parameter_names: tuple[str, ...]
     before: Fit
     minima: tuple[Fit, ...]
-    least_change: Fit | None
     shape_weight: float
     undetermined_directions: int
     n_starts: int
@@ -102,7 +95,6 @@ class Calibration(Displayed):
 def calibrate(
     model_class: ModelClass,
     shape_weight: float | None = None,
-    reference: Mapping[str, float] | None = None,
     n_starts: int = 64,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
@@ -116,8 +108,6 @@ def calibrate(
         shape_weight: λ, the weight of shapes relative to frequencies; 0 leaves shapes out. By
             default that of the likelihood: λ = σ_f/σ_φ of the class's error model, at the prior
             medians where these are inferred.
-        reference: parameter name → value from which the distance d is measured, also the
-            model before calibration; prior medians where not given.
         n_starts: local searches, spread over the prior and beyond, at most 10,000.
         seed: seed of the starts.
         progress: called with the name of the step and the fraction of it completed.
@@ -127,8 +117,8 @@ def calibrate(
     Raises:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
             no parameter.
-        ValueError: a reference is given for an unknown parameter, the weight is negative, there
-            is no start or there are too many, or no search converged.
+        ValueError: the weight is negative, there is no start or there are too many, or no search
+            converged.
     """
     shape_weight = checked_shape_weight(model_class, shape_weight, "calibrate")
     most = CALIBRATION.most_starts
@@ -138,7 +128,6 @@ def calibrate(
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
     problem = CalibrationProblem(model_class, shape_weight, with_prior)
-    reference_values = problem.reference_values(reference)
     ends = []
     if progress is not None:
         progress("local searches", 0.0)
@@ -147,47 +136,25 @@ def calibrate(
         ends += [end] if end is not None else []
         if progress is not None:
             progress("local searches", done / n_starts)
-    minima, undetermined = distinct_minima(problem, ends) if ends else ([], 0)
-    least_change = None if with_prior else _least_change(model_class, shape_weight)
-    if not minima and least_change is None:
+    if not ends:
         raise ValueError(
-            f"model class {model_class.name!r}: no local search for a minimum converged"
+            f"model class {model_class.name!r}: no local search for a minimum converged, as where "
+            "the data leave parameters open; fit the prior, too (with_prior=True, --with-prior)"
         )
-    found = determination(problem, minima[0] if least_change is None else least_change)
-    if least_change is not None and not minima:
-        minima, undetermined = [least_change], sum(s <= 1.0 for s in found.singular_values)
-    if (
-        least_change is not None
-        and np.abs(least_change - minima[0]).max() < CALIBRATION.same_minimum
-    ):
-        least_change = None
-
-    def fit(z: FloatArray) -> Fit:
-        return problem.fit(problem.values(z[None]), reference_values)
-
+    minima, undetermined = distinct_minima(problem, ends)
     return Calibration(
         name=model_class.name,
         parameter_names=problem.names,
-        before=problem.fit(reference_values[None], reference_values),
-        minima=tuple(map(fit, minima)),
-        least_change=None if least_change is None else fit(least_change),
+        before=problem.fit(problem.prior_medians[None]),
+        minima=tuple(problem.fit(problem.values(z[None])) for z in minima),
         shape_weight=shape_weight,
         undetermined_directions=undetermined,
         n_starts=n_starts,
         n_converged=len(ends),
         with_prior=with_prior,
-        determination=found,
+        determination=determination(problem, minima[0]),
         errors_are_correlated=model_class.error.is_correlated,
     )
-
-
-def _least_change(model_class: ModelClass, shape_weight: float) -> FloatArray | None:
-    """The fit of the directions that the data determine; None where that is all of them."""
-    with_prior = CalibrationProblem(model_class, shape_weight, with_prior=True)
-    near = with_prior.descend(np.zeros(len(with_prior.names)))
-    if near is None:
-        return None
-    return nearest_fit(CalibrationProblem(model_class, shape_weight), near, exactly=False)
 
 
 def distinct_minima(
@@ -207,35 +174,26 @@ def distinct_minima(
     best = ends[kept[0]]
     undetermined = 0
     if not problem.with_prior:
-        undetermined = len(best) - _determined(problem, best, exactly=True).shape[1]
+        undetermined = len(best) - _determined(problem, best).shape[1]
     if undetermined:
         # The equally good points form a surface; the nearest of them represents it.
         worse = misfits[kept[0]] + CALIBRATION.equally_good
         kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
-        nearest = nearest_fit(problem, best, exactly=True)
+        nearest = _nearest_fit(problem, best)
         if nearest is not None and problem.misfit(nearest[None])[0] < worse:
             best = nearest
     return [best, *(ends[i] for i in kept[1:])], undetermined
 
 
-def nearest_fit(problem: CalibrationProblem, start: FloatArray, exactly: bool) -> FloatArray | None:
-    """The fit whose undetermined directions are at the prior median.
+def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray | None:
+    """The fit, from near it, whose undetermined directions are at the prior median.
 
-    None where every direction is determined, or no fit is reached.
-
-    For residuals linear in the standard-normal coordinates this is the least-squares solution of
-    smallest norm, by the truncated singular value decomposition.
-
-    Args:
-        start: (d,), near the fit.
-        exactly: whether only directions count as undetermined that change nothing at all, rather
-            than less than the standard errors.
+    None where no fit is reached. For residuals linear in the standard-normal coordinates this is
+    the least-squares solution of smallest norm, by the truncated singular value decomposition.
     """
     z = start
     for _ in range(CALIBRATION.most_rounds):
-        basis = _determined(problem, z, exactly)
-        if basis.shape[1] == len(z):
-            return None
+        basis = _determined(problem, z)
         if not basis.size:
             return np.zeros(len(z))
         found = problem.descend(z, basis)
@@ -247,12 +205,10 @@ def nearest_fit(problem: CalibrationProblem, start: FloatArray, exactly: bool) -
     return z
 
 
-def _determined(problem: CalibrationProblem, z: FloatArray, exactly: bool) -> FloatArray:
-    """Orthonormal basis (d, r) of the directions that are determined at one point."""
+def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
+    """Orthonormal basis (d, r) of the directions that change the residuals at one point."""
     _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
-    basis: FloatArray = rows[
-        sizes > (CALIBRATION.zero_sensitivity * sizes.max() if exactly else 1.0)
-    ].T
+    basis: FloatArray = rows[sizes > CALIBRATION.zero_sensitivity * sizes.max()].T
     return basis
 
 

@@ -40,8 +40,7 @@ class Fit:
     Attributes:
         values: parameter values, in the order of the calibration's ``parameter_names``.
         objective: f_ob, a fraction.
-        distance: RMS distance d from the reference values, every parameter divided by its prior
-            median.
+        distance: RMS distance d from the prior medians, by which every parameter is divided.
         modes: the paired modes.
     """
 

@@ -1,14 +1,13 @@
 """The least-squares problem of a calibration: residuals, local searches, distinct minima."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.calibration.fit import Fit, mode_fits, rms_distance
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.configuration import Configuration
@@ -77,18 +76,15 @@ class CalibrationProblem:
         n_shapes = sum(len(likelihood.pairs.with_shape) for likelihood in likelihoods)
         self.count = n_pairs + shape_weight**2 * n_shapes
 
-    def reference_values(self, reference: Mapping[str, float] | None) -> FloatArray:
-        """Reference values (n,): those given, and prior medians for the others."""
-        given = dict(reference or {})
-        what = f"model class {self.model_class.name!r}: reference for unknown parameter"
-        require_known(what, given, self.names)
-        return np.array([given.get(p.name, p.prior.quantile(0.5)) for p in self.parameters])
+    @cached_property
+    def prior_medians(self) -> FloatArray:
+        """Prior medians (d,) of the parameters."""
+        return np.array([p.prior.quantile(0.5) for p in self.parameters])
 
-    def normalised(self, values: Sequence[float]) -> dict[str, float]:
+    def _normalised(self, values: FloatArray) -> dict[str, float]:
         """Parameter name → value over prior median (over 1 where the median is zero)."""
-        medians = [p.prior.quantile(0.5) or 1.0 for p in self.parameters]
-        named = zip(self.names, values, medians, strict=True)
-        return {name: value / median for name, value, median in named}
+        scales = np.where(self.prior_medians == 0.0, 1.0, self.prior_medians)
+        return dict(zip(self.names, (values / scales).tolist(), strict=True))
 
     def starts(self, n: int, seed: int) -> FloatArray:
         """Starts (n, d): the prior median, and Sobol points of twice the prior's spread."""
@@ -200,17 +196,17 @@ class CalibrationProblem:
         """f_ob, (B,)."""
         return np.sqrt((self.residuals(z) ** 2).sum(1) / self.count)
 
-    def fit(self, values: FloatArray, reference: FloatArray) -> Fit:
+    def fit(self, values: FloatArray) -> Fit:
         """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
         for configuration, likelihood, modes in self.modes(values):
             fits += mode_fits(configuration, likelihood, modes)
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
-        numbers = [float(value) for value in values.ravel()]
+        medians = self._normalised(self.prior_medians)
         return Fit(
-            values=tuple(numbers),
+            values=tuple(values.ravel().tolist()),
             objective=float(self.objective(z[None])[0]),
-            distance=rms_distance(self.normalised(numbers), self.normalised(reference.tolist())),
+            distance=rms_distance(self._normalised(values.ravel()), medians),
             modes=tuple(fits),
         )
 

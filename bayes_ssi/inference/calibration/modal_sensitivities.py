@@ -18,6 +18,7 @@ import scipy.linalg
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.calibration.least_squares import (
     CalibrationProblem,
@@ -88,7 +89,10 @@ def modal_sensitivities(
     """
     shape_weight = checked_shape_weight(model_class, shape_weight, "modal_sensitivities")
     problem = CalibrationProblem(model_class, shape_weight)
-    values = problem.reference_values(at)
+    given = dict(at or {})
+    require_known("modal_sensitivities: at: no parameter", given, problem.names)
+    medians = zip(problem.names, problem.prior_medians, strict=True)
+    values = np.array([given.get(name, median) for name, median in medians])
     if not values.all():
         raise ValueError(
             f"modal_sensitivities: {problem.names[int(np.argmin(np.abs(values)))]!r} is zero, and "

@@ -19,10 +19,8 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     A few parameters are columns; many are rows, and the best minima are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
-    fits = {"before": calibration.before}
-    if calibration.least_change is not None:
-        fits["least change"] = calibration.least_change
-    fits |= {str(i): fit for i, fit in enumerate(calibration.minima, 1)}
+    numbered = ((str(i), fit) for i, fit in enumerate(calibration.minima, 1))
+    fits = {"before": calibration.before, **dict(numbered)}
     cells = {
         label: (
             *(f"{value:.4g}" for value in fit.values),
@@ -41,8 +39,7 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
         return table
     shown = list(cells)[: TABLES.most_columns]
     if len(shown) < len(cells):
-        n_others = len(cells) - len(calibration.minima)
-        title += f": the best {len(shown) - n_others} of {len(calibration.minima)}"
+        title += f": the best {len(shown) - 1} of {len(calibration.minima)}"
     table = new_table(title, [""], shown)
     for i, name in enumerate(names):
         add_row(table, name, *(cells[label][i] for label in shown))
@@ -82,8 +79,8 @@ def determination_tables(calibration: Calibration) -> list[Table]:
     source = "data and prior" if calibration.with_prior else "the data alone"
     each = new_table(f"Parameters one by one, from {source}", ("",), ("value", "standard error"))
     names = calibration.parameter_names
-    fit = calibration.least_change or calibration.best
-    for name, value, error in zip(names, fit.values, found.standard_errors, strict=True):
+    values, errors = calibration.best.values, found.standard_errors
+    for name, value, error in zip(names, values, errors, strict=True):
         shown = "not determined" if math.isinf(error) else f"{error:.2g}"
         add_row(each, name, f"{value:.4g}", shown)
     tables: list[Table] = [each]
