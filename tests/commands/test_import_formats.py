@@ -35,6 +35,13 @@ def abaqus(name, k):
     return f"{name}_STIF1.mtx"
 
 
+def abaqus_coordinate(name, k):
+    """FORMAT=COORDINATE: row, column and entry between blanks."""
+    for kind, matrix in (("STIF", k), ("MASS", M)):
+        Path(f"{name}_{kind}1.mtx").write_text(entries(matrix, "{0} {1} {2: .15e}\n"))
+    return f"{name}_STIF1.mtx"
+
+
 def calculix(name, k):
     Path(f"{name}.dof").write_text("1.1\n2.1\n")
     for ending, matrix in (("sti", k), ("mas", M)):
@@ -43,6 +50,24 @@ def calculix(name, k):
         )
         Path(f"{name}.{ending}").write_text(upper)
     return f"{name}.sti"
+
+
+def harwell_boeing(name, k):
+    """ANSYS HBMAT: a file for each matrix, one number a line, the lower triangle; the mapping."""
+    for kind, matrix in (("K", k), ("M", M)):
+        values = [matrix[0, 0], matrix[1, 0], matrix[1, 1]]
+        numbers = [f"{value:25.15E}".replace("E", "D") for value in values]
+        lines = [
+            "Stiffness matrix from ANSYS FULL file dumped into Harwell-Boeing format".ljust(80),
+            f"{9:14d}{3:14d}{3:14d}{3:14d}{0:14d}",
+            f"{'RSA':14s}{2:14d}{2:14d}{3:14d}{0:14d}",
+            f"{'(I14)':16s}{'(I14)':16s}{'(d25.15)':20s}{'(d25.15)':20s}",
+            *(f"{number:14d}" for number in (1, 3, 4, 1, 2, 2)), *numbers, "",
+        ]  # fmt: skip
+        Path(f"{name}{kind}.matrix").write_text("\n".join(lines))
+        mapping = "  Matrix Eqn     Node        DOF\n       1   1    UX\n       2   2    UX\n"
+        Path(f"{name}{kind}.mapping").write_text(mapping)
+    return f"{name}K.matrix+{name}M.matrix"
 
 
 def matrix_market(name, k):
@@ -89,8 +114,9 @@ def nastran_op4(name, k):
 
 UNLABELLED = ("--labels", "labels.txt")
 FORMATS = {
-    abaqus: (), calculix: (), matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED,
-    nastran_op4: UNLABELLED, matlab: ("--keys", "Kff,Mff", *UNLABELLED),
+    abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (), harwell_boeing: (),
+    matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED, nastran_op4: UNLABELLED,
+    matlab: ("--keys", "Kff,Mff", *UNLABELLED),
 }  # fmt: skip
 
 

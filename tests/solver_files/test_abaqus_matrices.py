@@ -54,6 +54,14 @@ def test_both_triangles_and_own_nodes(tmp_path):
     assert model.total_mass["x"] == 5e3
 
 
+def test_without_labels(tmp_path):
+    k, m = (
+        [f"{i + 1}, {j + 1}, {value!r}" for i, j, value in lower_entries(each)] for each in portal()
+    )
+    model = bs.read_model(written(tmp_path, stiffness=k, mass=m), labels=LABELS)
+    assert_is_portal(model)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -81,7 +89,38 @@ def test_the_file_of_the_mass_is_found_by_its_name_or_asked_for(tmp_path):
     assert_is_portal(bs.read_model(tmp_path / "other.mtx", tmp_path / "Frame_MASS2.mtx"))
 
 
-@pytest.mark.parametrize("line", ["1 1 2.0e5", "*USER ELEMENT, NODES=2, LINEAR\n  1,  3,  5"])
-def test_other_formats_of_abaqus_are_refused_with_the_one_to_take(tmp_path, line):
-    with pytest.raises(ValueError, match=r"line \d: .* with FORMAT=MATRIX INPUT is read"):
-        bs.read_model(written(tmp_path, stiffness=[line]))
+def substructure(stiffness, mass):
+    """The lower triangle row by row, four numbers a line, as *SUBSTRUCTURE MATRIX OUTPUT writes."""
+    lines = [
+        "**",
+        "** GENERATION OF SUBSTRUCTURE Z1",
+        "*USER ELEMENT, NODES=         2, LINEAR",
+        "** ELEMENT NODES",
+        "**          2,          7",
+        "          1,          3,          5",
+    ]
+    for kind, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
+        lines.append(f"*MATRIX,TYPE={kind}")
+        for row in range(len(matrix)):
+            numbers = [repr(float(each)) for each in matrix[row, : row + 1]]
+            lines += [", ".join(numbers[i : i + 4]) + "," for i in range(0, len(numbers), 4)]
+    return [*lines, ""]
+
+
+def test_a_substructure_holds_both_matrices(tmp_path):
+    lines = substructure(*portal())
+    path = tmp_path / "condensed.mtx"
+    path.write_text("\n".join(lines))
+    assert_is_portal(bs.read_model(path))
+    # The second node has other degrees of freedom.
+    path.write_text("\n".join([*lines[:6], "  2,  1,  2,  3", *lines[6:]]))
+    assert bs.read_model(path).labels == (*LABELS[:3], "7 x", "7 y", "7 z")
+    path.write_text("\n".join([*lines[:-2], ""]))
+    with pytest.raises(ValueError, match=r"MASS: 19 entries, but 6 .* have 21 .*: truncated\?"):
+        bs.read_model(path)
+    path.write_text("\n".join(lines).replace("LINEAR", "LINEAR, UNSYM"))
+    with pytest.raises(ValueError, match=r"line 3: the substructure is not symmetric"):
+        bs.read_model(path)
+    path.write_text("\n".join(lines).replace("*MATRIX,TYPE=MASS", "*MATRIX,TYPE=DAMPING"))
+    with pytest.raises(ValueError, match=r"no \*MATRIX, TYPE=MASS; was it requested\?"):
+        bs.read_model(path)

@@ -1,4 +1,4 @@
-"""Abaqus: text files of ``*MATRIX OUTPUT``.
+"""Abaqus: text files of ``*MATRIX OUTPUT`` and of ``*SUBSTRUCTURE MATRIX OUTPUT``.
 
 ``*MATRIX GENERATE, STIFFNESS, MASS`` and ``*MATRIX OUTPUT, STIFFNESS, MASS`` write
 ``job_STIFn.mtx`` and ``job_MASSn.mtx``, n being the step (Abaqus Analysis Guide, "Generating
@@ -6,10 +6,17 @@ matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by comma
 degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
 LABELS); of a symmetric matrix one triangle or both. Restrained degrees of freedom have 1e36 on the
 diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multipliers of constraints).
+FORMAT=COORDINATE (row, column, entry, separated by blanks) does not say which row is which degree
+of freedom.
+
+A substructure's file has, after ``*USER ELEMENT``, its nodes in comments and their degrees of
+freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the entries of the lower
+triangle, row by row.
 """
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,8 +27,11 @@ from bayes_ssi.structures.solver_files.formats import Matrices, Source, file_nam
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
 from bayes_ssi.structures.solver_files.row_labels import INTERNAL, numbered_label
 from bayes_ssi.structures.solver_files.text_entries import (
+    from_triangle,
     matrix_of_entries,
+    matrix_of_lines,
     read_number_lines,
+    require_whole_lines,
     whole_numbers,
 )
 
@@ -31,13 +41,30 @@ _STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
 
 
 def recognises_abaqus(suffix: str, head: bytes) -> bool:
-    """By its ending, which is that of Matrix Market files as well."""
-    return suffix == ".mtx" and not head.startswith(b"%%MatrixMarket")
+    """A substructure, or lines of five numbers or three: others end in .mtx as well."""
+    if suffix != ".mtx":
+        return False
+    lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
+    data = next((line for line in lines if not line.startswith("*")), "")
+    return _is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
+
+
+def _is_substructure(head: bytes) -> bool:
+    return b"*USER ELEMENT" in head.upper()
+
+
+def _is_coordinate(line: str) -> bool:
+    """Whether a line has a row, a column and an entry."""
+    fields = line.replace(",", " ").split()
+    return len(fields) == 3 and fields[0].isdigit() and fields[1].isdigit()
 
 
 def read_abaqus(source: Source) -> Matrices:
-    """Stiffness and mass by their labels."""
+    """Stiffness and mass: of a substructure, labelled, or by the numbers of rows alone."""
     path = source.path
+    with path.open("rb") as file:
+        if _is_substructure(file.read(8192)):
+            return _substructure(path)
     by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
     mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
     if mass is None:
@@ -45,14 +72,19 @@ def read_abaqus(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
-    try:
-        stiffness_entries, mass_entries = (
-            read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
-        )
-    except ValueError as error:
-        raise ValueError(
-            f"{error}; of Abaqus's formats, *MATRIX OUTPUT with FORMAT=MATRIX INPUT is read"
-        ) from None
+    first = _first_line(path)
+    return _unlabelled(path, mass) if _is_coordinate(first) else _labelled(path, mass)
+
+
+def _first_line(path: Path) -> str:
+    with path.open(encoding="ascii", errors="replace") as file:
+        return next((line for line in file if line.strip() and not line.startswith("*")), "")
+
+
+def _labelled(path: Path, mass: Path) -> Matrices:
+    stiffness_entries, mass_entries = (
+        read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
+    )
     places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
     stiffness = _assembled(path, stiffness_entries, places)
     labels = [
@@ -70,7 +102,7 @@ def read_abaqus(source: Source) -> Matrices:
         str(mass),
         labels=labels,
         geometry=geometry_of_deck(deck) if deck else None,
-        removed=np.flatnonzero(stiffness.diagonal() >= 1e36),
+        removed=_restrained(stiffness),
         notes=tuple(notes),
     )
 
@@ -95,3 +127,112 @@ def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.
             "model?"
         )
     return matrix_of_entries(path, rows, entries[:, 4], len(known))
+
+
+def _unlabelled(path: Path, mass: Path) -> Matrices:
+    entries = [
+        read_number_lines(
+            file,
+            "row, column, entry",
+            delimiter="," if "," in _first_line(file) else None,
+            comment="*",
+        )
+        for file in (path, mass)
+    ]
+    size = int(entries[0][:, :2].max())
+    stiffness = matrix_of_lines(path, entries[0], size)
+    return Matrices(
+        stiffness,
+        matrix_of_lines(mass, entries[1], size),
+        str(path),
+        str(mass),
+        removed=_restrained(stiffness),
+        notes=("FORMAT=COORDINATE does not say which row is which degree of freedom",),
+    )
+
+
+def _restrained(stiffness: sp.csc_array) -> Any:
+    """Rows of restrained degrees of freedom: Abaqus writes 1e36 on the diagonal."""
+    return np.flatnonzero(stiffness.diagonal() >= 1e36)
+
+
+def _substructure(path: Path) -> Matrices:
+    """Stiffness, mass and retained degrees of freedom."""
+    require_whole_lines(path)
+    nodes: list[int] = []
+    freedoms: list[list[int]] = []
+    numbers: dict[str, list[str]] = {}
+    section = ""
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.strip().rstrip(",")
+            try:
+                if text.startswith("**"):
+                    if section == "*USER ELEMENT":
+                        nodes += _whole(text.lstrip("*"))
+                elif text.startswith("*"):
+                    section = _section(text)
+                elif section == "*USER ELEMENT":
+                    freedoms.append(_whole(text))
+                elif section:
+                    numbers.setdefault(section, []).extend(text.split(","))
+            except ValueError as error:
+                raise ValueError(f"{path}: line {number}: {error}") from None
+    labels = _labels(path, nodes, freedoms)
+    stiffness, mass = (
+        _retained(path, kind, numbers, len(labels)) for kind in ("STIFFNESS", "MASS")
+    )
+    return Matrices(
+        stiffness,
+        mass,
+        f"{path}: STIFFNESS",
+        f"{path}: MASS",
+        labels=labels,
+        notes=("the retained degrees of freedom of a substructure, the others condensed",),
+    )
+
+
+def _section(text: str) -> str:
+    keyword, *options = (each.strip().upper() for each in text.split(","))
+    if keyword == "*USER ELEMENT" and "UNSYM" in options:
+        raise ValueError("the substructure is not symmetric")
+    if keyword == "*MATRIX":
+        return next((each[5:].strip() for each in options if each.startswith("TYPE=")), "")
+    return keyword
+
+
+def _whole(text: str) -> list[int]:
+    """Whole numbers between commas; none in a comment of words."""
+    fields = [each.strip() for each in text.split(",") if each.strip()]
+    return [int(each) for each in fields] if all(each.isdigit() for each in fields) else []
+
+
+def _labels(path: Path, nodes: list[int], freedoms: list[list[int]]) -> list[str]:
+    """The first line lists the degrees of freedom of the first node and those after it.
+
+    A further line begins with the position of the node from which on it holds.
+    """
+    if not nodes or not freedoms:
+        raise ValueError(f"{path}: no nodes or no degrees of freedom after *USER ELEMENT")
+    starts = {1: freedoms[0], **{line[0]: line[1:] for line in freedoms[1:] if line}}
+    labels, current = [], freedoms[0]
+    for position, node in enumerate(nodes, start=1):
+        current = starts.get(position, current)
+        labels += [numbered_label(node, number) for number in current]
+    return labels
+
+
+def _retained(path: Path, kind: str, numbers: dict[str, list[str]], size: int) -> sp.csc_array:
+    if kind not in numbers:
+        raise ValueError(f"{path}: no *MATRIX, TYPE={kind}; was it requested?")
+    try:
+        entries: FloatArray = np.array(numbers[kind], dtype=float)
+    except ValueError as error:
+        raise ValueError(f"{path}: {kind}: {error}") from None
+    rows, columns = np.tril_indices(size)
+    if len(entries) != len(rows):
+        raise ValueError(
+            f"{path}: {kind}: {len(entries)} entries, but {size} degrees of freedom have "
+            f"{len(rows)} in the lower triangle: truncated?"
+        )
+    return from_triangle(sp.coo_array((entries, (rows, columns)), shape=(size, size)).tocsc())

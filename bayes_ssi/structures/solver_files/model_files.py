@@ -14,6 +14,10 @@ from bayes_ssi.structures.solver_files.ansys_full import read_ansys
 from bayes_ssi.structures.solver_files.calculix_storage import read_calculix
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel, exported_model
 from bayes_ssi.structures.solver_files.formats import Matrices, Source
+from bayes_ssi.structures.solver_files.harwell_boeing import (
+    read_harwell_boeing,
+    recognises_harwell_boeing,
+)
 from bayes_ssi.structures.solver_files.matrix_containers import read_containers
 from bayes_ssi.structures.solver_files.nastran_op4 import read_op4
 from bayes_ssi.structures.solver_files.nastran_punch import read_punch
@@ -50,11 +54,13 @@ FORMATS = (
     Format("Nastran punched matrices (DMIG)", ".pch, .dmig",
            _ends(".pch", ".dmig", or_begins=lambda head: b"\nDMIG" in b"\n" + head),
            read_punch, has_keys=True),
-    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx",
+    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx",
            recognises_abaqus, read_abaqus),
     Format("matrices", ".npz, .mat, .npy, Matrix Market .mtx",
            _ends(".npz", ".mat", ".npy", or_begins=lambda head: head.startswith(b"%%MatrixMarket")),
            read_containers, has_keys=True),
+    Format("Harwell-Boeing (ANSYS HBMAT)", "a file for each matrix, .mapping",
+           _ends(or_begins=recognises_harwell_boeing), read_harwell_boeing),
     Format("matrices printed as text (OpenSees)", "a file of rows for each matrix",
            _ends(or_begins=recognises_rows), read_printed),
 )  # fmt: skip
