@@ -2,9 +2,9 @@
 
 from bayes_ssi.measurements.modes.identification_summary import (
     EstimatedMode,
-    EstimatedPeak,
     IdentificationSummary,
     MeasuredRecord,
+    Peak,
 )
 
 
@@ -15,13 +15,13 @@ def identified(source, **others):
         "band_hz": (0.0, 4.0),
         "method": "Bayesian FFT",
         "loads": "independent loads",
-        "is_explained": True,
         "whiteness": 1.02,
         "allowed_whiteness": 1.25,
         "cycles_of_decay": 6.0,
         "modes": (EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004),),
-        "peaks": (EstimatedPeak((0,), 0.0001, 0.05),),
+        "peaks": (Peak((1.0,), (0,), 0.0001, None, 0.05, 1.25),),
+        "not_identified": (),
         "remarks": (),
-        "failed_checks": (),
+        "doubts": (),
     }
     return IdentificationSummary(**{**given, **others})

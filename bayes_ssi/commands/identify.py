@@ -17,11 +17,16 @@ from bayes_ssi.commands.options import (
     record_options,
 )
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.records import methods
 
 if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.identification_result import ModalIdentification
-    from bayes_ssi.measurements.records.modal_estimates import MethodModes, ModalEstimates
+
+MODE_FIELDS = (
+    "label", "frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd", "shape",
+)  # fmt: skip
 
 
 @click.command()
@@ -93,12 +98,12 @@ def identify(
     found = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
-    by_others: dict[str, MethodModes | str] = {}
+    by_others: dict[str, ModalData | str] = {}
     if compare:
         by_others = methods.compared(record, found.quoted)
     chosen = methods.modes_by(method, record, found.quoted)
     where = console()
-    where.print(estimates_table(found.quoted))
+    where.print(estimates_table(found.quoted, found.method))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
 
@@ -108,7 +113,7 @@ def identify(
     say(
         where,
         f"The record shows {found.loads}; chi-square of its spectra over degrees of freedom is up "
-        f"to {found.worst.fit.whiteness:.2f}, allowed {found.worst.fit.allowed_whiteness:.2f}.",
+        f"to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}.",
         *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
         *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
@@ -124,7 +129,7 @@ def identify(
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
         if method != methods.BAYESIAN_FFT:
-            data = chosen.modal_data(found.quoted.band_hz, found.quoted.sensors, data.source)
+            data = replace(chosen, source=data.source)
             own = replace(own, method=methods.NAMES[method])
         data = replace(data, identifications=(own,))
         write_modal_data(data, out)
@@ -135,7 +140,11 @@ def identify(
 
 def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
     return {
-        "quoted": _estimates(found.quoted),
+        "method": found.method,
+        "band_hz": found.band_hz,
+        "sensors": found.quoted.sensors,
+        "modes": [columns(mode, MODE_FIELDS) for mode in found.quoted.modes],
+        "covariance_of_log_frequencies_and_unit_shapes": found.quoted.covariance,
         "loads": found.loads,
         "bands": [
             {
@@ -146,21 +155,9 @@ def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
             for band in found.bands
             if band.is_wanted
         ],
-        "peaks": [peak._asdict() for peak in found.peaks],
+        "peaks": found.peaks,
         "modes_too_short_for_damping_and_shape": [i + 1 for i in found.too_short],
         "not_identified": [{"frequency_hz": hz, "reason": why} for hz, why in found.not_identified],
         "remarks": [*warnings, *found.remarks],
-        "failed_checks": list(found.failed_checks),
-    }
-
-
-def _estimates(estimates: ModalEstimates) -> dict[str, Any]:
-    return {
-        "method": estimates.method,
-        "band_hz": estimates.band_hz,
-        "sensors": estimates.sensors,
-        "frequencies_hz": estimates.frequencies_hz.tolist(),
-        "dampings": estimates.dampings.tolist(),
-        "shapes": estimates.shapes.T.tolist(),
-        "covariance_of_log_frequencies_log_dampings_shapes": estimates.covariance.tolist(),
+        "failed_checks": found.failed_checks,
     }

@@ -103,8 +103,8 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     ax.yaxis.set_minor_locator(NullLocator())
     title_of(
         ax,
-        f"Whitened residuals: up to {found.worst.fit.whiteness:.2f} in a band, "
-        f"{found.worst.fit.allowed_whiteness:.2f} accepted there",
+        f"Whitened residuals: up to {found.whiteness:.2f} in a band, "
+        f"{found.allowed_whiteness:.2f} accepted there",
     )
     legend_below(ax, columns=2)
     return ax
@@ -152,7 +152,7 @@ def save_record_figures(directory: Path, found: ModalIdentification) -> list[Pat
         if found.candidates.stabilisation.size:
             drawn["stabilisation"] = plot_stabilisation(found)
         drawn["whitened_residuals"] = plot_whitened_residuals(found)
-        if len(found.too_short) < found.quoted.n_modes:
+        if len(found.too_short) < len(found.modes):
             drawn["shapes"] = plot_identified_shapes(found.modal_data())
         drawn["complexity"] = plot_complexity(found)
         return [save_figure(each, directory / f"{name}.png") for name, each in drawn.items()]
@@ -166,13 +166,11 @@ def _axes(ax: Axes | None) -> Axes:
 
 def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
     """The modes in their band, with 90 % widths."""
-    modes = found.quoted
-    ax.set_xlim(*modes.band_hz)
-    for i, (frequency, cov) in enumerate(
-        zip(modes.frequencies_hz, modes.frequency_covs, strict=True)
-    ):
+    ax.set_xlim(*found.band_hz)
+    for i, mode in enumerate(found.modes):
+        frequency, cov = mode.frequency_hz, mode.frequency_cov
         half = STYLE.sds_of_90_percent * cov * frequency
         ax.axvspan(frequency - half, frequency + half, color=STYLE.orange, alpha=0.6, linewidth=0)
         line = ax.axvline(frequency, color=STYLE.orange, linewidth=0.8,
-                          label=None if i else f"mode by {modes.method}, 90 %")  # fmt: skip
+                          label=None if i else f"mode by {found.method}, 90 %")  # fmt: skip
         hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

@@ -15,7 +15,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord, Configurat
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
-from bayes_ssi.measurements.modes.identification_summary import EstimatedPeak, IdentificationSummary
+from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.plots.record_plots import CAPTIONS
@@ -242,7 +242,7 @@ def _labels(record: IdentificationSummary, data: ModalData) -> list[str | None]:
 
 
 def _explained(
-    peak: EstimatedPeak,
+    peak: Peak,
     record: IdentificationSummary,
     labels: Sequence[str | None],
     configuration: Mapping[str, Any],

@@ -79,8 +79,8 @@ def from_record(seed: int) -> Row | str:
     )
     start = time.process_time()
     found = bs.identify(record, BAND)
-    if found.quoted.n_modes != len(LABELS):
-        return f"{found.quoted.n_modes} modes"
+    if len(found.modes) != len(LABELS):
+        return f"{len(found.modes)} modes"
     data = found.modal_data()
     data = replace(
         data,
@@ -94,7 +94,7 @@ def from_record(seed: int) -> Row | str:
     inferred = next(each for each in ranking.posteriors if each.name == RIGHT)
     rows = {row.name: row for row in exact.summary}
     return Row(
-        found.quoted.method,
+        found.method,
         len(found.failed_checks),
         next(row.probability for row in ranking.comparison.classes if row.name == RIGHT),
         best.name == RIGHT,

@@ -23,7 +23,6 @@ from simulated_records import FRAME, Truth, simulated_record, truth_of, with_inf
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.methods import NAMES, modes_by
-from bayes_ssi.measurements.records.modal_estimates import MethodModes
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -97,7 +96,7 @@ def report(kind: str, seeds: range) -> None:
         start = time.process_time()
         found = bs.identify(record, band)
         seconds.append(time.process_time() - start)
-        all_modes += found.quoted.n_modes == len(truth.frequencies_hz)
+        all_modes += len(found.modes) == len(truth.frequencies_hz)
         failed += bool(found.failed_checks)
         pairs += any(
             len(peak.frequencies_hz) > 1 and (peak.probability_of_two or 0.0) > 0.9
@@ -152,17 +151,18 @@ def disturbed(record: bs.Record, how: str, truth: Truth) -> bs.Record:
     return bs.Record(samples, record.rate_hz, record.sensors, record.quantity, record.unit)
 
 
-def errors_of(modes: MethodModes, truth: Truth) -> Errors:
+def errors_of(data: bs.ModalData, truth: Truth) -> Errors:
     """Errors of all modes, sought near those of the Bayesian FFT."""
-    n, m = modes.shapes.shape
-    cosines = np.abs((modes.shapes * truth.shapes).sum(0))
-    nothing = np.full(m, np.nan)
-    sds = nothing if modes.shape_sds is None else modes.shape_sds * np.sqrt(n - 1)
+    cosines = np.abs((data.unit_shapes * truth.shapes).sum(0))
+    covs, sds = (
+        np.array([getattr(mode, name) for mode in data.modes], dtype=float)
+        for name in ("frequency_cov", "shape_sd")
+    )
     return Errors(
-        np.log(modes.frequencies_hz / truth.frequencies_hz),
-        nothing if modes.frequency_covs is None else modes.frequency_covs,
+        np.log(data.frequencies_hz / truth.frequencies_hz),
+        covs,
         np.sqrt(np.maximum(0.0, 2.0 - 2.0 * cosines)),
-        sds,
+        sds * np.sqrt(len(data.sensors) - 1),
     )
 
 

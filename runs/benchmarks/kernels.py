@@ -107,7 +107,7 @@ def identified() -> Answer:
     found = bs.identify(record, (0.6, 4.6))
     modes = [(m.label, m.frequency_hz, m.frequency_cov) for m in found.modal_data().modes]
     estimates = {f"frequency of mode {label}": (hz, hz * cov) for label, hz, cov in modes}
-    return Answer(estimates, f"{len(modes)} by {found.quoted.method}", len(found.failed_checks))
+    return Answer(estimates, f"{len(modes)} by {found.method}", len(found.failed_checks))
 
 
 CASES: dict[str, Callable[[], Answer]] = {

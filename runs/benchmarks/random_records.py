@@ -178,29 +178,29 @@ def case(seed: int) -> Case:
 
 def compare(case: Case, found: bs.ModalIdentification) -> dict:
     """How what is quoted compares with the truth."""
-    quoted = found.quoted
+    quoted, shapes = found.quoted, found.quoted.unit_shapes
     taken: dict[int, int] = {}
     pulls, falsely, pulls_z, pulls_shape = [], 0, [], []
-    for i, f in enumerate(quoted.frequencies_hz):
+    for i, (f, mode) in enumerate(zip(quoted.frequencies_hz, quoted.modes, strict=True)):
         best, distance = -1, np.inf
         for j, true in enumerate(case.frequencies_hz):
             if j in taken.values():
                 continue
-            mac = (quoted.shapes[:, i] @ case.shapes[:, j]) ** 2
-            apart = abs(np.log(f / true)) / max(case.dampings[j], 3 * quoted.frequency_covs[i])
+            mac = (shapes[:, i] @ case.shapes[:, j]) ** 2
+            apart = abs(np.log(f / true)) / max(case.dampings[j], 3 * mode.frequency_cov)
             if apart + 2.0 * (1.0 - mac) < distance and apart < 1.0:
                 best, distance = j, apart + 2.0 * (1.0 - mac)
         if best < 0:
             falsely += 1
             continue
         taken[i] = best
-        pulls.append(float(np.log(f / case.frequencies_hz[best]) / quoted.frequency_covs[i]))
-        zeta = quoted.dampings[i]
-        pulls_z.append(float(np.log(zeta / case.dampings[best]) * zeta / quoted.damping_sds[i]))
-        cosine = quoted.shapes[:, i] @ case.shapes[:, best]
-        apart = quoted.shapes[:, i] * np.sign(cosine) - case.shapes[:, best]
+        pulls.append(float(np.log(f / case.frequencies_hz[best]) / mode.frequency_cov))
+        zeta = mode.damping
+        pulls_z.append(float(np.log(zeta / case.dampings[best]) * zeta / mode.damping_sd))
+        cosine = shapes[:, i] @ case.shapes[:, best]
+        apart = shapes[:, i] * np.sign(cosine) - case.shapes[:, best]
         n = len(apart)
-        pulls_shape.append(float(np.linalg.norm(apart) / np.sqrt(n - 1) / quoted.shape_sds[i]))
+        pulls_shape.append(float(np.linalg.norm(apart) / np.sqrt(n - 1) / mode.shape_sd))
     named, absent, unseen = [], [], []
     for j, f in enumerate(case.frequencies_hz):
         if j in taken.values():
@@ -217,12 +217,12 @@ def compare(case: Case, found: bs.ModalIdentification) -> dict:
         "named": named,
         "absent": absent,
         "unseen": unseen,
-        "modes": int(quoted.n_modes),
+        "modes": len(quoted.modes),
         "false": falsely,
         "pulls": pulls,
         "pulls_damping": pulls_z,
         "pulls_shape": pulls_shape,
-        "claimed": [float(v) for v in quoted.frequency_covs],
+        "claimed": [mode.frequency_cov for mode in quoted.modes],
         "failed": len(found.failed_checks),
         "checks": list(found.failed_checks),
     }

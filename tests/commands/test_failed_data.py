@@ -25,7 +25,7 @@ def path(tmp_path_factory, tiny_study):
     directory = tmp_path_factory.mktemp("study")
     failed = identified(
         "tower.csv",
-        failed_checks=(CHECK.removeprefix("identified from tower.csv: "),),
+        doubts=(CHECK.removeprefix("identified from tower.csv: "),),
         not_identified=((2.5, "two modes share its peak"),),
     )
     data = replace(tiny_study.model_classes[0].data, identifications=(failed,))

@@ -76,7 +76,7 @@ def test_bands_that_overlap_become_one_in_a_new_folder(files, tmp_path):
 def test_failed_checks_of_an_identification_end_with_3(files):
     modes = bs.read_modal_data(files[0])
     files[0].unlink()
-    failed = identified("one.npz", failed_checks=("the methods differ",))
+    failed = identified("one.npz", doubts=("the methods differ",))
     bs.write_modal_data(replace(modes, identifications=(failed,)), files[0])
     done = run(*files)
     assert done.exit_code == 3

@@ -12,11 +12,10 @@ from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 RECORD = identified(
     "a.csv",
     method="NExT-ERA",
-    is_explained=False,
     cycles_of_decay=0.7,
     modes=(EstimatedMode(1.0, 0.002, None, None, None),),
     remarks=("sensor 'x': clipped",),
-    failed_checks=("the methods differ",),
+    doubts=("the methods differ",),
     figures=("figures/shapes.png",),
     not_identified=((3.2, "its shape is not determined"),),
 )
@@ -41,16 +40,6 @@ def test_a_file_names_how_its_modes_were_identified_and_keeps_it(csv, tmp_path):
     moved = csv.parent.rename(tmp_path.parent / f"{tmp_path.name}_moved")
     (read,) = bs.read_modal_data(moved / "modes.csv").identifications
     assert read == replace(RECORD, figures=(str(moved / "figures" / "shapes.png"),))
-
-
-def test_a_file_written_before_modes_could_be_named_as_not_identified_is_read(csv):
-    path = csv.with_suffix(".identification.json")
-    record = json.loads(path.read_text())
-    (stored,) = record["identifications"]
-    del stored["not_identified"], stored["peaks"][0]["probability_of_phases"]
-    path.write_text(json.dumps(record))
-    (read,) = bs.read_modal_data(csv).identifications
-    assert (read.not_identified, read.peaks, read.modes) == ((), RECORD.peaks, RECORD.modes)
 
 
 def test_failed_checks_are_heard_with_the_modes_that_are_not_identified(csv):
@@ -83,6 +72,7 @@ def test_without_its_line_nothing_is_known_of_the_identification(csv):
             "modes.identification.json: no record of the identification",
         ),
         (
+            # As of an earlier version.
             lambda path: path.write_text(json.dumps({"identifications": [{}]})),
             r"modes.identification.json: .* identifications\[0\].record: missing",
         ),

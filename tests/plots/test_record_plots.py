@@ -31,8 +31,8 @@ def closed():
 def test_spectra_and_poles_have_the_modes_with_their_90_percent_widths(identified):
     for ax in (plot_singular_values(identified), plot_stabilisation(identified)):
         widths = [patch.get_width() for patch in ax.patches]
-        modes = identified.quoted
-        expected = 2 * 1.645 * modes.frequency_covs * modes.frequencies_hz
+        modes = identified.quoted.modes
+        expected = [2 * 1.645 * mode.frequency_cov * mode.frequency_hz for mode in modes]
         np.testing.assert_allclose(widths, expected, rtol=1e-9)
 
 

@@ -9,7 +9,7 @@ from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, EstimatedPeak
+from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, Peak
 from bayes_ssi.report import write_report
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.studies.ranking.study import Ranking
@@ -21,9 +21,12 @@ RECORD = identified(
         EstimatedMode(2.4, 0.001, 0.02, 0.003, 0.005),
         EstimatedMode(2.9, 0.001, 0.02, 0.003, 0.005),
     ),
-    peaks=(EstimatedPeak((0,), 0.0001, 0.05), EstimatedPeak((1, 2), 0.97, 0.15)),
+    peaks=(
+        Peak((1.0,), (0,), 0.0001, None, 0.05, 1.25),
+        Peak((2.4, 2.9), (1, 2), 0.97, None, 0.15, 1.56),
+    ),
     remarks=("sensor 'x': clipped",),
-    failed_checks=("mode at 2.9 Hz: the methods differ",),
+    doubts=("mode at 2.9 Hz: the methods differ",),
 )
 
 
@@ -82,8 +85,8 @@ def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking
 
 def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     peaks = tuple(replace(peak, probability_of_two=None) for peak in RECORD.peaks)
-    doubtful = replace(RECORD, is_explained=False, cycles_of_decay=0.5, peaks=peaks)
-    other = replace(RECORD, is_explained=False, method="NExT-ERA")
+    doubtful = replace(RECORD, whiteness=2.0, cycles_of_decay=0.5, peaks=peaks)
+    other = replace(RECORD, whiteness=2.0, method="NExT-ERA")
     save_result(ranking(RECORD, doubtful, other), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     parts = shown.split("Modes were sought from 0 to 4 Hz.")[1:]
@@ -123,7 +126,7 @@ def test_the_first_screen_says_what_failed_before_the_ranking(ranking, tmp_path)
     assert "1 check of the identified modes failed: modes may be wrong or missing" in first_screen
     assert check in first_screen
     assert "All checks passed" not in shown
-    sound = save_result(ranking(replace(RECORD, failed_checks=())), tmp_path / "sound")
+    sound = save_result(ranking(replace(RECORD, doubts=())), tmp_path / "sound")
     assert sound.comparison.failed_checks == ()
     assert "All checks passed" in Page(write_report(sound.directory).read_text("utf-8")).text
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+SURE_PROBABILITY = 0.95  # that leaves no doubt, in words
+
 
 @dataclass(frozen=True)
 class MeasuredRecord:
@@ -27,46 +29,87 @@ class EstimatedMode:
 
 
 @dataclass(frozen=True)
-class EstimatedPeak:
-    """A peak of the spectra, and how many modes it holds."""
+class Peak:
+    """A peak of the spectra, and how many modes it holds.
 
-    modes: tuple[int, ...]  # places of its modes among those identified, from 0
-    # That it holds two modes rather than one; None where the spectra around it do not support a
-    # comparison.
+    Probabilities are those of two modes rather than one, and of one mode whose sensors have phases,
+    rather than one or two with real shapes, each explanation equally probable before; None where
+    the spectra around it do not support a comparison.
+    """
+
+    frequencies_hz: tuple[float, ...]
+    modes: tuple[int, ...]  # their places among those identified, from 0
     probability_of_two: float | None
+    probability_of_phases: float | None
     resolution_hz: float
-    # That it is one mode whose sensors have phases, rather than one or two with real shapes; None
-    # where that was not asked.
-    probability_of_phases: float | None = None
+    resolution: float  # in half-power bandwidths
+
+    def __str__(self) -> str:
+        at = " and ".join(f"{f:.4g}" for f in self.frequencies_hz)
+        p, phases = self.probability_of_two, self.probability_of_phases
+        if p is None or phases is None:
+            return f"peak at {at} Hz: the spectra around it are not explained"
+        text = f"peak at {at} Hz: two modes with a probability {_chance(p)}"
+        if phases > 0.5:
+            text += f", one mode whose sensors have phases with {_chance(phases)}"
+        if p > SURE_PROBABILITY:
+            return text
+        closer = f"{self.resolution_hz:.2g} Hz ({self.resolution:.2g} bandwidths)"
+        if p < 1.0 - SURE_PROBABILITY:
+            return f"{text}; modes closer than about {closer} could not be told apart"
+        return f"{text}: the record cannot tell"
 
 
-@dataclass(frozen=True)
+def _chance(p: float) -> str:
+    return "above 0.999" if p > 0.999 else "below 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class IdentificationSummary:
-    """An identification of modes from one record."""
+    """An identification of modes from one record.
+
+    Attributes:
+        record: the record without its samples.
+        band_hz: lowest and highest frequency of the search.
+        method: how the modes were identified.
+        loads: what drives the modes, by the evidence, or the ground whose motion is measured.
+        whiteness: chi-square of the whitened spectra over its degrees of freedom, in the band of
+            the spectrum where it exceeds most what is allowed.
+        allowed_whiteness: and what is allowed there.
+        cycles_of_decay: ζ f T, least of all modes, T the duration.
+        modes: that were identified.
+        peaks: of the spectra, with the probability that each holds two modes.
+        not_identified: frequency (Hz) of each mode that the record shows clearly, but that is not
+            among those identified, and why.
+        remarks: what to know of the result, a sentence each.
+        doubts: why the claimed errors may be wrong, a sentence each.
+        figures: paths of pictures of the identification.
+    """
 
     record: MeasuredRecord
     band_hz: tuple[float, float]
     method: str
     loads: str
-    is_explained: bool
-    # Chi-square of the whitened spectra over its degrees of freedom, where it is largest.
     whiteness: float
     allowed_whiteness: float
     cycles_of_decay: float
     modes: tuple[EstimatedMode, ...]
-    peaks: tuple[EstimatedPeak, ...]
+    peaks: tuple[Peak, ...]
+    not_identified: tuple[tuple[float, str], ...]
     remarks: tuple[str, ...]
-    failed_checks: tuple[str, ...]
+    doubts: tuple[str, ...]
     figures: tuple[str, ...] = ()
-    # Frequency (Hz) of each mode that the record shows, but that is not among those identified, and
-    # why.
-    not_identified: tuple[tuple[float, str], ...] = ()
 
     @property
-    def all_failed_checks(self) -> tuple[str, ...]:
-        """Failed checks, and what the modes that are not identified do to rankings."""
+    def is_explained(self) -> bool:
+        """Whether the modes explain the spectra."""
+        return self.whiteness <= self.allowed_whiteness
+
+    @property
+    def failed_checks(self) -> tuple[str, ...]:
+        """Doubts, and what modes that are not identified do to rankings; empty if all is well."""
         return (
-            *self.failed_checks,
+            *self.doubts,
             *(
                 f"the record shows a mode at {hz:.4g} Hz that is not identified ({reason}): a "
                 "model class that has it counts as missing it, and its probability is too low"

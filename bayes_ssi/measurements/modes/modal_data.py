@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
@@ -95,6 +97,39 @@ class ModalData(Displayed):
             object.__setattr__(self, "covariance", covariance)
             object.__setattr__(self, "modes", with_sizes(ordered, covariance))
 
+    @classmethod
+    def from_arrays(
+        cls,
+        frequencies_hz: ArrayLike,
+        shapes: ArrayLike,
+        band_hz: Sequence[float],
+        sensors: Sequence[str],
+        source: str = "",
+        *,
+        covariance: FloatArray | None = None,
+        **columns: ArrayLike,
+    ) -> ModalData:
+        """Modes labelled 1, 2, … in the order of the arrays.
+
+        Args:
+            frequencies_hz: (m,).
+            shapes: (n, m), of n sensors.
+            columns: other fields of :class:`IdentifiedMode`, (m,) each; NaN where not known.
+        """
+        numbers = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
+        modes = tuple(
+            IdentifiedMode(
+                str(i + 1),
+                float(hz),
+                shape,
+                **{name: float(n[i]) for name, n in numbers.items() if not np.isnan(n[i])},
+            )
+            for i, (hz, shape) in enumerate(
+                zip(np.asarray(frequencies_hz), np.asarray(shapes).T, strict=True)
+            )
+        )
+        return cls(modes, checked_band(band_hz), tuple(sensors), source, covariance)
+
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels of the modes, in ascending order of frequency."""
@@ -141,7 +176,7 @@ class ModalData(Displayed):
             *(
                 f"identified from {each.record.source or 'a record'}: {check}"
                 for each in self.identifications
-                for check in each.all_failed_checks
+                for check in each.failed_checks
             ),
         )
 

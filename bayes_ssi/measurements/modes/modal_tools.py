@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.universal_files import read_data_sets
-from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode, checked_band
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
 DATA_OF_AXES = {"x": "r1", "y": "r2", "z": "r3"}
@@ -41,22 +41,18 @@ def read_modal_uff(
     sets = [s for s in sets if s["analysis_type"] in ANALYSIS_TYPES]
     if not sets:
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
-    modes = sorted((_frequency_and_damping(s), i) for i, s in enumerate(sets))
+    modes = sorted((*_frequency_and_damping(s), i) for i, s in enumerate(sets))
+    frequencies, dampings, order = (np.array(column) for column in zip(*modes, strict=True))
     named = dict(sensors) if sensors is not None else moving_sensors(sets)
     try:
-        return ModalData(
-            tuple(
-                IdentifiedMode(
-                    str(number),
-                    frequency,
-                    np.array([_component(sets[i], name, at) for name, at in named.items()]),
-                    damping=damping if 0.0 < damping < 1.0 else None,
-                )
-                for number, ((frequency, damping), i) in enumerate(modes, start=1)
-            ),
-            checked_band(band_hz),
-            sensors=tuple(named),
-            source=path.name,
+        components = [[_component(sets[i], *item) for i in order] for item in named.items()]
+        return ModalData.from_arrays(
+            frequencies,
+            np.reshape(components, (len(named), len(sets))),
+            band_hz,
+            tuple(named),
+            path.name,
+            damping=np.where((dampings > 0.0) & (dampings < 1.0), dampings, np.nan),
         )
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -151,28 +147,19 @@ def modal_data_from_pyoma2(
     damping = _column(result, "Xi", len(frequencies))
     spread = _column(result, "Fn_std", len(frequencies))
     order = np.argsort(frequencies, kind="stable")
-    modes = tuple(
-        IdentifiedMode(
-            label=str(number),
-            frequency_hz=float(frequencies[i]),
-            shape=shapes[:, i],
-            # An algorithm that did not estimate it leaves zero or NaN.
-            frequency_cov=float(spread[i] / frequencies[i]) if spread[i] > 0.0 else None,
-            damping=float(damping[i]) if 0.0 <= damping[i] < 1.0 else None,
-        )
-        for number, i in enumerate(order, start=1)
+    return ModalData.from_arrays(
+        frequencies[order],
+        shapes[:, order],
+        band_hz,
+        names,
+        source,
+        # An algorithm that did not estimate it leaves zero or NaN.
+        frequency_cov=np.where(spread > 0.0, spread / frequencies, np.nan)[order],
+        damping=np.where((damping >= 0.0) & (damping < 1.0), damping, np.nan)[order],
     )
-    return ModalData(modes, checked_band(band_hz), sensors=tuple(names), source=source)
 
 
-def _column(result: Any, name: str, n: int) -> np.ndarray:
-    """One number for each mode, NaN where the result has none."""
+def _column(result: Any, name: str, n: int) -> FloatArray:
+    """One number for each mode (n,), NaN where the result has none."""
     values = getattr(result, name, None)
-    if values is None:
-        return np.full(n, np.nan)
-    column = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
-    if len(column) != n:
-        raise ValueError(
-            f"modal_data_from_pyoma2: {name} holds {len(column)} numbers, expected {n}"
-        )
-    return column
+    return np.full(n, np.nan) if values is None else np.reshape(values, n).astype(float)

@@ -80,8 +80,10 @@ class Explained:
             )
         return None
 
-    def estimates(self, places: Sequence[int]) -> tuple[Resonances, FloatArray]:
-        """Some of its modes in channels, with real shapes, and the covariance of their errors.
+    def estimates(
+        self, places: Sequence[int], channels: Sequence[int]
+    ) -> tuple[Resonances, FloatArray]:
+        """Some of its modes in some channels, with real shapes, and the covariance of their errors.
 
         It is that of (ln f, ln ζ, shapes), shapes mode by mode. Errors grow by the root of
         chi-square where that is more than is allowed.
@@ -89,7 +91,8 @@ class Explained:
         fit, data = self.fit, self.fit.data
         rest, variances = rest_of_shapes(fit)
         r, m = fit.modes.shapes.shape
-        n, n_places = len(data.to_channels), len(places)
+        n, n_places = len(channels), len(places)
+        to_channels, rest_to_channels = data.to_channels[channels], data.rest_to_channels[channels]
         shapes = np.empty((n, n_places))
         jacobian = np.zeros((n_places * (2 + n), 2 * m * (1 + r)))
         of_rest = np.zeros((n_places * (2 + n), n_places * (2 + n)))
@@ -97,16 +100,16 @@ class Explained:
             jacobian[k, i] = jacobian[n_places + k, m + i] = 1.0
             full = data.to_channels @ fit.modes.shapes[:, i] + data.rest_to_channels @ rest[:, i]
             turn = np.exp(-0.5j * np.angle((full**2).sum()))
-            real = (turn * full).real
+            real = (turn * full).real[channels]
             length = np.linalg.norm(real)
             shape = shapes[:, k] = real / length
             across = (np.eye(n) - np.outer(shape, shape)) / length
             rows = slice(2 * n_places + k * n, 2 * n_places + (k + 1) * n)
             at = 2 * m + i * r
-            jacobian[rows, at : at + r] = turn.real * (across @ data.to_channels)
+            jacobian[rows, at : at + r] = turn.real * (across @ to_channels)
             at += m * r
-            jacobian[rows, at : at + r] = -turn.imag * (across @ data.to_channels)
-            outside = across @ data.rest_to_channels
+            jacobian[rows, at : at + r] = -turn.imag * (across @ to_channels)
+            outside = across @ rest_to_channels
             of_rest[rows, rows] = variances[i] * outside @ outside.T
         covariance = jacobian @ fit.covariance @ jacobian.T + of_rest
         if self.excess > 1.0:

@@ -23,7 +23,6 @@ class IdentificationSettings:
     ground_width: float = 0.05  # of the blocks in which coherence with the ground is judged
     most_delay_searches: int = 3  # delays are sought again where shapes still have phases
     fewest_modes_of_delays: int = 2  # the phases of one could be its own
-    sure_probability: float = 0.95  # that leaves no doubt, in words
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bayes_ssi.foundations.choices import require_one_of
 
 if TYPE_CHECKING:  # commands show the names in their help, before anything heavy is imported
-    from bayes_ssi.measurements.records.modal_estimates import MethodModes, ModalEstimates
+    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.record import Record
     from bayes_ssi.measurements.records.resonances import Resonances
 
@@ -27,7 +29,7 @@ NAMES: Mapping[str, str] = {
 }
 
 
-def _others() -> Mapping[str, Callable[[Record, tuple[float, float], Resonances], MethodModes]]:
+def _others() -> Mapping[str, Callable[[Record, tuple[float, float], Resonances], ModalData]]:
     from bayes_ssi.measurements.records.next_era import next_era
     from bayes_ssi.measurements.records.peak_methods import fdd, tfie
     from bayes_ssi.measurements.records.ssi_cov import ssi_cov
@@ -35,18 +37,22 @@ def _others() -> Mapping[str, Callable[[Record, tuple[float, float], Resonances]
     return {"next-era": next_era, "ssi-cov": ssi_cov, "fdd": fdd, "tfie": tfie}
 
 
-def modes_by(method: str, record: Record, identified: ModalEstimates) -> MethodModes:
+def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     """The modes of a record by one method, near those that are identified."""
     if method == BAYESIAN_FFT:
-        return identified.method_modes
+        return identified
     require_one_of("method", method, NAMES)
+    from bayes_ssi.measurements.records.resonances import Resonances
+
+    dampings = np.array([mode.damping for mode in identified.modes])
+    near = Resonances(identified.frequencies_hz, dampings, identified.unit_shapes)
     at_sensors = record.selected(identified.sensors)
-    return _others()[method](at_sensors, identified.band_hz, identified.poles)
+    return _others()[method](at_sensors, identified.band_hz, near)
 
 
-def compared(record: Record, identified: ModalEstimates) -> dict[str, MethodModes | str]:
+def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str]:
     """The modes by every method, or why a method does not give them."""
-    modes: dict[str, MethodModes | str] = {}
+    modes: dict[str, ModalData | str] = {}
     for method in NAMES:
         try:
             modes[method] = modes_by(method, record, identified)

@@ -9,7 +9,13 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.modes.identification_summary import MeasuredRecord
+from bayes_ssi.foundations.displayed import columns
+from bayes_ssi.measurements.modes.identification_summary import (
+    EstimatedMode,
+    MeasuredRecord,
+    Peak,
+)
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.disturbances import (
     Stationary,
@@ -20,11 +26,9 @@ from bayes_ssi.measurements.records.disturbances import (
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.identification_result import (
     ModalIdentification,
-    Peak,
     SingularValues,
 )
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
-from bayes_ssi.measurements.records.modal_estimates import ModalEstimates
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
@@ -32,6 +36,9 @@ from bayes_ssi.measurements.records.sensor_delays import common_delays
 from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
 
 METHOD = "Bayesian FFT"
+FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
+# Of modes that a record is too short for.
+UNKNOWN = dict.fromkeys(FIELDS[2:])
 
 
 @checked
@@ -106,10 +113,7 @@ def identify(
         for name, delay in zip(record.sensors, late, strict=True)
         if abs(delay) > 0.05 * np.abs(late).max()
     ]
-    result = _result(record, band, found, bands, spectrum, remarks, doubts)
-    if driven_by is None:
-        return result
-    return replace(result, quoted=result.quoted.without_sensor(driven_by), ground=ground)
+    return _result(record, band, found, bands, spectrum, remarks, doubts, ground)
 
 
 def _on_time(
@@ -249,6 +253,7 @@ def _result(
     spectrum: Spectra,
     remarks: list[str],
     doubts: list[str],
+    ground: str = "",
 ) -> ModalIdentification:
     kept = [(explained, inside) for explained in bands if (inside := _inside(explained, band))]
     not_identified = _not_identified(found, bands, band)
@@ -258,19 +263,31 @@ def _result(
             + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
             + "; give frequencies as at, or another band"
         )
-    quoted, peaks = _quoted(record, band, kept)
-    decays = quoted.dampings * quoted.frequencies_hz * record.duration_s
-    too_short = tuple(np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist())
+    quoted, peaks = _quoted(record, band, kept, ground)
+    dampings = np.array([mode.damping for mode in quoted.modes])
+    decays = dampings * quoted.frequencies_hz * record.duration_s
+    too_short = np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist()
     values = np.linalg.eigvalsh(spectrum.matrices)[:, ::-1]
-    measured = MeasuredRecord(
-        record.source, record.sensors, record.duration_s, record.rate_hz, record.quantity,
-        record.unit,
-    )  # fmt: skip
+    worst = max((each for each in bands if each.is_wanted), key=lambda each: each.excess).fit
+    loads = "one process" if worst.one_source else "independent loads"
     return ModalIdentification(
-        measured, quoted, tuple(bands), found,
-        SingularValues(spectrum.frequencies_hz, np.asarray(values, dtype=np.float64)),
-        peaks, not_identified, too_short,
-        (
+        record=MeasuredRecord(
+            record.source, record.sensors, record.duration_s, record.rate_hz, record.quantity,
+            record.unit,
+        ),
+        band_hz=band,
+        method=METHOD,
+        loads=f"the motion of sensor {ground!r}" if ground else loads,
+        whiteness=worst.whiteness,
+        allowed_whiteness=worst.allowed_whiteness,
+        cycles_of_decay=float(decays.min()),
+        modes=tuple(
+            EstimatedMode(**columns(mode, FIELDS) | (UNKNOWN if i in too_short else {}))
+            for i, mode in enumerate(quoted.modes)
+        ),
+        peaks=peaks,
+        not_identified=not_identified,
+        remarks=(
             *remarks,
             *(
                 f"mode at {quoted.frequencies_hz[i]:.4g} Hz: no wider than a line of the record "
@@ -279,7 +296,13 @@ def _result(
                 for i in too_short
             ),
         ),
-        (*doubts, *(doubt for explained, _ in kept if (doubt := explained.doubt))),
+        doubts=(*doubts, *(doubt for explained, _ in kept if (doubt := explained.doubt))),
+        quoted=quoted,
+        bands=tuple(bands),
+        candidates=found,
+        spectrum=SingularValues(spectrum.frequencies_hz, np.asarray(values, dtype=np.float64)),
+        too_short=tuple(too_short),
+        ground=ground,
     )  # fmt: skip
 
 
@@ -304,17 +327,20 @@ def _not_identified(
 
 
 def _quoted(
-    record: Record, band: tuple[float, float], kept: list[tuple[Explained, list[int]]]
-) -> tuple[ModalEstimates, tuple[Peak, ...]]:
-    """The modes of all bands with their joint covariance, and their peaks."""
-    n = len(record.sensors)
-    m = sum(len(inside) for _, inside in kept)
+    record: Record,
+    band: tuple[float, float],
+    kept: list[tuple[Explained, list[int]]],
+    ground: str,
+) -> tuple[ModalData, tuple[Peak, ...]]:
+    """The modes of all bands, without the ground, with their joint covariance, and their peaks."""
+    channels = [i for i, name in enumerate(record.sensors) if name != ground]
+    n, m = len(channels), sum(len(inside) for _, inside in kept)
     covariance = np.zeros((m * (2 + n), m * (2 + n)))
     parts: list[Resonances] = []
     peaks = []
     first = 0
     for explained, inside in kept:
-        modes, of_band = explained.estimates(inside)
+        modes, of_band = explained.estimates(inside, channels)
         parts.append(modes)
         end = first + modes.n_modes
         rows = np.r_[first:end, m + first : m + end, 2 * m + n * first : 2 * m + n * end]
@@ -335,8 +361,15 @@ def _quoted(
     )
     signed, signs = with_positive_largest(shapes)
     turns = np.r_[np.ones(2 * m), np.repeat(signs, n)]
-    estimates = ModalEstimates(
-        METHOD, band, record.sensors, frequencies_hz, dampings, signed,
-        covariance * turns * turns[:, None],
-    )  # fmt: skip
-    return estimates, tuple(peaks)
+    covariance *= turns * turns[:, None]
+    of_data = np.r_[:m, 2 * m : len(covariance)]  # not the dampings
+    data = ModalData.from_arrays(
+        frequencies_hz,
+        signed,
+        band,
+        tuple(record.sensors[i] for i in channels),
+        covariance=covariance[np.ix_(of_data, of_data)],
+        damping=dampings,
+        damping_sd=dampings * np.sqrt(covariance.diagonal()[m : 2 * m]),
+    )
+    return data, tuple(peaks)

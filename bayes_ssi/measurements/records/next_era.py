@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import FIT, METHODS
-from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, block_hankel, real_shapes
 from bayes_ssi.structures.modal import mac
@@ -94,7 +94,7 @@ class _Realisation:
         return Resonances(frequencies[kept], dampings[kept], real_shapes(shapes))
 
 
-def next_era(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+def next_era(record: Record, band_hz: tuple[float, float], near: Resonances) -> ModalData:
     """Frequencies, dampings and shapes of modes, with standard deviations from a jackknife.
 
     The order is the lowest at which all modes appear in the record and without each segment.
@@ -121,14 +121,15 @@ def next_era(record: Record, band_hz: tuple[float, float], near: Resonances) -> 
     jackknifed = (n_segments - 1) / n_segments * deviations.T @ deviations
     variances = jackknifed.diagonal()
     n, m = center.shapes.shape
-    of_shapes = variances[2 * m :].reshape(m, n).sum(1)
-    return MethodModes(
+    return ModalData.from_arrays(
         center.frequencies_hz,
         center.shapes,
-        np.sqrt(variances[:m]),
-        center.dampings,
-        center.dampings * np.sqrt(variances[m : 2 * m]),
-        np.sqrt(of_shapes / (n - 1)),
+        band_hz,
+        record.sensors,
+        frequency_cov=np.sqrt(variances[:m]),
+        damping=center.dampings,
+        damping_sd=center.dampings * np.sqrt(variances[m : 2 * m]),
+        shape_sd=np.sqrt(variances[2 * m :].reshape(m, n).sum(1) / (n - 1)),
     )
 
 

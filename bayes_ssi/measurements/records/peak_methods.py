@@ -16,8 +16,8 @@ amplitude ratios at these give the shape. It gives no errors.
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import METHODS
-from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import (
     Resonances,
@@ -61,16 +61,17 @@ def peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArray
     return sorted(lines)
 
 
-def fdd(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+def fdd(record: Record, band_hz: tuple[float, float], near: Resonances) -> ModalData:
     """The peaks of the first singular value nearest uphill of some modes."""
     frequencies, transforms = short_time_spectra(record, band_hz, METHODS.fdd_periods)
     matrices = np.einsum("ift,jft->fij", transforms, transforms.conj()) / transforms.shape[2]
     values, vectors = np.linalg.eigh(matrices)
     lines = peaks_of(values[:, -1], frequencies, near.frequencies_hz)
-    return MethodModes(frequencies[lines], real_shapes(vectors[lines, :, -1].T))
+    shapes = real_shapes(vectors[lines, :, -1].T)
+    return ModalData.from_arrays(frequencies[lines], shapes, band_hz, record.sensors)
 
 
-def tfie(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+def tfie(record: Record, band_hz: tuple[float, float], near: Resonances) -> ModalData:
     """The frequencies of least phase dispersion nearest uphill of some modes."""
     frequencies, transforms = short_time_spectra(record, band_hz, METHODS.tfie_periods)
     lines = peaks_of(phase_constancy(transforms), frequencies, near.frequencies_hz)
@@ -81,7 +82,8 @@ def tfie(record: Record, band_hz: tuple[float, float], near: Resonances) -> Meth
         ratios = motion * reference.conj() / np.abs(reference) ** 2
         column[:] = np.median(ratios.real, axis=1)
     shapes /= np.sqrt((shapes**2).sum(0))
-    return MethodModes(frequencies[lines], with_positive_largest(shapes)[0])
+    shapes, _ = with_positive_largest(shapes)
+    return ModalData.from_arrays(frequencies[lines], shapes, band_hz, record.sensors)
 
 
 def phase_constancy(transforms: ComplexArray) -> FloatArray:

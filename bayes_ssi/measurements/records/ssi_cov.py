@@ -14,13 +14,13 @@ from io import StringIO
 import numpy as np
 
 from bayes_ssi.foundations.packages import optional_package
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import METHODS
-from bayes_ssi.measurements.records.modal_estimates import MethodModes
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.resonances import Resonances, real_shapes
 
 
-def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> MethodModes:
+def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> ModalData:
     """The modes nearest to some, from the order of twice their number."""
     with optional_package("pyOMA2", extra="oma"):
         from pyoma2.functions import ssi
@@ -44,10 +44,12 @@ def ssi_cov(record: Record, band_hz: tuple[float, float], near: Resonances) -> M
             raise ValueError(f"SSI-cov: order {order} shows no mode at {frequency:.4g} Hz")
         chosen.append(int(np.nanargmin(apart)))
     found = of_order[chosen]
-    return MethodModes(
+    return ModalData.from_arrays(
         found,
         real_shapes(shapes[chosen, -1].T),
-        sds[chosen, -1] / found,
-        dampings[chosen, -1],
-        damping_sds[chosen, -1],
+        band_hz,
+        record.sensors,
+        frequency_cov=sds[chosen, -1] / found,
+        damping=dampings[chosen, -1],
+        damping_sd=damping_sds[chosen, -1],
     )

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 
 from rich.table import Table
 
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.modal_estimates import MethodModes, ModalEstimates
 from bayes_ssi.report.tables.layout import add_row, new_table, number, percent
+from bayes_ssi.structures.modal import mac
 
 # Of each mode by one method, with standard deviations.
 ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
@@ -35,37 +36,33 @@ def modes_table(data: ModalData, most: int | None = None) -> Table:
     return table
 
 
-def estimates_table(modes: ModalEstimates) -> Table:
+def estimates_table(modes: ModalData, method: str) -> Table:
     """Modes identified from a record, with standard deviations."""
-    table = new_table(f"Modes by {modes.method}", ["mode"], ESTIMATES)
-    for i in range(modes.n_modes):
-        add_row(table, str(i + 1), *_estimates(modes.method_modes, i))
+    table = new_table(f"Modes by {method}", ["mode"], ESTIMATES)
+    for mode in modes.modes:
+        add_row(table, mode.label, *_estimates(mode))
     return table
 
 
-def methods_table(by: Mapping[str, MethodModes | str], names: Mapping[str, str]) -> Table:
+def methods_table(by: Mapping[str, ModalData | str], names: Mapping[str, str]) -> Table:
     """Each mode by every method, with the MAC of its shape with that of the first."""
     shown = {name: modes for name, modes in by.items() if not isinstance(modes, str)}
     first = next(iter(shown.values()))
     table = new_table("Modes by every method", ["mode", "method"], [*ESTIMATES, "MAC"])
-    for i in range(len(first.frequencies_hz)):
+    for i, label in enumerate(first.labels):
         for name, modes in shown.items():
-            mac = float(modes.shapes[:, i] @ first.shapes[:, i]) ** 2
-            add_row(table, str(i + 1), names[name], *_estimates(modes, i), f"{mac:.4f}")
+            alike = mac(first.unit_shapes, modes.unit_shapes)[i, modes.labels.index(label)]
+            add_row(table, label, names[name], *_estimates(modes.mode(label)), f"{alike:.4f}")
     return table
 
 
-def _estimates(modes: MethodModes, i: int) -> tuple[str, ...]:
-    cov, damping, damping_sd, shape_sd = (
-        None if column is None else float(column[i])
-        for column in (modes.frequency_covs, modes.dampings, modes.damping_sds, modes.shape_sds)
-    )
+def _estimates(mode: IdentifiedMode) -> tuple[str, ...]:
     return (
-        f"{modes.frequencies_hz[i]:.5g}",
-        percent(cov, ".2g"),
-        percent(damping, ".3g"),
-        percent(damping_sd, ".2g"),
-        number(shape_sd, ".2g"),
+        f"{mode.frequency_hz:.5g}",
+        percent(mode.frequency_cov, ".2g"),
+        percent(mode.damping, ".3g"),
+        percent(mode.damping_sd, ".2g"),
+        number(mode.shape_sd, ".2g"),
     )
 
 
