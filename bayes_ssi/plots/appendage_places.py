@@ -15,8 +15,9 @@ from bayes_ssi.plots.figure_style import (
     legend_below,
     legend_of_figure,
     rows_of,
+    wrapped,
 )
-from bayes_ssi.plots.space import colour_bar_axes, draw_structure, space_axes
+from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_space
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord, SearchRecord
@@ -45,14 +46,27 @@ def plot_place_map(
     best = located[-1].record
     least = STYLE.least_share * best.probability
     shown = [one for one in located if one.record.probability >= least]
-    points = [
+    points = np.array([
         *(one.at for one in located),
         *(one.end for one in shown if one.end is not None),
         *(geometry.nodes.values() if geometry else ()),
-    ]
-    unit = geometry.unit if geometry else ""
-    title = f"Most probable: {best.place.name}, {probability_text(best.probability)}"
-    drawn = space_axes(np.array(points), unit, title, ax)
+    ])  # fmt: skip
+    unit = f" ({geometry.unit})" if geometry and geometry.unit else ""
+    low, high = points.min(axis=0), points.max(axis=0)
+    spans = ", ".join(f"{x} {a:.4g} to {b:.4g}" for x, a, b in zip("xyz", low, high, strict=True))
+    title = f"Most probable: {best.place.name}, {probability_text(best.probability)}\n{spans}{unit}"
+    # A line or a plane needs some depth for its axes.
+    reach = 0.05 * (float((high - low).max()) or 1.0)
+    drawn: Any = ax
+    bar = None
+    if ax is None:
+        figure, (drawn,) = panels_in_space([""], points, reach, below=1.15)
+        height = figure.get_figheight()
+        title = wrapped(title, STYLE.width)
+        figure.suptitle(title, x=0.02, ha="left", fontsize=STYLE.text, parse_math=False)
+        bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
+    else:
+        frame_in_space(ax, title, points, reach)
     if geometry is not None:
         draw_structure(drawn, geometry)
     scale = _colour_scale(best.probability)
@@ -68,7 +82,7 @@ def plot_place_map(
             hover(artist, f"{one.record.place.name}: probability {text}")
         else:
             artist.set_rasterized(True)
-    _colour_bar(drawn, scale, colour_bar_axes(drawn) if ax is None else None)
+    _colour_bar(drawn, scale, bar)
     legend_of_figure(drawn.figure, [drawn])
     return drawn
 

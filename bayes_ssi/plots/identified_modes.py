@@ -6,8 +6,7 @@ Shapes are drawn at the sensors, or on the structure where sensors have places o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,14 +21,13 @@ from bayes_ssi.plots.figure_style import (
     legend_of_figure,
     letters_across,
     panels_across,
-    panels_of,
     title_of,
     whole_figure,
     width_of_modes,
     width_of_panels,
     without_math,
 )
-from bayes_ssi.plots.shape_plots import MODEL, DrawnShape, by_direction, plot_shapes
+from bayes_ssi.plots.shape_plots import DrawnShape, plot_shape_components, plot_shapes
 from bayes_ssi.plots.space import draw_structure, panels_in_space
 from bayes_ssi.results.predictions.bands import Band
 from bayes_ssi.structures.geometry import Geometry, Location
@@ -41,6 +39,7 @@ if TYPE_CHECKING:
 
 
 INTERVAL = "90 % interval"
+NAME = "identified"
 
 
 def plot_identified_modes(
@@ -48,34 +47,23 @@ def plot_identified_modes(
 ) -> Figure:
     """The band with every identified frequency in it, and the shapes at the sensors.
 
-    Shapes are scaled to a largest component of ±1; a grey bar is the identification's own 95 %
-    interval.
+    Shapes are scaled to a largest component of ±1, with the identification's own 90 % intervals; a
+    grey bar is the 95 % interval of a frequency.
     """
-    with_shape = [mode for mode in data.modes if mode.scaled_shape is not None]
-    across = panels_across(len(with_shape)) if with_shape else 1
-    n_rows = -(-len(with_shape) // across)
-    height = 1.5 + (0.7 + 0.22 * len(data.sensors)) * n_rows
+    shapes = _shapes(data)
+    across = panels_across(len(shapes)) if shapes else 1
+    n_rows = -(-len(shapes) // across)
+    height = 1.5 + (0.85 + 0.22 * len(data.sensors)) * n_rows
     figure = figure_of(
         figure, (max(width_of_modes(len(data.modes)), width_of_panels(across)), height)
     )
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
     grid = figure.add_gridspec(1 + n_rows, across, height_ratios=ratios)
     _band(figure.add_subplot(grid[0, :]), data, configuration)
-    for i, mode in enumerate(with_shape):
+    for i, each in enumerate(shapes):
         ax = figure.add_subplot(grid[1 + i // across, i % across])
-        shape = np.asarray(mode.scaled_shape)
-        y = np.arange(len(data.sensors))
-        ax.axvline(0.0, color=STYLE.grey, linewidth=0.8)
-        ax.hlines(y, 0.0, shape, color=STYLE.blue, linewidth=1.5)
-        for k, component in enumerate(shape):
-            (point,) = ax.plot(component, y[k], "o", color=STYLE.blue, markersize=4)
-            hover(point, f"mode {mode.label}, {data.sensors[k]}: {component:.3f}")
-        ax.set_xlim(-1.1, 1.1)
-        ax.set_ylim(-0.6, len(y) - 0.4)
-        ax.set_yticks(y, data.sensors if i % across == 0 else [""] * len(y))
-        ax.set_xticks([-1, 0, 1])
-        title = ax.set_title(f"mode {mode.label}", fontsize=STYLE.small)
-        without_math(title, *ax.get_yticklabels())
+        plot_shape_components(None, data.sensors, each.shape, ax, title=each.title, name=NAME)
+        ax.tick_params("y", labelleft=i % across == 0)
     return figure
 
 
@@ -113,14 +101,6 @@ def _levels(frequencies_hz: FloatArray, room: float) -> list[float]:
     return levels
 
 
-class _Shape(NamedTuple):
-    """A shape with largest component ±1, and half the widths of 90 % intervals in its scale."""
-
-    title: str
-    components: FloatArray
-    half_widths: FloatArray
-
-
 def plot_identified_shapes(
     data: ModalData, structure: Structure | None = None, figure: Figure | None = None
 ) -> Figure:
@@ -139,8 +119,8 @@ def plot_identified_shapes(
         if structure.geometry is not None and at is not None:
             return _in_space(shapes, at, structure.geometry, figure)
         if _are_floors(structure, data.sensors):
-            return _on_building(shapes, data.sensors, structure, figure)
-    return _over_sensors(shapes, data.sensors, figure)
+            return plot_shapes(structure, data.sensors, shapes, figure, sideways=True, name=NAME)
+    return plot_shapes(None, data.sensors, shapes, figure, sideways=False, name=NAME)
 
 
 def has_errors_on(structure: Structure, data: ModalData) -> bool:
@@ -150,62 +130,22 @@ def has_errors_on(structure: Structure, data: ModalData) -> bool:
     return has_errors and (is_placed or _are_floors(structure, data.sensors))
 
 
-def _shapes(data: ModalData) -> list[_Shape]:
+def _shapes(data: ModalData) -> list[DrawnShape]:
+    """Shapes with largest component ±1, and 90 % intervals in their scale."""
     m, n = len(data.modes), len(data.sensors)
     shapes = []
     for i, mode in enumerate(data.modes):
         if mode.scaled_shape is None:
             continue
-        sds = np.full(n, mode.shape_sd or 0.0)
+        sds = np.full(n, mode.shape_sd or np.nan)
         if data.covariance is not None:
             sds = np.sqrt(data.covariance.diagonal()[m + n * i : m + n * (i + 1)])
         scaled = np.asarray(mode.scaled_shape)
         scale = np.linalg.norm(scaled[np.isfinite(scaled)])  # over a unit shape
+        half = STYLE.sds_of_90_percent * sds * scale
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
-        shapes.append(_Shape(title, scaled, STYLE.sds_of_90_percent * sds * scale))
+        shapes.append(DrawnShape(title, Band(scaled - half, scaled, scaled + half)))
     return shapes
-
-
-def _over_sensors(
-    shapes: Sequence[_Shape], sensors: Sequence[str], figure: Figure | None
-) -> Figure:
-    n = len(sensors)
-    figure, axes = panels_of(figure, len(shapes), 0.3, 0.75 + 0.18 * n, sharex=True)
-    # Lines join what moves in one direction.
-    groups = by_direction(sensors, ())
-    ordered = [name for group in groups.values() for name in group]
-    for shape, ax in zip(shapes, axes, strict=True):
-        ax.axvline(0.0, color=STYLE.grey, linewidth=0.8)
-        for (name, group), colour in zip(
-            groups.items(), cycle((STYLE.blue, STYLE.green, STYLE.orange))
-        ):
-            at = [list(sensors).index(sensor) for sensor in group]
-            direction = "" if len(groups) == 1 else f"{name.removeprefix(MODEL)}, "
-            bars = ax.errorbar(shape.components[at], [ordered.index(sensor) for sensor in group],
-                               xerr=shape.half_widths[at], fmt=".-", color=colour,
-                               linewidth=0.8, markersize=3, ecolor=STYLE.vermilion, elinewidth=1.5,
-                               capsize=3, label=direction + INTERVAL)  # fmt: skip
-            hover(bars, shape.title.replace("\n", ", "))
-        ax.set_xlim(-1.2, 1.2)
-        ax.set_xticks([-1, 0, 1])
-        ax.set_ylim(-0.6, n - 0.4)
-        is_first = ax.get_subplotspec().is_first_col()
-        ax.set_yticks(range(n), ordered if is_first else [""] * n)
-        title_of(ax, shape.title)
-        without_math(*ax.get_yticklabels())
-    legend_of_figure(figure, axes[:1])
-    return figure
-
-
-def _on_building(
-    shapes: Sequence[_Shape], sensors: Sequence[str], structure: Structure, figure: Figure | None
-) -> Figure:
-    drawn = []
-    for shape in shapes:
-        low, high = shape.components - shape.half_widths, shape.components + shape.half_widths
-        drawn.append(DrawnShape(shape.title, Band(low, shape.components, high)))
-    name = f"identified, {INTERVAL}"
-    return plot_shapes(structure, sensors, drawn, figure, sideways=True, name=name)
 
 
 def _locations(structure: Structure, sensors: Sequence[str]) -> list[Location] | None:
@@ -221,7 +161,7 @@ def _are_floors(structure: Structure, sensors: Sequence[str]) -> bool:
 
 
 def _in_space(
-    shapes: Sequence[_Shape], at: Sequence[Location], geometry: Geometry, figure: Figure | None
+    shapes: Sequence[DrawnShape], at: Sequence[Location], geometry: Geometry, figure: Figure | None
 ) -> Figure:
     nodes = np.array(list(geometry.nodes.values()))
     points = np.array([each.position for each in at])
@@ -232,16 +172,13 @@ def _in_space(
     figure, panels = panels_in_space(titles, np.concatenate([nodes, points]), reach, figure)
     for shape, ax in zip(shapes, panels, strict=True):
         draw_structure(ax, geometry)
-        for point, along, component, half in zip(
-            points, reach * directions, shape.components, shape.half_widths, strict=True
-        ):
-            if np.isfinite(component):
-                end = point + component * along
-                interval = np.array([end - half * along, end + half * along])
+        for point, along, *band in zip(points, reach * directions, *shape.shape, strict=True):
+            low, end, high = (point + component * along for component in band)
+            if np.isfinite(end).all():
                 ax.plot(*point[:, None], ".", color=STYLE.blue, markersize=3)
                 ax.plot(*np.array([point, end]).T, color=STYLE.blue, linewidth=1.0,
                         label="identified component")  # fmt: skip
-                ax.plot(*interval.T, color=STYLE.vermilion, linewidth=2.5, solid_capstyle="butt",
-                        label=INTERVAL)  # fmt: skip
+                ax.plot(*np.array([low, high]).T, color=STYLE.vermilion, linewidth=2.5,
+                        solid_capstyle="butt", label=INTERVAL)  # fmt: skip
     legend_of_figure(figure, panels[:1])
     return figure

@@ -128,7 +128,7 @@ def plot_mac(
         ax: axes; new ones if None.
     """
     ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
-    image = _annotate(ax, matrix, rows, columns, of, decimals=2)
+    image = _annotate(ax, matrix, rows, columns, of, ".2f")
     ax.figure.colorbar(image, ax=ax, label="MAC")
     return ax
 
@@ -143,7 +143,7 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
     )
     # Values that round to 0.000 are left blank.
     shown = np.where(probabilities < 0.0005, np.nan, probabilities)
-    _annotate(ax, shown, labels, columns, ("identified mode", "model mode"), decimals=3)
+    _annotate(ax, shown, labels, columns, ("identified mode", "model mode"), ".3f")
     return ax
 
 
@@ -156,21 +156,13 @@ def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None 
     ax = axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
     matrix = sensitivities.of_frequencies
     largest = max(float(np.abs(matrix).max()), np.finfo(float).tiny)
-    image = ax.imshow(matrix, cmap="RdBu_r", vmin=-largest, vmax=largest, aspect="auto")
-    for (i, k), value in np.ndenumerate(matrix):
-        ax.text(k, i, f"{value:+.2f}" if abs(value) >= 0.005 else "", ha="center", va="center",
-                fontsize=STYLE.small,
-                color="white" if abs(value) > 0.6 * largest else "black")  # fmt: skip
-    ax.set_xticks(range(len(names)), names)
-    ax.set_yticks(range(len(modes)), modes)
+    # Values that round to 0.00 are left blank.
+    shown = np.where(np.abs(matrix) < 0.005, np.nan, matrix)
+    of = ("mode", "parameter; bold: proposed for updating")
+    image = _annotate(ax, shown, modes, names, of, "+.2f", -largest, largest, "RdBu_r")
     for label in ax.get_xticklabels():
         if label.get_text() in sensitivities.proposed:
             label.set_fontweight("bold")
-    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
-    ax.spines[:].set_visible(False)
-    ax.tick_params(length=0)
-    ax.set_ylabel("mode")
-    ax.set_xlabel("parameter; bold: proposed for updating")
     ax.figure.colorbar(image, ax=ax, label="% of frequency per % of parameter")
     return ax
 
@@ -181,13 +173,17 @@ def _annotate(
     rows: Sequence[str],
     columns: Sequence[str],
     of: tuple[str, str],
-    decimals: int,
+    form: str,
+    least: float = 0.0,
+    most: float = 1.0,
+    colours: str = "Blues",
 ) -> AxesImage:
-    image = ax.imshow(matrix, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    """A matrix in colours from ``least`` to ``most``, with its values where they are finite."""
+    image = ax.imshow(matrix, cmap=colours, vmin=least, vmax=most, aspect="auto")
     for (i, k), value in np.ndenumerate(matrix):
         if np.isfinite(value):
-            ax.text(k, i, f"{value:.{decimals}f}", ha="center", va="center", fontsize=STYLE.small,
-                    color="white" if value > 0.6 else "black")  # fmt: skip
+            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=STYLE.small,
+                    color="white" if abs(value) > 0.6 * most else "black")  # fmt: skip
     ax.set_xticks(range(len(columns)), columns)
     ax.set_yticks(range(len(rows)), rows)
     without_math(*ax.get_xticklabels(), *ax.get_yticklabels())

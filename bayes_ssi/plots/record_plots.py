@@ -89,14 +89,17 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
 
     ax = _axes(ax)
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
-    frequencies, left = (np.concatenate(each) for each in zip(*parts, strict=True))
-    ax.semilogy(frequencies, left, ".", color=STYLE.blue, markersize=3, label="block of lines")
+    n_near = max(1, sum(len(left) for _, left in parts) // 40)
+    for i, (frequencies, left) in enumerate(parts):
+        ax.semilogy(frequencies, left, ".", color=STYLE.blue, markersize=3,
+                    label=None if i else "block of lines")  # fmt: skip
+        # In each band by itself: there is nothing between bands. One of few blocks has one mean.
+        n = min(n_near, len(left))
+        means = (np.convolve(each, np.full(n, 1.0 / n), "valid") for each in (frequencies, left))
+        ax.plot(*means, ".-", color=STYLE.orange, linewidth=1.2, markersize=1.0,
+                label=None if i else f"mean of {n_near} blocks")  # fmt: skip
     ax.axhline(1.0, color=STYLE.grey, linewidth=0.8)
-    n_near = max(1, len(left) // 40)
-    smooth = np.convolve(left, np.full(n_near, 1.0 / n_near), "valid")
-    middle = np.convolve(frequencies, np.full(n_near, 1.0 / n_near), "valid")
-    ax.plot(middle, smooth, color=STYLE.orange, linewidth=1.2, label=f"mean of {n_near} blocks")
-    ax.set_xlim(frequencies[0], frequencies[-1])
+    ax.set_xlim(parts[0][0][0], parts[-1][0][-1])
     ax.set_ylabel("chi-square over its number")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")

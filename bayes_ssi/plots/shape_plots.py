@@ -18,6 +18,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     STYLE,
     axes_of,
+    hover,
     legend_of_figure,
     panels_of,
     title_of,
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
 
 APPENDAGES = "appendage"
 BEYOND = "appendage beyond the scale, its component below"
-# Before the direction in the label of a group of places.
-MODEL = "model, "
-
 # Both give the heights of their places and name their appendages.
 Building = Structure | UpdatedModes
 # Name, places and components of a shape to compare with.
@@ -53,17 +51,18 @@ class DrawnShape:
 
 
 def plot_shapes(
-    structure: Building,
+    structure: Building | None,
     places: Sequence[str],
     shapes: Sequence[DrawnShape],
     figure: Figure | None = None,
     *,
     sideways: bool,
-    name: str = "model, with its band",
+    name: str = "model",
 ) -> Figure:
     """Mode shapes of one structure next to one another, with one legend.
 
     Args:
+        structure: None for shapes over names of sensors.
         places: degrees of freedom of the shapes.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
@@ -71,12 +70,12 @@ def plot_shapes(
     height = 2.6 if sideways else 1.0 + 0.18 * min(STYLE.most_rows, len(places))
     figure, axes = panels_of(figure, len(shapes), 0.6, height)
     for drawn, ax in zip(shapes, axes, strict=True):
-        if sideways:
+        if sideways and structure is not None:
             plot_building_shape(structure, places, drawn.shape, ax, reference=drawn.reference,
                                 before=drawn.before, title=drawn.title, name=name)  # fmt: skip
         else:
             plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
-                                  title=drawn.title)  # fmt: skip
+                                  title=drawn.title, name=name)  # fmt: skip
         ax.tick_params("y", labelsize=STYLE.small * min(1.0, STYLE.most_rows / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
     legend_of_figure(figure, axes, columns=4)
@@ -131,7 +130,7 @@ def plot_building_shape(
     reference: Reference | None = None,
     before: Sequence[float] | None = None,
     title: str = "",
-    name: str = "model, with its band",
+    name: str = "model",
 ) -> Axes:
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
 
@@ -163,13 +162,13 @@ def plot_building_shape(
                     label="before updating" if labelled else None)  # fmt: skip
         ax.fill_betweenx(y, low + side, high + side, color=STYLE.blue, alpha=0.35, linewidth=0)
         ax.plot(median + side, y, color=STYLE.blue, linewidth=1.2,
-                label=name if labelled else None)  # fmt: skip
+                label=f"{name}, with its band" if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
         if place in structure.appendages:
             _draw_appendage(ax, heights[place], [float(part[i]) for part in shape], reach)
-    _write_below(ax, structure, places, shape, reach)
+    _write_below(ax, structure.appendages, places, shape, reach)
     if reference is not None:
         other, at, components = reference
         ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
@@ -205,7 +204,7 @@ def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
 
 
 def _write_below(
-    ax: Axes, structure: Building, places: Sequence[str], shape: Band, reach: float
+    ax: Axes, appendages: Sequence[str], places: Sequence[str], shape: Band, reach: float
 ) -> None:
     """Write below the axes the components of appendages whose intervals reach beyond them."""
     # Adding zero turns a negative zero into a plain one.
@@ -213,44 +212,48 @@ def _write_below(
     far = [
         f"{wrapped(place, STYLE.panel, STYLE.small)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
-        if place in structure.appendages and max(-shape.low[i], shape.high[i]) >= reach
+        if place in appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
     ax.set_xlabel("\n".join(far), fontsize=STYLE.small, parse_math=False)
 
 
 def plot_shape_components(
-    structure: Building,
+    structure: Building | None,
     places: Sequence[str],
     shape: Band,
     ax: Axes | None = None,
     *,
     reference: Reference | None = None,
     title: str = "",
+    name: str = "model",
 ) -> Axes:
     """A mode shape component by component, for structures that move in several directions.
 
     The axes reach as far as the main structure moves; components of appendages that move further
     are written below. The components of each direction stand together in a colour of their own,
-    those of appendages above them. Arguments are as in :func:`plot_building_shape`; the first place
-    is the lowest bar.
+    those of appendages above them. Arguments are as in :func:`plot_building_shape`, but that
+    ``structure`` may be None where places are sensors; the first place is the lowest bar.
     """
+    appendages = structure.appendages if structure is not None else ()
     ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
-    groups = by_direction(places, structure.appendages)
+    groups = by_direction(places, appendages, name)
     order = [place for group in groups.values() for place in group]
     # Half a row between directions.
     gaps = np.repeat(0.5 * np.arange(len(groups)), [len(group) for group in groups.values()])
     y = dict(zip(order, np.arange(len(order)) + gaps, strict=True))
     bands = dict(zip(places, np.array(shape).T, strict=True))
-    main = [bands[place] for place in places if place not in structure.appendages]
-    largest = np.abs(main).max(initial=0.0)
+    main = [bands[place] for place in places if place not in appendages]
+    largest = np.nanmax(np.abs(main), initial=0.0)
     reach = 1.15 * largest if largest > 0.0 else 1.0
     ax.axvline(0.0, color=STYLE.grey, linewidth=0.6)
     colours = cycle((STYLE.blue, STYLE.green, STYLE.orange))
-    for name, group in groups.items():
-        colour = STYLE.vermilion if name == APPENDAGES else next(colours)
+    for label, group in groups.items():
+        colour = STYLE.vermilion if label == APPENDAGES else next(colours)
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
-        ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=name)
+        bars = ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=label)
+        for place, bar, component in zip(group, bars, median, strict=True):
+            hover(bar, f"{title}, {place}: {component:.3f}".replace("\n", ", "))
         # Of arrays of one element, matplotlib makes numbers in a way of which numpy 2.0 warns.
         below, above = (median - low).tolist(), (high - median).tolist()
         ax.errorbar(median, rows, xerr=[below, above], fmt="none", ecolor="black",
@@ -259,20 +262,22 @@ def plot_shape_components(
             if abs(component) >= reach:
                 _mark_beyond(ax, component, row, 0.9 * reach)
     if reference is not None:
-        name, at, components = reference
+        other, at, components = reference
         ax.plot(components, [y[place] for place in at], "x", color="black", markersize=6,
-                label=name)  # fmt: skip
+                label=other)  # fmt: skip
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.5, max(y.values()) + 0.5)
     ax.set_yticks([*y.values()], order)
     ax.locator_params(axis="x", nbins=2)
     without_math(*ax.get_yticklabels())
     title_of(ax, title)
-    _write_below(ax, structure, places, shape, reach)
+    _write_below(ax, appendages, places, shape, reach)
     return ax
 
 
-def by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, list[str]]:
+def by_direction(
+    places: Sequence[str], appendages: Sequence[str], name: str
+) -> dict[str, list[str]]:
     """Label of a group → its places: those of the main structure by direction, then appendages.
 
     Labels of places that move in several directions end with the direction: "floor 2 x". Where
@@ -285,8 +290,8 @@ def by_direction(places: Sequence[str], appendages: Sequence[str]) -> dict[str, 
     # A point has three displacements and three rotations.
     few = 1 < len(directions) <= min(6, len(main) - 1)
     if few and not any(ending.isdecimal() for ending in directions):
-        groups = {f"{MODEL}{ending}": group for ending, group in directions.items()}
+        groups = {f"{name}, {ending}": group for ending, group in directions.items()}
     else:
-        groups = {"model": main}
+        groups = {name: main}
     others = [place for place in places if place in appendages]
     return groups | ({APPENDAGES: others} if others else {})

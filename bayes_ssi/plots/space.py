@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,13 +16,11 @@ from bayes_ssi.plots.figure_style import (
     panels_across,
     title_of,
     width_of_panels,
-    wrapped,
 )
 from bayes_ssi.results.predictions.nodal_modes import NodalModes
 from bayes_ssi.structures.geometry import Geometry
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -96,33 +93,40 @@ def _draw_deformed(
 
 
 def panels_in_space(
-    titles: Sequence[str], points: FloatArray, reach: float, figure: Figure | None = None
+    titles: Sequence[str],
+    points: FloatArray,
+    reach: float,
+    figure: Figure | None = None,
+    below: float = 0.0,
 ) -> tuple[Figure, list[Any]]:
     """A figure with a panel in three dimensions for each title, all of one view.
 
-    All ``points`` (n, 3) fit in every panel, with room of ``reach`` around them.
+    All ``points`` (n, 3) fit in every panel, with room of ``reach`` around them, and of ``below``
+    inches below all panels.
     """
-    height, above = 2.9, 0.4  # inches: of a panel, and of the title above it
+    panel, above = 2.9, 0.4  # inches: height of a panel, and of the title above it
     across = panels_across(len(titles))
     down = -(-len(titles) // across)
-    figure = figure_of(figure, (width_of_panels(across), down * height))
+    height = down * panel + below
+    figure = figure_of(figure, (width_of_panels(across), height))
     # Without the layout of other figures, in which axes in three dimensions are too small.
     figure.set_layout_engine("none")
     panels: list[Any] = []
     for i, title in enumerate(titles):
         row, column = divmod(i, across)
-        corner = column / across, 1.0 - (row + 1.0) / down
-        size = 1.0 / across, (1.0 - above / height) / down
+        corner = column / across, 1.0 - (row + 1.0) * panel / height
+        size = 1.0 / across, (panel - above) / height
         ax: Any = figure.add_axes((*corner, *size), projection="3d")
-        _parallel(ax)
-        _frame(ax, points, reach)
-        title_of(ax, title)
+        frame_in_space(ax, title, points, reach)
         panels.append(ax)
     return figure, panels
 
 
-def _frame(ax: Any, points: FloatArray, reach: float) -> None:
+def frame_in_space(ax: Any, title: str, points: FloatArray, reach: float) -> None:
     """Axes of one scale without ticks, and arrows that name them at the lowest corner."""
+    # Parallel lines stay parallel, and what is drawn later is above.
+    ax.computed_zorder = False
+    ax.set_proj_type("ortho")
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
     ax.set_axis_off()
     for name, least, most in zip("xyz", low, high, strict=True):
@@ -140,97 +144,7 @@ def _frame(ax: Any, points: FloatArray, reach: float) -> None:
             ha="center",
             va="center",
         )
-
-
-def _parallel(ax: Any) -> None:
-    """Parallel lines stay parallel, and what is drawn later is above."""
-    ax.computed_zorder = False
-    ax.set_proj_type("ortho")
-
-
-def space_axes(points: FloatArray, unit: str, title: str, ax: Axes | None = None) -> Any:
-    """Axes in which all points fit, with the same scale in x, y and z.
-
-    Args:
-        points: (n, 3).
-        unit: of the coordinates, for the names of the axes; may be empty.
-        ax: axes in three dimensions; those of a new figure, as high as it must be, if None.
-    """
-    own = ax is None
-    if ax is None:
-        # Without the layout of other figures, in which axes in three dimensions are too small.
-        figure = figure_of(None, (STYLE.width, STYLE.width))
-        figure.set_layout_engine("none")
-        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
-    drawn: Any = ax
-    _parallel(drawn)
-    low, high = points.min(axis=0), points.max(axis=0)
-    longest = float((high - low).max()) or 1.0
-    # A line or a plane needs some depth for its axes.
-    half = np.maximum(0.5 * (high - low), 0.1 * longest)
-    middle = 0.5 * (low + high)
-    drawn.set_box_aspect(tuple(half))
-    for i, name in enumerate("xyz"):
-        axis = getattr(drawn, f"{name}axis")
-        getattr(drawn, f"set_{name}lim")(middle[i] - half[i], middle[i] + half[i])
-        axis.set_major_locator(_ticks(name, float(half[i] / half.max()), bool(high[i] > low[i])))
-        axis.set_tick_params(pad=-2.0, labelsize=STYLE.small)
-        axis.pane.set_visible(False)
-    drawn.grid(visible=False)
-    _name_axes(drawn, middle, half, unit)
-    if not own:
-        title_of(drawn, title)
-        return drawn
-    text = wrapped(title, STYLE.width)
-    drawn.figure.suptitle(text, x=0.02, ha="left", fontsize=STYLE.text, parse_math=False)
-    _fill(drawn, middle + half * np.array([*product((-1.0, 1.0), repeat=3)]))
-    return drawn
-
-
-def _name_axes(ax: Any, middle: FloatArray, half: FloatArray, unit: str) -> None:
-    """Names next to the axes; matplotlib's own lie far from those of a flat box, or on ticks."""
-    in_unit = f" ({unit})" if unit else ""
-    for text, corner, ha, va in (
-        (f"\n\nx{in_unit}       ", (0, -1, -1), "right", "top"),
-        (f"\n     y{in_unit}", (1, 0, -1), "left", "top"),
-        (f"z{in_unit}", (1, 1, 1), "center", "bottom"),
-    ):
-        ax.text(*(middle + half * corner), text, ha=ha, va=va, fontsize=STYLE.small)
-
-
-def _ticks(name: str, share: float, has_extent: bool) -> Any:
-    """Fewer ticks on a shorter axis, where their labels would overlap."""
-    from matplotlib.ticker import MaxNLocator, NullLocator
-
-    if not has_extent:
-        return NullLocator()
-    # The axis of z begins where that of y ends.
-    return MaxNLocator(max(1, round(4 * share)), prune="lower" if name == "z" else None)
-
-
-def _fill(ax: Any, corners: FloatArray) -> None:
-    """Make the box as large as the figure is wide, and the figure as high as the box needs."""
-    from mpl_toolkits.mplot3d.proj3d import proj_transform
-
-    x, y, _ = proj_transform(*corners.T, ax.get_proj())
-    on_page = ax.transData.transform(np.column_stack([x, y])) / ax.figure.dpi
-    across, up = np.ptp(on_page, axis=0)
-    # Inches: ticks and names of axes around it, a title above, a colour bar and a legend below.
-    around, above, below = 0.5, 0.3, 1.0
-    zoom = min((STYLE.width - 2.0 * around) / across, STYLE.tallest / up)
-    ax.set_box_aspect(tuple(np.ptp(corners, axis=0)), zoom=zoom)
-    height = above + zoom * up + around + below
-    ax.figure.set_size_inches(STYLE.width, height)
-    # The box is in the middle of its axes, a square as wide as the figure.
-    bottom = below + around + 0.5 * zoom * up - 0.5 * STYLE.width
-    ax.set_position((0.0, bottom / height, 1.0, STYLE.width / height))
-
-
-def colour_bar_axes(ax: Any) -> Axes:
-    """Axes for a colour bar in the room below those of :func:`space_axes` in their own figure."""
-    height = ax.figure.get_figheight()
-    bar: Axes = ax.figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
-    return bar
+    title_of(ax, title)
 
 
 def draw_structure(ax: Any, geometry: Geometry) -> None:

@@ -47,7 +47,7 @@ def building():
 def test_over_sensors(arguments, sds):
     """In the scale in which the largest component is one."""
     (ax,) = plot_identified_shapes(data(("x", "y"), **arguments)).axes
-    bars = np.array(ax.containers[0].lines[2][0].get_segments())[:, :, 0]
+    bars = np.array(ax.containers[1].lines[2][0].get_segments())[:, :, 0]
     np.testing.assert_allclose(bars.mean(axis=1), [0.75, 1.0])
     np.testing.assert_allclose(np.diff(bars)[:, 0] / 2.0, Z * sds / 0.8 * np.ones(2), rtol=1e-9)
     assert [each.get_text() for each in ax.get_yticklabels()] == ["x", "y"]

@@ -1,5 +1,7 @@
 """Figures of an identification show what was identified."""
 
+from itertools import pairwise
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from bayes_ssi.plots import (
     plot_stabilisation,
     plot_whitened_residuals,
 )
+from bayes_ssi.plots.figure_style import STYLE
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +41,21 @@ def test_spectra_and_poles_have_the_modes_with_their_90_percent_widths(identifie
 
 def test_residuals_are_one_on_average_where_the_fit_is_right(identified):
     """But for what the unknowns of each band take up, and the scatter of a few hundred blocks."""
-    left = plot_whitened_residuals(identified).lines[0].get_ydata()
+    lines = plot_whitened_residuals(identified).lines
+    left = np.concatenate([line.get_ydata() for line in lines if line.get_linestyle() == "None"])
     assert 0.6 < left.mean() < 1.1
+
+
+def test_means_of_residuals_are_within_bands(identified):
+    """Of the record's four modes the first has a band of its own, and beside it there is a gap."""
+    bands = [band.fit.data for band in identified.bands if band.is_wanted]
+    assert any(high.band_hz[0] - low.band_hz[1] > 0.1 for low, high in pairwise(bands))
+    lines = plot_whitened_residuals(identified).lines
+    means = [line.get_xdata() for line in lines if line.get_color() == STYLE.orange]
+    assert len(means) == len(bands)
+    for line, band in zip(means, bands, strict=True):
+        assert line[0] >= band.frequencies_hz[0]
+        assert line[-1] <= band.frequencies_hz[-1]
 
 
 def test_fitted_singular_values_are_those_of_the_record(identified):

@@ -15,8 +15,8 @@ from bayes_ssi.plots.space import (
     draw_faces,
     draw_structure,
     outline,
+    panels_in_space,
     plot_modes_in_space,
-    space_axes,
 )
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
@@ -141,7 +141,7 @@ def test_a_result_has_a_figure_of_its_modes_where_coordinates_are_known(cube):
 
 def test_places_are_drawn_on_the_faces_of_a_structure(cube):
     with figures_for_files():
-        ax = space_axes(np.array(list(cube.nodes.values())), "m", "cube")
+        _, (ax,) = panels_in_space(["cube"], np.array(list(cube.nodes.values())), 0.1)
         draw_structure(ax, cube)
         ax.figure.draw_without_rendering()
     faces, lines = ax.collections

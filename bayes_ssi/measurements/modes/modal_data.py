@@ -114,6 +114,10 @@ class ModalData(Displayed):
         Args:
             frequencies_hz: (m,).
             shapes: (n, m), of n sensors.
+            band_hz: lowest and highest frequency of the search, in Hz.
+            sensors: their names.
+            source: where the data come from.
+            covariance: as of the attribute.
             columns: other fields of :class:`IdentifiedMode`, (m,) each; NaN where not known.
         """
         numbers = {name: np.asarray(column, dtype=float) for name, column in columns.items()}

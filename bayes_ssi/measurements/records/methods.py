@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bayes_ssi.foundations.choices import require_one_of
 
 if TYPE_CHECKING:  # commands show the names in their help, before anything heavy is imported
@@ -42,6 +40,8 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     if method == BAYESIAN_FFT:
         return identified
     require_one_of("method", method, NAMES)
+    import numpy as np
+
     from bayes_ssi.measurements.records.resonances import Resonances
 
     dampings = np.array([mode.damping for mode in identified.modes])
