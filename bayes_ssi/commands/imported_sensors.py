@@ -92,7 +92,7 @@ def imported_sensors(
         return turned if known >= set(turned.values()) else None
 
     for modes in tests:
-        lines += compared_with_nominal(model, modes, with_axes).lines
+        lines += compared_with_nominal(model, modes, with_axes)[0]
     return places, lines
 
 

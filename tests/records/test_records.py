@@ -24,24 +24,15 @@ def record(**changed):
 
 
 def test_a_record_says_what_it_holds():
-    one = record(unit="M/S^2", places=((1, "x"), None, (3, "-y")))
+    one = record(unit="M/S^2")
     assert (one.unit, one.n_samples, one.duration_s, one.nyquist_hz) == ("m/s2", 400, 8.0, 25.0)
     chosen = one.selected(["floor 3", "floor 1"])
     np.testing.assert_array_equal(chosen.samples, SAMPLES[[2, 0]])
-    assert chosen.places == ((3, "-y"), (1, "x"))
+    assert chosen.sensors == ("floor 3", "floor 1")
     with pytest.raises(ValueError, match="read-only"):
         one.samples[0, 0] = 1.0
     with pytest.raises(ValueError, match="no sensor 'floor 1, floor 2'; choose from 'floor 1', "):
         one.selected("floor 1, floor 2")
-
-
-def test_dead_sensors_are_named():
-    samples = SAMPLES.copy()
-    samples[1] = 0.2
-    assert record().dead_sensors == ()
-    assert record(samples=samples).dead_sensors == ("floor 2",)
-    # Filters leave rounding.
-    assert record(samples=samples).decimated(2).dead_sensors == ("floor 2",)
 
 
 def test_an_array_that_nobody_can_change_is_not_copied():
@@ -75,7 +66,6 @@ def with_nan():
         ({"rate_hz": np.float64(0.0)}, "rate_hz must be a positive, finite number, got 0.0"),
         ({"quantity": "force"}, "quantity must be one of 'acceleration', .* got 'force'"),
         ({"quantity": "velocity"}, "unit of velocity must be one of 'm/s', .* got 'm/s2'"),
-        ({"places": ((1, "w"), None, None)}, r"sensor 'floor 1': place must be .* got \(1, 'w'\)"),
     ],
 )
 def test_a_wrong_record_is_refused(changed, message):
@@ -125,11 +115,11 @@ def test_detrending_and_decimation():
     slow = record(samples=fast).decimated_to(4.9)
     assert slow.rate_hz == 12.5
     np.testing.assert_allclose(slow.samples[:2, 10:-10], SAMPLES[:2, ::4][:, 10:-10], atol=2e-3)
-    for factor in (0, 2.5, float("nan"), "four"):
-        with pytest.raises(ValueError, match="factor must be a whole number from 1 on, got "):
-            record().decimated(factor)
-    with pytest.raises(ValueError, match="factor 200 leaves too few of 400 samples"):
-        record().decimated(200)
+    for highest in (0.0, 26.0, float("nan")):
+        with pytest.raises(ValueError, match="highest_hz must be positive and at most 25, got "):
+            record().decimated_to(highest)
+    with pytest.raises(ValueError, match="0.1 Hz leaves too few of 400 samples"):
+        record().decimated_to(0.1)
 
 
 STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}
@@ -444,7 +434,6 @@ def test_a_universal_file(tmp_path):
     np.testing.assert_allclose(one.samples, -SAMPLES, rtol=1e-4, atol=1e-6)
     assert (one.sensors, one.quantity, one.unit) == (("1 x", "2 x", "3 x"), "acceleration", "m/s2")
     assert one.rate_hz == pytest.approx(RATE, rel=1e-5)
-    assert one.places == ((1, "x"), (2, "x"), (3, "x"))
 
 
 def test_a_tdms_file(tmp_path):

@@ -3,10 +3,8 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -46,43 +44,19 @@ class AxisExchange:
         )
 
 
-@dataclass(frozen=True)
-class NominalComparison:
-    """The nominal model against the identified modes."""
-
-    nominal_hz: tuple[float, ...]
-    identified_hz: tuple[float, ...]
-    # Axes of the test that fit it much better than the stated ones; None if none do.
-    exchange: AxisExchange | None
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Sentences for the user; those that begin with (!) ask for a decision."""
-        shown, identified = (
-            ", ".join(f"{each:.4g}" for each in part)
-            for part in (self.nominal_hz, self.identified_hz)
-        )
-        lines = [f"Nominal frequencies: {shown} Hz; identified: {identified} Hz."]
-        ratio = self.nominal_hz[0] / self.identified_hz[0]
-        if not 1.0 / MOST_RATIO_OF_FREQUENCIES < ratio < MOST_RATIO_OF_FREQUENCIES:
-            lines.append(
-                f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are "
-                "the model's units of force, length and mass consistent?"
-            )
-        if self.exchange is not None:
-            lines.append(f"(!) {self.exchange}")
-        return tuple(lines)
-
-
 def compared_with_nominal(
     model: ExportedModel,
     modes: ModalData,
     places: Callable[[Exchange], Mapping[str, str] | None],
-) -> NominalComparison:
-    """Frequencies of the nominal model, and whether other axes would fit the test much better.
+) -> tuple[list[str], AxisExchange | None]:
+    """The nominal model against the identified modes.
 
     Args:
         places: sensor → label for an exchange of axes; None where sensors then have no label.
+
+    Returns:
+        Sentences for the user, of which those that begin with (!) ask for a decision; and axes that
+        fit the test much better than the stated ones, None if none do.
     """
     mapped = {}
     for order in permutations(TRANSLATIONS):
@@ -103,21 +77,25 @@ def compared_with_nominal(
     modes_of_model = structure.modes(np.empty((1, 0)))
     frequencies, shapes = modes_of_model.frequencies_hz[0], seen_shapes(modes_of_model.shapes)[0]
     row = {label: i for i, label in enumerate(labels)}
-    identified = np.array([_real(mode.shape, len(modes.sensors)) for mode in modes.modes]).T
     macs = {
-        order: mac(identified, shapes[[row[label] for label in each]])
+        order: mac(modes.unit_shapes, shapes[[row[label] for label in each]])
         for order, each in mapped.items()
     }
-    logarithms = np.log([mode.frequency_hz for mode in modes.modes])
-    ratios = np.exp(-abs(logarithms[:, None] - np.log(frequencies)))
-    return NominalComparison(
-        tuple(frequencies[:n].tolist()),
-        tuple(sorted(mode.frequency_hz for mode in modes.modes)),
-        _much_better(macs, "MAC")
-        or _much_better(
-            {order: each * ratios for order, each in macs.items()}, "MAC times ratio of frequencies"
-        ),
+    ratios = np.exp(-abs(np.log(modes.frequencies_hz[:, None] / frequencies)))
+    exchange = _much_better(macs, "MAC") or _much_better(
+        {order: each * ratios for order, each in macs.items()}, "MAC times ratio of frequencies"
     )
+    nominal, identified = (
+        ", ".join(f"{hz:.4g}" for hz in part) for part in (frequencies[:n], modes.frequencies_hz)
+    )
+    said = [f"Nominal frequencies: {nominal} Hz; identified: {identified} Hz."]
+    ratio = frequencies[0] / modes.frequencies_hz[0]
+    if not 1.0 / MOST_RATIO_OF_FREQUENCIES < ratio < MOST_RATIO_OF_FREQUENCIES:
+        said.append(
+            f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are the "
+            "model's units of force, length and mass consistent?"
+        )
+    return said + ([f"(!) {exchange}"] if exchange else []), exchange
 
 
 def _much_better(
@@ -133,14 +111,6 @@ def _much_better(
         return None
     axes = dict(zip(TRANSLATIONS, best, strict=True))
     return AxisExchange(axes, measure, means[best], stated)
-
-
-def _real(shape: NDArray[Any] | None, n: int) -> FloatArray:
-    """A shape whose largest component is real; NaN where it was not identified."""
-    if shape is None:
-        return np.full(n, np.nan)
-    largest = shape[np.nanargmax(abs(shape))]
-    return np.real(shape * np.conj(largest / abs(largest)))
 
 
 def _mean_of_largest(macs: FloatArray) -> float:

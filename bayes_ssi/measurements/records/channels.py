@@ -19,7 +19,6 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.named_arrays import read_arrays
-from bayes_ssi.measurements.records.record import Place
 
 # Names under which files of arrays, attributes and comments state what the samples are.
 STATED = ("rate_hz", "dt_s", "quantity", "unit")
@@ -33,17 +32,12 @@ class Channels(NamedTuple):
     rates_hz: tuple[float, ...] = ()
     quantities: tuple[str, ...] = ()
     units: tuple[str, ...] = ()  # every statement of the unit
-    # Node and direction of the channels; empty where the file has none.
-    places: tuple[Place, ...] = ()
 
     @classmethod
     def joined(cls, parts: Sequence[Channels]) -> Channels:
         """Channels of several files with the same instants; named where all files have names."""
         if len(parts) == 1:
             return parts[0]
-        places: list[tuple[Place, ...]] = []
-        if any(part.places for part in parts):
-            places = [part.places or (None,) * len(part.samples) for part in parts]
         are_named = all(part.names for part in parts)
         return cls(
             np.concatenate([part.samples for part in parts]),
@@ -51,7 +45,6 @@ class Channels(NamedTuple):
             tuple(chain(*(part.rates_hz for part in parts))),
             tuple(chain(*(part.quantities for part in parts))),
             tuple(chain(*(part.units for part in parts))),
-            tuple(chain(*places)),
         )
 
 

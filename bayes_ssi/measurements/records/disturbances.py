@@ -158,6 +158,7 @@ def stationary_part(
 ) -> Stationary:
     """The stationary part of samples (n, N), as the motion of a band shows it."""
     from scipy.fft import irfft, rfft
+    from scipy.ndimage import binary_propagation, distance_transform_edt, find_objects, label
 
     n = samples.shape[1]
     low, high = band_hz
@@ -171,28 +172,17 @@ def stationary_part(
         power = (motion[: n_windows * length].reshape(n_windows, length) ** 2).mean(1)
         powers += power / max(float(np.median(power)), np.finfo(float).tiny)
     powers /= np.median(powers)
-    out = powers > CHECKS.strong_power
-    for _ in range(n_windows):  # until what was set in motion has decayed
-        beside = np.zeros_like(out)
-        beside[1:] |= out[:-1]
-        beside[:-1] |= out[1:]
-        wider = out | (beside & (powers > CHECKS.decayed_power))
-        if (wider == out).all():
-            break
-        out = wider
+    # And what was set in motion, until it has decayed.
+    strong, decaying = powers > CHECKS.strong_power, powers > CHECKS.decayed_power
+    out = binary_propagation(strong, mask=decaying)
     if not out.any() or out.mean() > CHECKS.most_left_out:
         return Stationary(varies=float(powers.max()))
-    mask = np.ones(n)
-    spans = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        # Flanks of one window; the last window holds the rest of the record.
-        start, end = first * length, n if last == n_windows else last * length
-        mask[start:end] = 0.0
-        flank = np.sin(0.5 * np.pi * (np.arange(length) + 0.5) / length) ** 2
-        before = mask[max(0, start - length) : start]
-        before[:] = np.minimum(before, flank[::-1][-len(before) :] if len(before) else before)
-        after = mask[end : end + length]
-        after[:] = np.minimum(after, flank[: len(after)])
-        spans.append((start / rate_hz, end / rate_hz))
+    is_out = np.repeat(out, length)
+    is_out = np.concatenate([is_out, np.full(n - len(is_out), out[-1])])
+    # Flanks of one window.
+    apart = (distance_transform_edt(~is_out) - 0.5).clip(0.0, length)
+    mask = np.sin(0.5 * np.pi * apart / length) ** 2
+    spans = [
+        (span.start / rate_hz, span.stop / rate_hz) for (span,) in find_objects(label(is_out)[0])
+    ]
     return Stationary(mask, tuple(spans), float(powers[~out].max()))

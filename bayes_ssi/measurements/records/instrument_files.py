@@ -22,7 +22,7 @@ from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
 from bayes_ssi.measurements.records.channels import Channels
-from bayes_ssi.measurements.records.record import Place, units_of
+from bayes_ssi.measurements.records.record import units_of
 
 # Of data sets 58, what the ordinates of time responses are.
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
@@ -54,22 +54,20 @@ def read_universal(path: Path) -> Channels:
     if any(series["abscissa_spacing"] != 1 for series in sets):
         raise ValueError("a time response with uneven steps")
     rows: list[np.ndarray] = []
-    places: list[Place] = []
+    names: list[str] = []
     for series in sets:
         along = response_direction(series)
         direction, sign = along or ("", 1.0)
         rows.append(sign * np.real(series["data"]))
-        places.append((int(series["rsp_node"]), direction) if along else None)
+        names.append(f"{int(series['rsp_node'])} {direction}" if along else "")
     ordinates = [series["ordinate_spec_data_type"] for series in sets]
     units = [str(series["ordinate_axis_units_lab"]).strip() for series in sets]
-    names = tuple(f"{place[0]} {place[1]}" if place else "" for place in places)
     return Channels(
         in_rows(rows),
-        names if all(names) else (),
+        tuple(names) if all(names) else (),
         tuple(1.0 / float(series["abscissa_inc"]) for series in sets),
         tuple(ORDINATES[kind] for kind in ordinates if kind in ORDINATES),
         tuple(unit for unit in units if unit not in ("", "NONE")),
-        tuple(places),
     )
 
 

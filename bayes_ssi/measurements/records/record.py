@@ -13,7 +13,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known, require_one_of
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
-from bayes_ssi.measurements.records.record_checks import moving, remarks_on
+from bayes_ssi.measurements.records.record_checks import remarks_on
 from bayes_ssi.structures.response.ground_motion import UNITS, checked_unit
 
 # Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
@@ -22,9 +22,6 @@ QUANTITIES = {
     "velocity": ("m/s", "cm/s", "mm/s", "in/s", "ft/s"),
     "displacement": ("m", "cm", "mm", "in", "ft"),
 }
-DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
-
-Place = tuple[int, str] | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,14 +34,11 @@ class Record(Displayed):
         sensors: name of each sensor, as the structure names its degrees of freedom or sensors.
         quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
         unit: of all samples, such as ``"m/s2"`` or ``"g"``.
-        places: node and direction (x, y, z, or -x, -y, -z) of each sensor, None where not known;
-            empty where none is known.
         source: where the record comes from.
 
     Raises:
         ValueError: there are fewer than two sensors, or no more samples than sensors; a sample is
-            not finite; names are missing or repeated; the rate, quantity, unit or a place is not
-            valid.
+            not finite; names are missing or repeated; the rate, quantity or unit is not valid.
     """
 
     samples: FloatArray
@@ -52,7 +46,6 @@ class Record(Displayed):
     sensors: tuple[str, ...]
     quantity: str
     unit: str
-    places: tuple[Place, ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -60,7 +53,6 @@ class Record(Displayed):
         object.__setattr__(self, "samples", self._checked_samples())
         object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
         object.__setattr__(self, "unit", checked_unit_of(self.quantity, self.unit))
-        object.__setattr__(self, "places", self._checked_places())
 
     def _checked_samples(self) -> FloatArray:
         try:
@@ -100,20 +92,6 @@ class Record(Displayed):
             samples.setflags(write=False)
         return samples
 
-    def _checked_places(self) -> tuple[Place, ...]:
-        places = tuple(self.places)
-        if places and len(places) != len(self.sensors):
-            raise ValueError(f"record: {len(places)} places for {len(self.sensors)} sensors")
-        for name, place in zip(self.sensors, places, strict=False):
-            if place is None:
-                continue
-            if np.shape(place) != (2,) or place[1] not in DIRECTIONS:
-                raise ValueError(
-                    f"record: sensor {name!r}: place must be a node and a direction "
-                    f"({', '.join(DIRECTIONS)}), got {place!r}"
-                )
-        return places
-
     @property
     def n_samples(self) -> int:
         """N, the number of samples of each sensor."""
@@ -128,12 +106,6 @@ class Record(Displayed):
     def nyquist_hz(self) -> float:
         """Half the rate; the samples carry nothing above it."""
         return 0.5 * self.rate_hz
-
-    @property
-    def dead_sensors(self) -> tuple[str, ...]:
-        """Sensors of which all samples are the same."""
-        moves = moving(self.samples)
-        return tuple(name for name, has in zip(self.sensors, moves, strict=True) if not has)
 
     def checked_band(self, band_hz: Sequence[float]) -> tuple[float, float]:
         """Lowest and highest frequency in Hz of a band that the record covers.
@@ -170,9 +142,7 @@ class Record(Displayed):
         sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
         require_known("record: no sensor", sensors, self.sensors)
         rows = [self.sensors.index(name) for name in sensors]
-        places = tuple(self.places[row] for row in rows) if self.places else ()
-        samples = _read_only(self.samples[rows])
-        return replace(self, samples=samples, sensors=sensors, places=places)
+        return replace(self, samples=_read_only(self.samples[rows]), sensors=sensors)
 
     def detrended(self) -> Record:
         """The record without each sensor's mean and linear trend."""
@@ -183,50 +153,36 @@ class Record(Displayed):
             row[:] = detrend(row)
         return replace(self, samples=_read_only(samples))
 
-    def decimated(self, factor: int) -> Record:
-        """Every ``factor``-th sample, after a filter without phase shift against aliases.
-
-        The filter passes 0.8 of the new Nyquist frequency (``scipy.signal.decimate``).
-
-        Args:
-            factor: a whole number; 1 changes nothing.
-
-        Raises:
-            ValueError: it is not, or too few samples are left.
-        """
-        from scipy.signal import decimate
-
-        is_number = isinstance(factor, (int, float, np.number)) and not isinstance(factor, bool)
-        if not (is_number and factor >= 1 and float(factor).is_integer()):
-            raise ValueError(f"record: factor must be a whole number from 1 on, got {factor!r}")
-        if self.n_samples <= len(self.sensors) * factor:
-            raise ValueError(f"record: factor {factor} leaves too few of {self.n_samples} samples")
-        if factor == 1:
-            return self
-        # Sensor by sensor: the filter works on copies. A mean would be a step at both ends.
-        samples = np.array(
-            [
-                decimate(row - row.mean(), int(factor), ftype="fir") + row.mean()
-                for row in self.samples
-            ]
-        )
-        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor)
-
     def decimated_to(self, highest_hz: float) -> Record:
         """The record at the lowest rate that keeps all up to ``highest_hz``.
+
+        A filter without phase shift against aliases passes 0.8 of the new Nyquist frequency
+        (``scipy.signal.decimate``).
 
         Args:
             highest_hz: the highest frequency that is needed.
 
         Raises:
-            ValueError: it is beyond the record's Nyquist frequency.
+            ValueError: it is beyond the record's Nyquist frequency, or too few samples are left.
         """
+        from scipy.signal import decimate
+
         if not 0.0 < highest_hz <= self.nyquist_hz:
             raise ValueError(
                 f"highest_hz must be positive and at most {self.nyquist_hz:g}, got {highest_hz!r}"
             )
-        # The filter passes 0.8 of the new Nyquist frequency (scipy.signal.decimate).
-        return self.decimated(max(1, int(0.8 * self.nyquist_hz / highest_hz)))
+        factor = max(1, int(0.8 * self.nyquist_hz / highest_hz))
+        if self.n_samples <= len(self.sensors) * factor:
+            raise ValueError(
+                f"highest_hz: {highest_hz:g} Hz leaves too few of {self.n_samples} samples"
+            )
+        if factor == 1:
+            return self
+        # Sensor by sensor: the filter works on copies. A mean would be a step at both ends.
+        samples = np.array(
+            [decimate(row - row.mean(), factor, ftype="fir") + row.mean() for row in self.samples]
+        )
+        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor)
 
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""

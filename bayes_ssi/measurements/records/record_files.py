@@ -94,8 +94,7 @@ def read_record(
             names,
             kind,
             _one([checked_unit_of(kind, stated) for stated in units], "unit"),
-            channels.places,
-            source=", ".join(path.name for path in files),
+            ", ".join(path.name for path in files),
         )
     except ValueError as error:
         raise ValueError(f"{whole}: {error}") from None
