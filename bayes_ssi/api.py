@@ -1,139 +1,90 @@
-"""The public names of the package, all of which ``import bayes_ssi`` offers."""
+"""The public names of the package, all of which ``import bayes_ssi`` offers.
 
-from bayes_ssi.inference.calibration.calibration import calibrate
-from bayes_ssi.inference.calibration.fit import rms_distance
-from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
-from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.inference.model_class.configuration import Configuration
-from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.sample import sample
-from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
-from bayes_ssi.measurements.modes.merging import merge_modal_data
-from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
-from bayes_ssi.measurements.modes.modal_tools import modal_data_from_pyoma2
-from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
-from bayes_ssi.measurements.records.modal_identification import identify
-from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.record_files import read_record
-from bayes_ssi.parameters.families import (
-    HalfNormal,
-    LogNormal,
-    LogUniform,
-    Normal,
-    TruncatedNormal,
-    Uniform,
+``as`` says to type checkers that a name is meant for others.
+"""
+
+from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
+from bayes_ssi.inference.calibration.fit import rms_distance as rms_distance
+from bayes_ssi.inference.calibration.modal_sensitivities import (
+    modal_sensitivities as modal_sensitivities,
 )
-from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.report.write import write_report
-from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy, load_hierarchy, save_hierarchy
-from bayes_ssi.results.hierarchy.populations import PopulationPriors
-from bayes_ssi.results.hierarchy.ranked_populations import hierarchy
-from bayes_ssi.results.predictions.predicted_frequencies import predict_frequencies
-from bayes_ssi.results.predictions.stored_predictions import load_predictions
-from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.results.stored_what_if import what_if
-from bayes_ssi.structures.elements import AddedMass, InPlaneInfill, OutOfPlaneInfill, Pendulum
-from bayes_ssi.structures.finite_elements.function_structure import FunctionStructure
-from bayes_ssi.structures.finite_elements.matrix_files import read_matrix
-from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
-from bayes_ssi.structures.geometry import Candidate, Geometry
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.output import Output
-from bayes_ssi.structures.rigid_floors import FloorBlock, FloorMass, floor_sensor
-from bayes_ssi.structures.sensors import Sensor
-from bayes_ssi.structures.shear_buildings import ShearBuilding, ShearBuilding3D
-from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-from bayes_ssi.structures.solver_files.model_files import read_model
+from bayes_ssi.inference.likelihood.error_model import ErrorModel as ErrorModel
+from bayes_ssi.inference.likelihood.error_model import IdentificationModel as IdentificationModel
+from bayes_ssi.inference.model_class.configuration import Configuration as Configuration
+from bayes_ssi.inference.model_class.model_class import ModelClass as ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior as Posterior
+from bayes_ssi.inference.posterior_sampling.sample import sample as sample
+from bayes_ssi.inference.sampling.settings import SamplingSettings as SamplingSettings
+from bayes_ssi.inference.workers.run import Run as Run
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode as IdentifiedMode
+from bayes_ssi.measurements.modes.merging import merge_modal_data as merge_modal_data
+from bayes_ssi.measurements.modes.modal_data import ModalData as ModalData
+from bayes_ssi.measurements.modes.modal_files import read_modal_data as read_modal_data
+from bayes_ssi.measurements.modes.modal_files import write_modal_data as write_modal_data
+from bayes_ssi.measurements.modes.modal_tools import (
+    modal_data_from_pyoma2 as modal_data_from_pyoma2,
+)
+from bayes_ssi.measurements.records.ground_motion_files import (
+    read_ground_motion as read_ground_motion,
+)
+from bayes_ssi.measurements.records.modal_identification import identify as identify
+from bayes_ssi.measurements.records.record import Record as Record
+from bayes_ssi.measurements.records.record_files import read_record as read_record
+from bayes_ssi.parameters.families import HalfNormal as HalfNormal
+from bayes_ssi.parameters.families import LogNormal as LogNormal
+from bayes_ssi.parameters.families import LogUniform as LogUniform
+from bayes_ssi.parameters.families import Normal as Normal
+from bayes_ssi.parameters.families import TruncatedNormal as TruncatedNormal
+from bayes_ssi.parameters.families import Uniform as Uniform
+from bayes_ssi.parameters.parameters import Parameter as Parameter
+from bayes_ssi.report.write import write_report as write_report
+from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy as Hierarchy
+from bayes_ssi.results.hierarchy.hierarchy_record import load_hierarchy as load_hierarchy
+from bayes_ssi.results.hierarchy.hierarchy_record import save_hierarchy as save_hierarchy
+from bayes_ssi.results.hierarchy.populations import PopulationPriors as PopulationPriors
+from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as hierarchy
+from bayes_ssi.results.predictions.predicted_frequencies import (
+    predict_frequencies as predict_frequencies,
+)
+from bayes_ssi.results.predictions.stored_predictions import load_predictions as load_predictions
+from bayes_ssi.results.stored_result import load_result as load_result
+from bayes_ssi.results.stored_result import save_result as save_result
+from bayes_ssi.results.stored_what_if import what_if as what_if
+from bayes_ssi.structures.elements import AddedMass as AddedMass
+from bayes_ssi.structures.elements import InPlaneInfill as InPlaneInfill
+from bayes_ssi.structures.elements import OutOfPlaneInfill as OutOfPlaneInfill
+from bayes_ssi.structures.elements import Pendulum as Pendulum
+from bayes_ssi.structures.finite_elements.function_structure import (
+    FunctionStructure as FunctionStructure,
+)
+from bayes_ssi.structures.finite_elements.matrix_files import read_matrix as read_matrix
+from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure as MatrixStructure
+from bayes_ssi.structures.geometry import Candidate as Candidate
+from bayes_ssi.structures.geometry import Geometry as Geometry
+from bayes_ssi.structures.modal import Modes as Modes
+from bayes_ssi.structures.response.ground_motion import GroundMotion as GroundMotion
+from bayes_ssi.structures.response.output import Output as Output
+from bayes_ssi.structures.rigid_floors import FloorBlock as FloorBlock
+from bayes_ssi.structures.rigid_floors import FloorMass as FloorMass
+from bayes_ssi.structures.rigid_floors import floor_sensor as floor_sensor
+from bayes_ssi.structures.sensors import Sensor as Sensor
+from bayes_ssi.structures.shear_buildings import ShearBuilding as ShearBuilding
+from bayes_ssi.structures.shear_buildings import ShearBuilding3D as ShearBuilding3D
+from bayes_ssi.structures.solver_files.exported_model import ExportedModel as ExportedModel
+from bayes_ssi.structures.solver_files.model_files import read_model as read_model
+from bayes_ssi.structures.solver_files.parameter_matrices import AlteredModel as AlteredModel
 from bayes_ssi.structures.solver_files.parameter_matrices import (
-    AlteredModel,
-    parameter_matrices,
+    parameter_matrices as parameter_matrices,
 )
-from bayes_ssi.structures.space_frame import SpaceFrame
-from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.candidates import read_candidates
-from bayes_ssi.studies.appendages.ranked_study import rank
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
-from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
-from bayes_ssi.studies.ranking.comparison import compare
-from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.structures.space_frame import SpaceFrame as SpaceFrame
+from bayes_ssi.structures.structure import Structure as Structure
+from bayes_ssi.studies.appendages.appendage_search import search as search
+from bayes_ssi.studies.appendages.candidates import read_candidates as read_candidates
+from bayes_ssi.studies.appendages.ranked_study import rank as rank
+from bayes_ssi.studies.appendages.search_settings import SearchSettings as SearchSettings
+from bayes_ssi.studies.ranking.changed_settings import ChangedSettings as ChangedSettings
+from bayes_ssi.studies.ranking.comparison import compare as compare
+from bayes_ssi.studies.ranking.study import Study as Study
+from bayes_ssi.studies.ranking.study_file import load_study as load_study
 
-__all__ = [
-    "AddedMass",
-    "AlteredModel",
-    "Candidate",
-    "ChangedSettings",
-    "Configuration",
-    "ErrorModel",
-    "ExportedModel",
-    "FloorBlock",
-    "FloorMass",
-    "FunctionStructure",
-    "Geometry",
-    "GroundMotion",
-    "HalfNormal",
-    "Hierarchy",
-    "IdentificationModel",
-    "IdentifiedMode",
-    "InPlaneInfill",
-    "LogNormal",
-    "LogUniform",
-    "MatrixStructure",
-    "ModalData",
-    "ModelClass",
-    "Modes",
-    "Normal",
-    "OutOfPlaneInfill",
-    "Output",
-    "Parameter",
-    "Pendulum",
-    "PopulationPriors",
-    "Posterior",
-    "Record",
-    "Run",
-    "SamplingSettings",
-    "SearchSettings",
-    "Sensor",
-    "ShearBuilding",
-    "ShearBuilding3D",
-    "SpaceFrame",
-    "Structure",
-    "Study",
-    "TruncatedNormal",
-    "Uniform",
-    "calibrate",
-    "compare",
-    "floor_sensor",
-    "hierarchy",
-    "identify",
-    "load_hierarchy",
-    "load_predictions",
-    "load_result",
-    "load_study",
-    "merge_modal_data",
-    "modal_data_from_pyoma2",
-    "modal_sensitivities",
-    "parameter_matrices",
-    "predict_frequencies",
-    "rank",
-    "read_candidates",
-    "read_ground_motion",
-    "read_matrix",
-    "read_modal_data",
-    "read_model",
-    "read_record",
-    "rms_distance",
-    "sample",
-    "save_hierarchy",
-    "save_result",
-    "search",
-    "what_if",
-    "write_modal_data",
-    "write_report",
-]
+__all__ = sorted(name for name in globals() if not name.startswith("_"))
