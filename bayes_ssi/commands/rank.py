@@ -32,9 +32,8 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     place = options.place(loaded, study, study.stem, "rank")
     with options.running(loaded, place) as run:
         ranking = rank_study(loaded, options.seed, options.settings, run)
-        sensitivity = options.sensitivity_record(ranking, run)
         averages = averaged_parameters(ranking.posteriors, ranking.comparison)
-        records = {"averaged_parameters.json": averages, **sensitivity}
+        records = {"averaged_parameters.json": averages}
         result = options.save(ranking, records, place, run)
 
     # Imported by now if there are workers, while they were sampling.

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.workers.workers import Workers
     from bayes_ssi.plots.result_figures import ResultFigure
     from bayes_ssi.results.stored_result import StoredResult
-    from bayes_ssi.studies.ranking.sensitivity import Sensitivity
     from bayes_ssi.studies.ranking.study import Ranking, Study
 
 RESULTS = Path("runs") / "results"
@@ -71,7 +70,6 @@ class RunOptions:
     workers: int | None
     dask: str | None
     accept_failed_checks: bool
-    sensitivity: bool
 
     @property
     def settings(self) -> SamplingSettings:
@@ -142,13 +140,6 @@ class RunOptions:
             )
         return chosen_workers(candidates, self.workers, _prepare_the_end)
 
-    def sensitivity_record(self, ranking: Ranking, run: Run) -> dict[str, Sensitivity]:
-        """File name → sensitivity of the ranking to settings, if requested."""
-        from bayes_ssi.results.stored_result import SENSITIVITY
-        from bayes_ssi.studies.ranking.sensitivity import sensitivity
-
-        return {SENSITIVITY: sensitivity(ranking, run=run)} if self.sensitivity else {}
-
     def save(
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
     ) -> StoredResult:
@@ -176,17 +167,13 @@ class RunOptions:
         return result
 
     def end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
-        """Print the sensitivity, if there is any, where the result is, and the answer; then exit.
+        """Print where the result is, and the answer; then exit.
 
         The exit code says whether a check failed that was not accepted.
         """
-        from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
         from bayes_ssi.results.answer import answer
         from bayes_ssi.results.stored_result import FIGURES
 
-        if result.sensitivity is not None:
-            console().print(sensitivity_table(result.sensitivity))
-            say(console(), *sensitivity_notes(result.sensitivity))
         n_figures = len(list((result.directory / FIGURES).glob("*")))
         say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
         answered = answer(result)
@@ -210,9 +197,6 @@ def run_options(command: Command) -> Command:
         "out": path_option("--out", text="Result directory; in runs/results if not given."),
         "overwrite": flag(
             "--overwrite", text="Replace a result, or an unfinished run, that exists."),
-        "sensitivity": flag(
-            "--sensitivity", text="Rank again with every setting halved and doubled: missed and "
-            "spurious modes, error sizes, widths of priors."),
         "workers": click.option(
             "--workers", type=click.IntRange(min=1), metavar="N",
             help="Sample in N processes on this machine, at most one for each core. If not given: "

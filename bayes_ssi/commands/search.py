@@ -112,8 +112,7 @@ def search(
             candidates=candidates,
             present_in=present_in or None,
         )
-        sensitivity = options.sensitivity_record(appendages.ranking, run)
-        records = {SEARCH: appendages.record, **sensitivity}
+        records = {SEARCH: appendages.record}
         result = options.save(appendages.ranking, records, place, run)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 

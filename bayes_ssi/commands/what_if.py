@@ -20,6 +20,8 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bayes_ssi.results.stored_result import StoredResult
 
 PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
@@ -73,10 +75,11 @@ def what_if(
 ) -> None:  # fmt: skip
     """Show how RESULT, a directory that rank or search saved, changes with its settings.
 
-    The stored draws are reweighted in seconds: nothing is sampled, and the study file is not
-    needed. Where they do not cover the change, the exit code is 3 and the output says how to sample
-    again. It is also 3 where the most probable class does not explain the data after the change,
-    and where a failed check of the data was not accepted when RESULT was saved.
+    Without options, each setting is halved and doubled in turn: missed and spurious modes, error
+    sizes, widths of priors. The stored draws are reweighted in seconds: nothing is sampled, and the
+    study file is not needed. Where they do not cover the change, the exit code is 3 and the output
+    says how to sample again. It is also 3 where the most probable class does not explain the data
+    after the change, and where a failed check of the data was not accepted when RESULT was saved.
     """
     from bayes_ssi.parameters.families import prior_from_text
     from bayes_ssi.report.tables.ranking_tables import (
@@ -90,6 +93,11 @@ def what_if(
     from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
     from bayes_ssi.studies.ranking.comparison import probability_text
 
+    stored, where = load_result(result), console()
+    given = (priors, bands, weights, frequency_cov, shape_sd, detection, spurious)
+    if all(each in (None, ()) for each in given):
+        _show_every_setting(where, stored)
+        return
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
         priors=named_values(
@@ -102,9 +110,7 @@ def what_if(
         bands_hz=named_values("--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band),
         prior_weights=named_values("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
     )
-    stored = load_result(result)
     answer = ask(stored, settings)
-    where = console()
     say(where, f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
     accepted = stored.record.failed_checks_accepted
     say_warnings(where, data_warnings(answer.failed_data_checks, accepted))
@@ -125,6 +131,18 @@ def what_if(
     print_record(lambda: {"directory": str(result), "answer": answer})
     of_data = () if accepted else answer.failed_data_checks
     exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
+
+
+def _show_every_setting(where: Console, stored: StoredResult) -> None:
+    from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
+    from bayes_ssi.results.stored_what_if import every_setting
+
+    found = every_setting(stored)
+    where.print(sensitivity_table(found))
+    again = [_how_to_sample_again(stored)] if found.problems else []
+    say(where, *sensitivity_notes(found), *again)
+    print_record(lambda: {"directory": str(stored.directory), "sensitivity": found})
+    exit_if_failed(found.problems)
 
 
 def _band(text: str) -> tuple[float, float]:

@@ -146,7 +146,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     Each row is a setting; the first row is the ranking itself. A class to the right of the line is
     more probable than the first class of that ranking. The five best classes are drawn.
     """
-    rows = sensitivity.rows
+    rows = sensitivity.known
     first, *others = rows[0].ranked
     ax = rows_of(ax, [row.name for row in rows], 1.4)
     ax.axvline(0.0, color="black", linewidth=0.8, label=f"{first}: first in the ranking")

@@ -25,7 +25,11 @@ from bayes_ssi.report.report_figures import (
     ReportFigures,
     embedded_file,
 )
-from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes
+from bayes_ssi.report.tables.ranking_tables import (
+    pairing_notes,
+    region_notes,
+    sensitivity_notes,
+)
 from bayes_ssi.report.tables.search_tables import (
     baseline_notes,
     mass_scales,
@@ -37,11 +41,13 @@ from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 
 def page_content(
     stored: StoredResult,
     predictions: SavedPredictions | None,
+    sensitivity: Sensitivity | None,
     figures: ReportFigures,
 ) -> dict[str, Any]:
     """The variables of the template."""
@@ -84,8 +90,8 @@ def page_content(
         "baseline_notes": baseline_notes(stored.search) if stored.search else (),
         "unseen": unseen_note(stored.search) if stored.search else "",
         "unsampled": " ".join(unsampled_notes(stored.search)) if stored.search else "",
-        "sensitivity": stored.sensitivity,
-        "turning": stored.sensitivity.turning if stored.sensitivity else (),
+        "sensitivity": sensitivity,
+        "sensitivity_notes": sensitivity_notes(sensitivity) if sensitivity else (),
         "predictions": predictions,
         "figures": figures,
         "limits": LIMITS,

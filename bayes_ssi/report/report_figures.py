@@ -31,6 +31,7 @@ from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.appendages.hypotheses import frequency_name, mass_name
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,6 +124,7 @@ class ReportFigures:
 def draw_figures(
     stored: StoredResult,
     predictions: SavedPredictions | None,
+    sensitivity: Sensitivity | None = None,
     progress: Callable[[float], object] = float,
 ) -> ReportFigures:
     """Every figure of a report; ``progress`` is called with the fraction drawn so far."""
@@ -133,8 +135,7 @@ def draw_figures(
     if stored.search is not None:
         places = partial(plot_places, stored.search)
         planned.append((figures.search, ("Probability of an appendage by place", places)))
-    sensitivity = stored.sensitivity
-    if sensitivity is not None and len(sensitivity.rows[0].probabilities) > 1:
+    if sensitivity is not None:
         changes = partial(plot_sensitivity, sensitivity)
         planned.append((figures.sensitivity, ("How the ranking changes with settings", changes)))
     for name, data in stored.tests.items():

@@ -139,6 +139,7 @@ def write_report(
 
     # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
     from bayes_ssi.results.predictions.prediction_files import load_saved_predictions
+    from bayes_ssi.results.stored_what_if import every_setting
 
     def report(step: str, done: float) -> None:
         if progress is not None:
@@ -160,12 +161,15 @@ def write_report(
     environment.tests["of_numbers"] = of_numbers
     try:
         report("figures", 0.1)
+        can_be_varied = all(each.sensor_shapes is not None for each in stored.posteriors)
+        several = len(stored.posteriors) > 1
+        sensitivity = every_setting(stored) if several and can_be_varied else None
         figures = draw_figures(
-            stored, predictions, lambda done: report("figures", 0.1 + 0.8 * done)
+            stored, predictions, sensitivity, lambda done: report("figures", 0.1 + 0.8 * done)
         )
         report("page", 0.9)
         page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, predictions, figures),
+            page_content(stored, predictions, sensitivity, figures),
             page_versions=versions(),
             result=str(stored.directory),
         )

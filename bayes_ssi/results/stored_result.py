@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -49,19 +49,16 @@ from bayes_ssi.results.result_files import (
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 from bayes_ssi.studies.ranking.study import Ranking, Study
 
 # The file that every result directory holds.
 MARKER = "result.json"
 COMPARISON = "comparison.json"
 FIGURES = "figures"
-SEARCH, SENSITIVITY = "search.json", "sensitivity.json"
+SEARCH = "search.json"
 IN_THE_FILE_OF_DRAWS = (
     "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms"
 )  # fmt: skip
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -117,29 +114,17 @@ class StoredResult(InWords):
         return choose_configuration(self.tests, None, str(self.directory))
 
     @cached_property
-    def sensitivity(self) -> Sensitivity | None:
-        """Sensitivity of the ranking to settings; None if it was not computed.
-
-        Raises:
-            ValueError: its file is damaged.
-        """
-        return self._further(Sensitivity, SENSITIVITY)
-
-    @cached_property
     def search(self) -> SearchRecord | None:
         """The search for appendages that gave the ranking; None if there was none.
 
         Raises:
             ValueError: its file is damaged.
         """
-        return self._further(SearchRecord, SEARCH)
-
-    def _further(self, kind: type[T], file: str) -> T | None:
-        path = self.directory / file
+        path = self.directory / SEARCH
         if not path.is_file():
             return None
-        record = read_record(kind, path)
-        check_digest(self.directory, file)
+        record = read_record(SearchRecord, path)
+        check_digest(self.directory, SEARCH)
         return record
 
     @property

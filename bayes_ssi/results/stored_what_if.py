@@ -1,10 +1,11 @@
-"""What a stored result says under changed settings.
+"""What a result says under changed settings.
 
 Model classes of a stored result without its study: their modes are known at stored draws.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from bayes_ssi.studies.ranking.changed_settings import (
     WhatIf,
     with_changed_settings,
 )
+from bayes_ssi.studies.ranking.sensitivity import Sensitivity, sensitivity
 from bayes_ssi.studies.ranking.study import Ranking
 
 
@@ -71,13 +73,27 @@ def what_if(result: Ranking | StoredResult | str | Path, settings: ChangedSettin
     Raises:
         ValueError: the result is damaged, or a setting is of none of its classes or not usable.
     """
-    if isinstance(result, Ranking):
-        classes = {each.name: each for each in result.study.model_classes}
-        known = {p.name: known_at_draws(classes[p.name], p) for p in result.posteriors}
-        weights = result.study.prior_weights
-    else:
-        result = result if isinstance(result, StoredResult) else load_result(result)
-        known = {p.name: recorded_class(result, p.name) for p in result.posteriors}
-        weights = result.record.prior_weights
-    answer = with_changed_settings(result.posteriors, known, weights, settings)
+    result = load_result(result) if isinstance(result, (str, Path)) else result
+    answer = with_changed_settings(result.posteriors, *_known(result), settings)
     return replace(answer, failed_data_checks=result.comparison.failed_data_checks)
+
+
+def every_setting(result: Ranking | StoredResult) -> Sensitivity:
+    """The ranking with every setting halved and doubled, in seconds.
+
+    Raises:
+        ValueError: a posterior keeps no mode shapes at its draws.
+    """
+    return sensitivity(result.posteriors, *_known(result))
+
+
+def _known(
+    result: Ranking | StoredResult,
+) -> tuple[dict[str, ModelClass], Mapping[str, float] | None]:
+    """Model classes whose modes are known at their draws, and their prior weights."""
+    if isinstance(result, StoredResult):
+        known = {p.name: recorded_class(result, p.name) for p in result.posteriors}
+        return known, result.record.prior_weights
+    classes = {each.name: each for each in result.study.model_classes}
+    known = {p.name: known_at_draws(classes[p.name], p) for p in result.posteriors}
+    return known, result.study.prior_weights

@@ -48,7 +48,7 @@ def updated(model_classes):
 @pytest.fixture
 def plots(posteriors, updated, case_c, make_posterior):
     """Name → how a figure of a report is drawn, of a study with long names."""
-    rows = [SensitivityRow(name, {}, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
+    rows = [SensitivityRow(name, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
     of_modes = {label: {i: 0.5, 0: 0.5} for i, label in enumerate(case_c.labels, 1)}
     inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), of_modes)
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))

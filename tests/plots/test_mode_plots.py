@@ -116,8 +116,8 @@ def test_parameters(make_posterior):
 
 def test_sensitivity():
     rows = [
-        SensitivityRow("unchanged", {}, {"a": 0.75, "b": 0.25}),
-        SensitivityRow("σ_f × 2", {}, {"a": 0.2, "b": 0.8}),
+        SensitivityRow("unchanged", {"a": 0.75, "b": 0.25}),
+        SensitivityRow("σ_f × 2", {"a": 0.2, "b": 0.8}),
     ]
     ax = plot_sensitivity(Sensitivity(tuple(rows)))
     actual = points(ax)
@@ -128,7 +128,7 @@ def test_sensitivity():
 
 
 def test_classes_far_behind_do_not_hide_a_close_one():
-    row = SensitivityRow("unchanged", {}, {"a": 0.7, "b": 0.3, "c": 1e-200})
+    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-200})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
-    row = SensitivityRow("unchanged", {}, {"a": 0.7, "b": 0.3})
+    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"

@@ -31,19 +31,13 @@ from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
 
 
 @pytest.fixture(scope="module")
 def reported(tiny_ranking, tmp_path_factory):
-    """A report of the tiny study, with a sensitivity and predictions."""
+    """A report of the tiny study, with predictions."""
     directory = tmp_path_factory.mktemp("r") / "result"
-    rows = [
-        SensitivityRow("unchanged", {}, {"one k": 0.9, "each k": 0.1}),
-        SensitivityRow("σ_f × 2", {}, {"one k": 0.4, "each k": 0.6}, ("each k",)),
-    ]
-    extra = {"sensitivity.json": Sensitivity(tuple(rows))}
-    save_result(tiny_ranking, directory, study_file="tiny.py", extra=extra,
+    save_result(tiny_ranking, directory, study_file="tiny.py",
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
@@ -100,8 +94,7 @@ def test_the_page_holds_what_is_stored(page, tiny_ranking):
     assert "1 (0.617 to 1.62)" in shown
     for words in ("lognormal: median 1, cov 0.3", "bayes-ssi rank tiny.py --seed 7",
                   "0.618", "two-storey building", tiny_ranking.comparison.data_digest,
-                  "'each k' does with σ_f × 2", "floor 2 3.25", "All checks passed",
-                  "does not rank first under every setting",
+                  "floor 2 3.25", "All checks passed", "'one k' ranks first under every setting",
                   f"numpy {np.__version__}"):  # fmt: skip
         assert words in shown, words
 
@@ -143,8 +136,6 @@ def test_a_report_is_not_overwritten_unless_asked(run, reported, tmp_path):
     ("file", "content", "words"),
     [
         ("result.json", '{"format": 2}', "a result of format 2, this version reads"),
-        ("sensitivity.json", '{"rows": [', "sensitivity.json: damaged"),
-        ("sensitivity.json", '{"rows": []}', "sensitivity.json: Sensitivity: no ranking"),
         ("predictions/predictions.json", "{}", "predictions.json: study: missing"),
     ],
 )

@@ -34,7 +34,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     comparison = bs.compare(posteriors, dict(zip(NAMES, (1.0, 2.0, 3.0, 4.0), strict=True)))
     calibration = bs.calibrate(model_classes["3"])
     open_ = bs.calibrate(model_classes["2"], n_starts=4, shape_weight=0.0, with_prior=True)
-    setting = SensitivityRow("probability of detection × 2", {}, dict.fromkeys(NAMES, 0.25))
+    setting = SensitivityRow("probability of detection × 2", dict.fromkeys(NAMES, 0.25))
     return (
         ranking_table(comparison, "A study of four model classes with a long title: which is it?"),
         evidence_table(posteriors),

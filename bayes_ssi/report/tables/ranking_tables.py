@@ -164,34 +164,33 @@ def region_notes(posterior: Posterior) -> list[Note]:
 def sensitivity_table(sensitivity: Sensitivity) -> Table:
     """Setting by setting, which class ranks first, and its lead in nats."""
     first = sensitivity.rows[0].best
+    unknown = ("not known", "-", "-", "-")
     table = new_table(
         "Sensitivity to settings",
         ["setting", "most probable"],
         ["probability", "lead (nats)", f"probability of {first}"],
     )
     for row in sensitivity.rows:
-        add_row(
-            table,
-            marked(row.name, row.failed_checks),
+        known = row.probabilities and (
             row.best,
             probability_text(row.probabilities[row.best]),
             "-" if math.isinf(row.lead) else f"{row.lead:.2f}",
             probability_text(row.probabilities[first]),
         )
+        add_row(table, marked(row.name, row.problem), *(known or unknown))
     return table
 
 
 def sensitivity_notes(sensitivity: Sensitivity) -> list[str]:
-    """Whether the same class always ranks first, and which checks of resampled classes failed."""
+    """Whether the same class always ranks first, and what the draws do not say."""
     first = sensitivity.rows[0].best
+    every = "every setting of which the draws say" if sensitivity.problems else "every setting"
     if sensitivity.turning:
         others = "; ".join(f"{row.best!r} does with {row.name}" for row in sensitivity.turning)
         notes = [f"{first!r} does not rank first under every setting: {others}."]
     else:
-        notes = [f"{first!r} ranks first under every setting."]
-    for row in sensitivity.rows:
-        notes += [f"  (!) {row.name}: {check}" for check in row.failed_checks]
-    return notes
+        notes = [f"{first!r} ranks first under {every}."]
+    return notes + [f"  (!) {problem}" for problem in sensitivity.problems]
 
 
 def what_if_table(answer: WhatIf) -> Table:

@@ -1,35 +1,26 @@
-"""Sensitivity of a ranking to the analyst's choice of settings.
+"""Sensitivity of a ranking to the analyst's choice of settings, from its draws.
 
 These are the detection probability, the expected number of spurious modes, the error sizes and
-the width of the priors. Each is changed in turn, and all classes are ranked again.
-
-The posterior draws are reweighted; where they do not cover a changed class, or not precisely
-enough, it is sampled again.
+the widths of the priors. Each is halved and doubled in turn, and all classes are ranked again.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.comparison import class_probabilities
-from bayes_ssi.studies.ranking.study import Ranking
-from bayes_ssi.studies.ranking.variations import SampledClasses, Variation, default_variations
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.studies.ranking.comparison import can_matter, class_probabilities
+from bayes_ssi.studies.ranking.variations import SampledClasses, default_variations
 
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """The ranking under one variation."""
+    """The ranking under one setting."""
 
     name: str
-    # Model class → log evidence in nats, with its standard error.
-    log_evidences: Mapping[str, Estimate]
-    probabilities: Mapping[str, float]
-    sampled: tuple[str, ...] = ()
-    failed_checks: tuple[str, ...] = ()
+    probabilities: Mapping[str, float]  # of every model class; none where the draws do not say
+    problem: str = ""  # why the draws do not say, class by class
 
     @property
     def ranked(self) -> tuple[str, ...]:
@@ -51,7 +42,7 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A ranking under every variation; the first row is the ranking without any."""
+    """A ranking under every setting; the first row is the ranking itself."""
 
     rows: tuple[SensitivityRow, ...]
 
@@ -60,67 +51,42 @@ class Sensitivity:
             raise ValueError("Sensitivity: no ranking")
 
     @property
+    def known(self) -> tuple[SensitivityRow, ...]:
+        """The rows of which the draws say something."""
+        return tuple(row for row in self.rows if row.probabilities)
+
+    @property
     def turning(self) -> tuple[SensitivityRow, ...]:
-        """The variations under which another class is the most probable."""
-        return tuple(row for row in self.rows if row.best != self.rows[0].best)
+        """The settings under which another class is the most probable."""
+        return tuple(row for row in self.known if row.best != self.rows[0].best)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What the draws do not say, a sentence for each setting."""
+        return tuple(f"{row.name}: {row.problem}" for row in self.rows if row.problem)
 
 
 def sensitivity(
-    ranking: Ranking,
-    variations: Sequence[Variation] | None = None,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
+    posteriors: Sequence[Posterior],
+    known: Mapping[str, ModelClass],
+    prior_weights: Mapping[str, float] | None,
 ) -> Sensitivity:
-    """Rank again under every variation.
+    """Rank model classes again under every setting, by reweighting their draws.
 
     Args:
-        variations: :func:`default_variations` if None.
-        settings: settings for classes that are sampled again; their wanted error also limits that
-            of reweighting. By default it is 0.03 nats.
-        run: workers for classes that are sampled again, and progress: called after each variation
-            with "sensitivity", its name and the completed share of all. Nothing is kept on disk.
+        known: the classes by name, with modes known at their draws.
+        prior_weights: name → prior weight; equal if None.
     """
-    variations = default_variations() if variations is None else tuple(variations)
-    names = [variation.name for variation in variations]
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise ValueError(f"sensitivity: two variations are named {repeated[0]!r}")
-    estimates = {
-        each.name: Estimate(each.evidence.log_evidence, each.evidence.error)
-        for each in ranking.posteriors
-    }
-    rows = [SensitivityRow("unchanged", estimates, _probabilities(estimates, ranking))]
-    run, settings = run or Run(), settings or SamplingSettings(log_evidence_error=0.03)
-    error = settings.log_evidence_error
-    with run.working():
-        sampled = SampledClasses.of(
-            ranking.study.model_classes,
-            ranking.posteriors,
-            lambda changed: sample_all(changed, ranking.seed, settings, Run(run.workers)),
-        )
-        for done, variation in enumerate(variations, 1):
-            answers = sampled.varied(
-                variation, lambda one: bool(one.problem) or one.log_ratio.error > error
-            )
-            again = {name: each for name, each in answers.items() if each.is_sampled_again}
-            estimates = {name: each.log_evidence for name, each in answers.items()}
-            rows.append(
-                SensitivityRow(
-                    variation.name,
-                    estimates,
-                    _probabilities(estimates, ranking),
-                    sampled=tuple(again),
-                    failed_checks=tuple(
-                        f"{name!r}: {check}"
-                        for name, each in again.items()
-                        for check in each.posterior.failed_checks
-                    ),
-                )
-            )
-            run.report("sensitivity", variation.name, done / len(variations))
+    log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
+    shares = class_probabilities(log_evidences, prior_weights)
+    rows = [SensitivityRow("unchanged", shares)]
+    # The others are too improbable for a setting to bring them back.
+    relevant = {each.name: each for each in posteriors if can_matter(shares[each.name])}
+    sampled = SampledClasses(relevant, known, {name: known[name] for name in relevant})
+    for variation in default_variations():
+        answers = sampled.varied(variation)
+        changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
+        problem = "; ".join(f"{n!r}: {each.problem}" for n, each in answers.items() if each.problem)
+        after = {} if problem else class_probabilities(log_evidences | changed, prior_weights)
+        rows.append(SensitivityRow(variation.name, after, problem))
     return Sensitivity(tuple(rows))
-
-
-def _probabilities(estimates: Mapping[str, Estimate], ranking: Ranking) -> dict[str, float]:
-    log_evidences = {name: estimate.log_evidence for name, estimate in estimates.items()}
-    return class_probabilities(log_evidences, ranking.study.prior_weights)
