@@ -27,7 +27,6 @@ from bayes_ssi.commands.terminal import (
     say_in_paragraphs,
     say_warnings,
 )
-from bayes_ssi.foundations.choices import require_known
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,8 +51,6 @@ LEGEND = (
 @seed_option("Seed of their starting points.")
 @flag("--with-prior", text="Fit the prior, too (regularised least squares): it determines what the "
       "data leave open.")  # fmt: skip
-@click.option("--reference", metavar="CLASS",
-              help="Print how far the best fits are from that of this class.")  # fmt: skip
 @json_option
 def calibrate(
     study: Path,
@@ -62,7 +59,6 @@ def calibrate(
     starts: int,
     seed: int,
     with_prior: bool,
-    reference: str | None,
 ) -> None:
     """List every distinct minimum of the deterministic objective of the model classes of STUDY.
 
@@ -75,9 +71,6 @@ def calibrate(
 
     where, calibrations = console(), []
     candidates = load(study, only).model_classes
-    names = [each.name for each in candidates]
-    if reference is not None:
-        require_known("--reference: no model class", [reference], names)
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
     for candidate in candidates:
@@ -93,14 +86,6 @@ def calibrate(
             say(where, f"(!) {error}")
     for group in _same_to_the_reader(calibrations):
         _show(where, group)
-    distances: dict[str, float] = {}
-    if reference is not None:
-        from bayes_ssi.inference.calibration.calibration import distances_from
-        from bayes_ssi.report.tables.calibration_tables import distances_table
-
-        of_names = {each.name: each for each in calibrations}
-        parameters, distances = distances_from(reference, candidates, of_names)
-        where.print(distances_table(reference, parameters, distances, of_names))
     if calibrations:
         say(where, LEGEND)
         say_in_paragraphs(where, *map(_conclusion, calibrations))
@@ -108,7 +93,6 @@ def calibrate(
     print_record(
         lambda: {
             "calibrations": [asdict(each) for each in calibrations],
-            **({"distances": distances} if distances else {}),
             "failed_checks": failed,
         }
     )

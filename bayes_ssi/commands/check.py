@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.record import Record
 
-# Far more modes, sensors or warnings than a test has are a mistake, which the first ones show.
-MOST = 100
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
 )  # fmt: skip
@@ -71,8 +68,8 @@ def _check_record(record: Record) -> None:
         where,
         f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
         f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
-        f"Sensors: {_listed(record.sensors)}.",
-        *(_warnings(remarks) or ["No warnings."]),
+        f"Sensors: {', '.join(record.sensors)}.",
+        *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
     )
     print_record(
         lambda: {
@@ -96,35 +93,18 @@ def _check_modes(path: Path) -> None:
     failed = modes.all_failed_checks
     low, high = modes.band_hz
     where = console()
-    where.print(modes_table(modes, MOST))
-    if len(modes.modes) > MOST:
-        say(where, _not_shown(len(modes.modes), "modes"))
+    where.print(modes_table(modes))
     print_record(lambda: _record(modes))
     remarks = modes.warnings()[len(failed) :]
     say(
         where,
-        f"Band: {low:g} to {high:g} Hz. Sensors: {_listed(modes.sensors)}. Digest: {modes.digest}.",
+        f"Band: {low:g} to {high:g} Hz. Sensors: {', '.join(modes.sensors) or 'none'}. "
+        f"Digest: {modes.digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
-        *(_warnings(remarks) or ([] if failed else ["No warnings."])),
+        *([f"(!) {remark}" for remark in remarks] or ([] if failed else ["No warnings."])),
     )
     say_warnings(where, data_warnings(failed))
     exit_if_failed(failed)
-
-
-def _warnings(remarks: Sequence[str]) -> list[str]:
-    lines = [f"(!) {remark}" for remark in remarks[:MOST]]
-    return lines + ([_not_shown(len(remarks), "warnings")] if len(remarks) > MOST else [])
-
-
-def _listed(sensors: Sequence[str]) -> str:
-    listed = ", ".join(sensors[:MOST]) or "none"
-    if len(sensors) > MOST:
-        listed += "; " + _not_shown(len(sensors), "sensors").removesuffix(".")
-    return listed
-
-
-def _not_shown(n: int, what: str) -> str:
-    return f"{n - MOST:,} of {n:,} {what} are not shown here; --json gives all."
 
 
 def _record(data: ModalData) -> dict[str, Any]:

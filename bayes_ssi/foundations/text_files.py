@@ -1,5 +1,6 @@
 """Text files of columns, as spreadsheets and other programs write them, and names of files."""
 
+import csv
 import errno
 import os
 import re
@@ -89,3 +90,15 @@ def read_columns(path: Path) -> tuple[str, str | None]:
     if stated is None:
         return text, None
     return "\n" * stated[0].count("\n") + text[stated.end() :], stated[1]
+
+
+def read_table(path: Path) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """A CSV file with a heading: names of the columns; file and line of each row, and its cells.
+
+    Empty rows, and those that begin with ``#``, are left out.
+    """
+    text, delimiter = read_columns(path)
+    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
+    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    lines = [(f"{path}, line {n}", row) for n, row in numbered if any(row) and row[0][:1] != "#"]
+    return (lines[0][1], lines[1:]) if lines else ([], [])

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.results.result_files import new_directory, require_new
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.results.wording import listed
@@ -59,17 +57,6 @@ def error_percent(model: Any, identified: float) -> str:
     return f"{error:+.1f} %" if error else "0.0 %"
 
 
-def prior(distribution: Any) -> str:
-    """A prior by its name and its numbers."""
-    values = {field.name: getattr(distribution, field.name) for field in fields(distribution)}
-    numbers = [
-        prior(value) if isinstance(value, Prior) else f"{key} {number(value)}"
-        for key, value in values.items()
-    ]
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", type(distribution).__name__).lower()
-    return f"{name.replace('log-normal', 'lognormal')}: {', '.join(numbers)}"
-
-
 def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
     return [new if item == old else item for item in items]
 
@@ -98,7 +85,7 @@ def of_numbers(name: str) -> bool:
 
 
 FORMATS: tuple[Callable[..., Any], ...] = (
-    number, fixed, interval, percent, error_percent, prior, replaced, settings, heading
+    number, fixed, interval, percent, error_percent, replaced, settings, heading
 )  # fmt: skip
 FILTERS = {form.__name__: form for form in FORMATS} | {
     "probability": probability_text,

@@ -249,16 +249,6 @@ def test_check_warns_of_doubtful_data(run, csv_file):
     assert "No warnings." in run("check", csv_file()).stdout
 
 
-def test_check_of_far_too_many_modes_is_short(run, csv_file):
-    n = 2_000
-    rows = "".join(f"{i},{1 + i / n},{i % 7 + 1},{i % 5 + 1}\n" for i in range(n))
-    result = run("check", csv_file("# band_hz, 0, 3\nlabel,frequency_hz,a,b\n" + rows))
-    assert result.exit_code == 0
-    assert "1,900 of 2,000 modes are not shown here; --json gives all." in result.stdout
-    assert " warnings are not shown here" in result.stdout
-    assert len(result.stdout.splitlines()) < 210
-
-
 @pytest.mark.parametrize("name", ["2[b]", "[east]", "[/]"])
 def test_check_shows_names_with_brackets(run, csv_file, name):
     text = CSV.replace("\n2,", f"\n{name},").replace("test of May", f"test {name}")

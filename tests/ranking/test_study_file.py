@@ -67,13 +67,10 @@ def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content
     assert "\n" not in str(caught.value)
 
 
-def test_two_studies_in_one_file_are_refused_with_their_lines(tiny_study_file):
-    before = tiny_study_file.read_text().splitlines()
-    first = 1 + next(i for i, line in enumerate(before) if line.startswith("study = "))
+def test_two_studies_in_one_file_are_refused_by_their_names(tiny_study_file):
     with tiny_study_file.open("a") as file:
         file.write("alias = study\nanother = study.only(['one k'])\n")
-    both = rf"study \(line {first}\), another \(line {len(before) + 2}\); keep one"
-    with pytest.raises(ValueError, match=f"defines several studies, {both}"):
+    with pytest.raises(ValueError, match="defines several studies, study, another; keep one"):
         load_study(tiny_study_file)
 
 

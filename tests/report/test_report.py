@@ -92,7 +92,7 @@ def test_the_page_holds_what_is_stored(page, tiny_ranking):
         assert ends in shown
     # Quantiles of a lognormal of median 1 and c.o.v. 0.3: exp(±1.645 √ln 1.09).
     assert "1 (0.617 to 1.62)" in shown
-    for words in ("lognormal: median 1, cov 0.3", "bayes-ssi rank tiny.py --seed 7",
+    for words in ("LogNormal(median=1.0, cov=0.3)", "bayes-ssi rank tiny.py --seed 7",
                   "0.618", "two-storey building", tiny_ranking.comparison.data_digest,
                   "floor 2 3.25", "All checks passed", "'one k' ranks first under every setting",
                   f"numpy {np.__version__}"):  # fmt: skip

@@ -15,7 +15,7 @@ How far calibrated classes are from a reference class, in what all of them may i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,10 +23,9 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed
 from bayes_ssi.inference.calibration.determination import Determination, determination
-from bayes_ssi.inference.calibration.fit import Fit, rms_distance
+from bayes_ssi.inference.calibration.fit import Fit
 from bayes_ssi.inference.calibration.least_squares import (
     CALIBRATION,
     CalibrationProblem,
@@ -210,32 +209,3 @@ def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
     _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
     basis: FloatArray = rows[sizes > CALIBRATION.zero_sensitivity * sizes.max()].T
     return basis
-
-
-def distances_from(
-    reference: str, classes: Sequence[ModelClass], calibrations: Mapping[str, Calibration]
-) -> tuple[tuple[str, ...], dict[str, float]]:
-    """Root mean square distances of the best fits from that of a reference class (section 4.5).
-
-    They are over the parameters of all classes without appendages, each divided by its prior
-    median; a class that does not infer one has it at the median.
-
-    Returns:
-        The names of the parameters, and name of a class → its distance.
-    """
-    require_known("reference: no calibrated model class", [reference], calibrations)
-    known = [candidate for candidate in classes if candidate.name in calibrations]
-    bare = [c for c in known if not any(test.structure.appendages for test in c.configurations)]
-    medians: dict[str, float] = {}
-    for candidate in bare or known:
-        names = calibrations[candidate.name].parameter_names
-        prior = {p.name: p.prior.quantile(0.5) for p in candidate.parameters}
-        medians |= {name: prior[name] for name in names}
-
-    def normalised(name: str) -> dict[str, float]:
-        one = calibrations[name]
-        values = dict(zip(one.parameter_names, one.best.values, strict=True))
-        return {key: values.get(key, median) / median for key, median in medians.items()}
-
-    at = normalised(reference)
-    return tuple(medians), {name: rms_distance(normalised(name), at) for name in calibrations}

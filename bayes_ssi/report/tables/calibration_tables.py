@@ -137,21 +137,6 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
     return seen[: TABLES.most_components], len(seen) > TABLES.most_components
 
 
-def distances_table(
-    reference: str,
-    parameters: Sequence[str],
-    distances: Mapping[str, float],
-    calibrations: Mapping[str, Calibration],
-) -> Table:
-    """Objectives and distances of the best fits from that of a reference class."""
-    title = f"Distance d from {reference!r}, over {', '.join(parameters)}"
-    table = new_table(title, ["model class"], ["f_ob (%)", "d (%)"])
-    for name, distance in distances.items():
-        objective = 100.0 * calibrations[name].best.objective
-        add_row(table, name, f"{objective:.3f}", f"{100.0 * distance:.1f}")
-    return table
-
-
 def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
     """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
     title = (

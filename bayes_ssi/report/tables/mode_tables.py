@@ -14,14 +14,14 @@ from bayes_ssi.structures.modal import mac
 ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
 
 
-def modes_table(data: ModalData, most: int | None = None) -> Table:
-    """The identified modes as they were read, at most the first ``most`` of them."""
+def modes_table(data: ModalData) -> Table:
+    """The identified modes as they were read."""
     table = new_table(
         data.source,
         ["mode"],
         ["frequency Hz", "c.o.v. %", "damping %", "shape at", "shape ±", "phases °"],
     )
-    for mode in data.modes[:most]:
+    for mode in data.modes:
         has_shape = mode.n_measured > 0
         add_row(
             table,

@@ -3,7 +3,6 @@
 What tests that the model class does not explain say of a population means nothing.
 """
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -13,7 +12,7 @@ import numpy as np
 from scipy.special import betaincc
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.text_files import read_columns
+from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import (
@@ -159,18 +158,14 @@ def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
     """
     path = Path(path)
     try:
-        text, delimiter = read_columns(path)
+        columns, rows = read_table(path)
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from None
-    rows = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
-    numbered = [(rows.line_num, [cell.strip() for cell in row]) for row in rows]
-    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
-    if not lines or len(lines[0][1]) != 2 or not lines[0][1][1]:
-        got = lines[0][1] if lines else "nothing"
+    if len(columns) != 2 or not columns[1]:
+        got = columns or "nothing"
         raise ValueError(f"{path}: the first line must be 'test, NAME OF THE COVARIATE', got {got}")
-    name, values = lines[0][1][1], {}
-    for line, row in lines[1:]:
-        where = f"{path}, line {line}"
+    name, values = columns[1], {}
+    for where, row in rows:
         if len(row) != 2 or not row[0]:
             raise ValueError(f"{where}: expected a test and its {name}, got {','.join(row)!r}")
         if row[0] in values:

@@ -1,6 +1,5 @@
 """Sensors by coordinates: the nearest nodes of a model that move in their directions."""
 
-import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.text_files import read_columns
+from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.foundations.universal_files import read_data_sets
 from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
@@ -77,19 +76,12 @@ def read_node_table(path: Path) -> dict[str, str] | None:
 
 def _table(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     """Names of columns; file and line of each row, and its cells by these names."""
-    text, delimiter = read_columns(path)
-    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
-    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
-    if len(lines) < 2:
-        return [], []
-    (_, names), *rows = lines
-    for number, row in rows:
+    names, rows = read_table(path)
+    for where, row in rows:
         if len(row) != len(names) or not all(row):
-            raise ValueError(
-                f"{path}, line {number}: must have a cell in each of the {len(names)} columns"
-            )
-    return names, [(f"{path}, line {n}", dict(zip(names, row, strict=True))) for n, row in rows]
+            raise ValueError(f"{where}: must have a cell in each of the {len(names)} columns")
+    cells = [(where, dict(zip(names, row, strict=True))) for where, row in rows]
+    return names if rows else [], cells
 
 
 def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:

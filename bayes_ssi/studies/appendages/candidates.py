@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.text_files import read_columns
+from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.geometry import Candidate, Place, motion_of
 from bayes_ssi.structures.structure import Structure
@@ -111,16 +110,12 @@ def read_candidates(path: str | Path) -> tuple[Candidate, ...]:
             place is there twice; the message names the file and the line.
     """
     path = Path(path)
-    text, delimiter = read_columns(path)
-    reader = csv.reader(text.splitlines(), delimiter=delimiter or ",", skipinitialspace=True)
-    numbered = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    lines = [(n, row) for n, row in numbered if any(row) and not row[0].startswith("#")]
-    if len(lines) < 2:
+    names, rows = read_table(path)
+    if not rows:
         raise ValueError(f"{path}: no candidate below the column names {','.join(REQUIRED)}")
-    columns = _columns(lines[0][1], path)
+    columns = _columns(names, path)
     candidates = []
-    for number, row in lines[1:]:
-        where = f"{path}, line {number}"
+    for where, row in rows:
         if len(row) > len(columns):
             raise ValueError(f"{where}: {len(row)} cells for {len(columns)} columns")
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
 import sys
 from collections.abc import Mapping
@@ -51,9 +50,8 @@ def load_study(path: str | Path) -> Study:
             'study = bayes_ssi.Study("title", [model_class, ...])'
         )
     if len(studies) > 1:
-        lines = _lines_of_names(path)
-        each = (f"{name}{lines.get(name, '')}" for name, _ in studies.values())
-        raise ValueError(f"{path}: defines several studies, {', '.join(each)}; keep one in a file")
+        names_of_studies = ", ".join(name for name, _ in studies.values())
+        raise ValueError(f"{path}: defines several studies, {names_of_studies}; keep one in a file")
     ((_, study),) = studies.values()
     return study
 
@@ -88,18 +86,6 @@ def _explained(error: BaseException, study: str) -> str:
     if file != study:
         where += f"{Path(file).name}, line {line}: "
     return f"{where}{type(error).__name__}: {_one_line(error)}{_remedy(error)}"
-
-
-def _lines_of_names(path: Path) -> dict[str, str]:
-    """`` (line N)`` for every name that a statement of the file assigns or imports, the last N."""
-    lines = {}
-    for statement in ast.parse(path.read_bytes()).body:
-        for node in ast.walk(statement):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                lines[node.id] = f" (line {node.lineno})"
-            elif isinstance(node, ast.alias):
-                lines[node.asname or node.name] = f" (line {node.lineno})"
-    return lines
 
 
 def _remedy(error: BaseException) -> str:
