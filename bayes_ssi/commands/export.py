@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from bayes_ssi.commands.options import (
     study_option,
 )
 from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from bayes_ssi.inference.posterior.posterior import Posterior
@@ -101,9 +101,10 @@ SUMMARY_COLUMNS = (
 
 
 def _write_parameters(path: Path, posterior: Posterior, likeliest: Sequence[float]) -> None:
-    with path.open("x", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["name", "most_probable", *SUMMARY_COLUMNS])
-        for row, value in zip(posterior.summary, likeliest, strict=True):
-            numbers = (getattr(row, column) for column in SUMMARY_COLUMNS)
-            rows.writerow([row.name, repr(value), *map(repr, numbers)])
+    from bayes_ssi.results.result_files import write_csv
+
+    rows = (
+        [row.name, value, *columns(row, SUMMARY_COLUMNS).values()]
+        for row, value in zip(posterior.summary, likeliest, strict=True)
+    )
+    write_csv(path, ["name", "most_probable", *SUMMARY_COLUMNS], rows)

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
               "where the data do not name it so; repeatable.")  # fmt: skip
 @path_option(
     "--points", metavar="FILE",
-    text="Where sensors are: CSV with columns sensor, x_coord, y_coord, z_coord, direction, or a "
-    "universal file, and the nearest nodes are taken; or CSV with columns node, model_node.",
+    text="Where sensors are, of which the nearest nodes are taken: CSV with columns sensor, "
+    "x_coord, y_coord, z_coord, direction, or a universal file.",
 )  # fmt: skip
 @click.option(
     "--points-scale", type=float, metavar="FACTOR",

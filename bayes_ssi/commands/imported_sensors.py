@@ -24,7 +24,7 @@ def imported_sensors(
     """Sensors of the data, or those given where there are no data yet.
 
     Args:
-        points_file: coordinates of sensors, or a table of nodes, or None.
+        points_file: coordinates of sensors, or None.
         scale: factor of these coordinates; None for 1, or what the units of the file give.
 
     Returns:
@@ -41,10 +41,9 @@ def imported_sensors(
     known = set(model.labels)
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
     points: Sequence[SensorPoint] = ()
-    nodes: Mapping[str, str] = {}
     metres = None
     if points_file is not None:
-        points, nodes, metres = _stated(points_file, measured)
+        points, metres = _stated(points_file, measured)
     said = []
     if scale is None and metres is not None and model.units == "N, m, kg":
         scale = metres
@@ -52,10 +51,6 @@ def imported_sensors(
     scale = 1.0 if scale is None else scale
     mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
     by_point = {each.name: each.label for each in mapped}
-    for name in measured:
-        node, _, direction = name.rpartition(" ")
-        if node in nodes:
-            by_point[name] = f"{nodes[node]} {direction}"
     names = list(measured or {**by_point, **labels})
     require_known("--sensor: the data have no sensor", labels, names)
     places = {name: labels.get(name, by_point.get(name, name)) for name in names}
@@ -96,28 +91,20 @@ def imported_sensors(
     return places, lines
 
 
-def _stated(
-    path: Path, measured: tuple[str, ...]
-) -> tuple[Sequence[SensorPoint], Mapping[str, str], float | None]:
-    """What a file says of sensors: coordinates, or nodes of the model, and the unit in metres."""
+def _stated(path: Path, measured: tuple[str, ...]) -> tuple[Sequence[SensorPoint], float | None]:
+    """Coordinates of sensors in a file, and its unit in metres, if it states one."""
     from bayes_ssi.foundations.text_files import first_bytes
     from bayes_ssi.foundations.universal_files import begins_universal
     from bayes_ssi.structures.solver_files.sensor_points import (
         metres_of_universal_file,
         points_of_universal_file,
-        read_node_table,
         read_sensor_points,
     )
 
     if begins_universal(first_bytes(path)):
         sensors = measured or _sensors_of_universal_file(path)
-        return points_of_universal_file(path, sensors), {}, metres_of_universal_file(path)
-    nodes = read_node_table(path)
-    if nodes is None:
-        return read_sensor_points(path), {}, None
-    if not measured:
-        raise ValueError(f"{path}: a table of nodes states no sensors; give --data as well")
-    return (), nodes, None
+        return points_of_universal_file(path, sensors), metres_of_universal_file(path)
+    return read_sensor_points(path), None
 
 
 def _sensors_of_universal_file(path: Path) -> tuple[str, ...]:

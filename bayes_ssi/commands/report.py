@@ -21,7 +21,7 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
     means, every model class before and after updating, the checks, and how to reproduce it.
     Nothing is sampled, and the study file is not needed.
     """
-    from bayes_ssi.report import write_report
+    from bayes_ssi.report.write import write_report
 
     with progress_bars() as progress:
         page = write_report(result, out, overwrite=overwrite, progress=partial(progress, "report"))

@@ -145,24 +145,15 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
     """The posterior with the draws that :func:`save_draws` wrote."""
     import h5py  # the files are plain netCDF
 
-    try:
-        with h5py.File(path, "r") as file:
-            names = variable_names(posterior.parameter_names)
-            return replace(
-                posterior,
-                draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
-                log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
-                frequencies_hz=file[MODEL][FREQUENCY][...],
-                sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
-            )
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file; the result is incomplete") from None
-    except PermissionError:
-        raise ValueError(f"{path}: cannot be read: permission denied") from None
-    except (OSError, KeyError, ValueError, AttributeError, TypeError) as error:
-        raise ValueError(
-            f"{path}: not a stored posterior of this package: {' '.join(str(error).split())}"
-        ) from error
+    with h5py.File(path, "r") as file:
+        names = variable_names(posterior.parameter_names)
+        return replace(
+            posterior,
+            draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
+            log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
+            frequencies_hz=file[MODEL][FREQUENCY][...],
+            sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
+        )
 
 
 def variable_names(parameter_names: Sequence[str]) -> list[str]:

@@ -81,13 +81,18 @@ def write_digests(directory: Path) -> None:
     )
 
 
-def check_digest(directory: Path, name: str) -> None:
-    """Check that a file is as it was saved."""
-    if read_json(directory / DIGESTS).get(name) != _digest(directory / name):
-        raise ValueError(
-            f"{directory / name}: changed after the result was saved, so that its numbers are not "
-            "those that were computed; run the study again"
-        )
+def check_digests(directory: Path, *names: str) -> None:
+    """Check that files are as they were saved."""
+    saved = read_json(directory / DIGESTS)
+    for name in names:
+        path = directory / name
+        if not path.is_file():
+            raise ValueError(f"{path}: no such file; the result is incomplete")
+        if saved.get(name) != _digest(path):
+            raise ValueError(
+                f"{path}: changed after the result was saved, so that its numbers are not those "
+                "that were computed; run the study again"
+            )
 
 
 def _digest(path: Path) -> str:

@@ -25,11 +25,10 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_names
-from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
+from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
     failed_data_checks,
-    joint_digest,
 )
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -39,7 +38,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_csv, write_modal_data
 from bayes_ssi.results.draws import load_draws, save_draws
 from bayes_ssi.results.result_files import (
-    check_digest,
+    check_digests,
     new_directory,
     read_current,
     read_record,
@@ -123,9 +122,13 @@ class StoredResult(InWords):
         path = self.directory / SEARCH
         if not path.is_file():
             return None
-        record = read_record(SearchRecord, path)
-        check_digest(self.directory, SEARCH)
-        return record
+        check_digests(self.directory, SEARCH)
+        return read_record(SearchRecord, path)
+
+    @property
+    def class_records(self) -> tuple[ClassRecord, ...]:
+        """What is recorded of the model classes."""
+        return self.record.model_classes
 
     @property
     def ranked_posteriors(self) -> tuple[Posterior, ...]:
@@ -161,35 +164,15 @@ def load_result(directory: str | Path) -> StoredResult:
     record = read_current(
         ResultRecord, directory / MARKER, what="a result", again="run the study again"
     )
+    check_digests(directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values())
     comparison = read_record(Comparison, directory / COMPARISON)
-    posteriors = tuple(_posterior(directory, record, i) for i in range(len(record.posteriors)))
-    try:
-        tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
-    except OSError as error:
-        raise ValueError(f"{error.filename}: {error.strerror}") from error
+    tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
     comparison = comparison.with_common("data", failed_data_checks(tests))
-    result = StoredResult(directory, record, tests, posteriors, comparison)
-    if joint_digest(tests) != record.data_digest:
-        raise ValueError(f"{directory}: the identified modes are not those that were ranked")
-    names = {row.name for row in comparison.classes}
-    stored_names = ({stored.name for stored in kind} for kind in (posteriors, record.model_classes))
-    if not names or any(stored != names for stored in stored_names):
-        raise ValueError(f"{directory}: its files are not of the same model classes")
-    for name in (MARKER, COMPARISON, *record.draws.values()):
-        check_digest(directory, name)
-    return result
-
-
-def _posterior(directory: Path, record: ResultRecord, i: int) -> Posterior:
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
     not_here |= {"datum_terms": None, "emulators": ()}
-    try:
-        posterior = from_record(Posterior, record.posteriors[i], f"posteriors[{i}]", **not_here)
-        if posterior.name not in record.draws:
-            raise ValueError(f"draws.{posterior.name}: missing")
-    except ValueError as error:
-        raise ValueError(f"{directory / MARKER}: {error}") from error
-    return load_draws(directory / record.draws[posterior.name], posterior)
+    posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
+    with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
+    return StoredResult(directory, record, tests, with_draws, comparison)
 
 
 @checked
@@ -306,7 +289,7 @@ def result_record(
         prior_weights=study.prior_weights,
         data_digest=ranking.comparison.data_digest,
         versions=versions(),
-        model_classes=tuple(map(class_record, study.model_classes)),
+        model_classes=ranking.class_records,
         stands_for=study.stands_for,
         posteriors=tuple(
             to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))

@@ -215,20 +215,17 @@ def test_sensors_by_the_headers_of_a_universal_file():
 
 
 @pytest.mark.usefixtures("tower")
-def test_sensors_by_a_table_of_nodes():
+def test_sensors_that_are_named_otherwise():
     Path("modes.csv").write_text(Path("modes.csv").read_text().replace("100 x", "1 x"))
-    Path("nodes.csv").write_text("# node of the test\nnode,model_node\n1,100\n200,200\n340,340\n")
     arguments = ("--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
-    given = ("--data", "modes.csv", "--points", "nodes.csv")
-    done = run("tower", *arguments, *given)
+    done = run("tower", *arguments, "--data", "modes.csv", "--sensor", "1 x=100 x")
     assert done.exit_code == 0, done.output
-    assert "1 x: 100 x" in done.output.splitlines()
     structure = load_study("tower.py").model_classes[0].structure
     assert structure.degrees_of_freedom == ("1 x", "200 x", "340 x", "340 y")
-    Path("nodes.csv").write_text("node,model_node\n1,100\n1,200\n")
-    refused = run("twice", *arguments, *given)
+    Path("nodes.csv").write_text("node,model_node\n1,100\n")
+    refused = run("twice", *arguments, "--data", "modes.csv", "--points", "nodes.csv")
     assert refused.exit_code == 2
-    assert "nodes.csv, line 3: node '1' is stated twice" in refused.output
+    assert "nodes.csv: must have the columns sensor, x_coord" in refused.output
 
 
 def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):

@@ -271,7 +271,7 @@ def test_errors_name_the_class(predicted):
         predicted.transfer_functions(FREQUENCIES, ACCELERATION, 2.0)
 
 
-def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
+def test_a_class_that_is_not_the_one_sampled(classes, posteriors):
     with pytest.raises(ValueError, match=r"'one k' is not the one .* a parameter 'k1', .* are 'k'"):
         thinned_draws(posteriors["one k"], classes["each k"])
     structure = classes["one k"].structure
@@ -283,13 +283,3 @@ def test_a_class_that_is_not_the_one_sampled(classes, posteriors, tiny_ranking):
         thinned_draws(posteriors["one k"], more)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
         thinned_draws(posteriors["one k"], classes["one k"], 0)
-    with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
-        predict_average(tiny_ranking.comparison, tiny_ranking.posteriors, classes, 0)
-
-
-def test_averages_need_every_class(tiny_ranking, classes):
-    comparison = tiny_ranking.comparison
-    with pytest.raises(ValueError, match="no posterior of model class 'each k'"):
-        predict_average(comparison, tiny_ranking.posteriors[:1], classes)
-    with pytest.raises(ValueError, match="no definition of model class 'one k'"):
-        predict_average(comparison, tiny_ranking.posteriors, {"each k": classes["each k"]})

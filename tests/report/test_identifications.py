@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, Peak
-from bayes_ssi.report import write_report
+from bayes_ssi.report.write import write_report
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.studies.ranking.study import Ranking
 

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.report import write_report
 from bayes_ssi.report.page_content import _structure
 from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.write import (
@@ -26,6 +25,7 @@ from bayes_ssi.report.write import (
     percent,
     prior,
     settings,
+    write_report,
 )
 from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
 from bayes_ssi.results.result_files import write_json

@@ -180,15 +180,6 @@ def with_text(old, new):
     return replace_text
 
 
-def with_half_the_steps(path):
-    import h5py
-
-    with h5py.File(path, "r+") as file:
-        half = file["posterior"]["k1"][:, ::2]
-        del file["posterior"]["k1"]
-        file["posterior"]["k1"] = half
-
-
 def with_other_draws(path):
     import h5py
 
@@ -210,22 +201,15 @@ EVIDENCE = ("posteriors", 0, "evidence")
         (RESULT, edited("format", value=99),
          f"of format 99, this version reads format {ResultRecord.format}"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
-        (RESULT, edited("posteriors", value=["one k"]), "posteriors[0]: expected a record, got"),
-        (RESULT, edited("posteriors", value=[]), "not of the same model classes"),
-        (RESULT, edited(*EVIDENCE), "result.json: posteriors[0].evidence: missing"),
-        (RESULT, edited(*EVIDENCE, "error", value="?"),
-         "result.json: posteriors[0].evidence.error: expected a number, got '?'"),
-        (RESULT, edited("posteriors", 0, "parameter_names", value=["x"]), "one_k.nc: not a stored"),
-        (RESULT, edited("draws", "one k"), "result.json: draws.one k: missing"),
-        (COMPARISON, removed, "no comparison.json"),
-        (COMPARISON, lambda path: path.write_text("{}"), "comparison.json: classes: missing"),
-        (COMPARISON, edited("classes", 0, "name", value="x"), "not of the same model classes"),
+        (RESULT, edited("posteriors", value=[]), "result.json: changed after"),
+        (RESULT, edited(*EVIDENCE), "result.json: changed after"),
+        (COMPARISON, removed, "comparison.json: no such file; the result is incomplete"),
+        (COMPARISON, lambda path: path.write_text("{}"), "comparison.json: changed after"),
         ("posteriors/one_k.nc", removed, "one_k.nc: no such file; the result is incomplete"),
-        ("posteriors/each_k.nc", cut, "each_k.nc: not a stored posterior"),
-        ("posteriors/each_k.nc", with_half_the_steps, "each_k.nc: not a stored posterior"),
-        ("data.csv", removed, "data.csv: No such file"),
-        ("data.csv", lambda path: path.write_text(""), "data.csv: "),
-        ("data.csv", with_text("1.618", "1.619"), "not those that were ranked"),
+        ("posteriors/each_k.nc", cut, "each_k.nc: changed after"),
+        ("data.csv", removed, "data.csv: no such file; the result is incomplete"),
+        ("data.csv", with_text("1.618", "1.619"), "data.csv: changed after"),
+        ("digests.json", removed, "no digests.json"),
     ],
 )  # fmt: skip
 def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message):

@@ -20,7 +20,7 @@ from bayes_ssi.inference.criticism.misfit_in_words import (
     misfit_text,
     misfits_in_words,
 )
-from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord, class_record
+from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
@@ -76,14 +76,7 @@ def _chosen(
     """Name, posterior and record of the model class in one result, and its data's failed checks."""
     if isinstance(result, (str, PathLike)):
         result = load_result(Path(result))
-    if isinstance(result, Ranking):
-        records = tuple(map(class_record, result.study.model_classes))
-    elif isinstance(result, StoredResult):
-        records = result.record.model_classes
-    else:
-        raise TypeError(
-            f"hierarchy: test {test!r} must be a ranking or a result directory, got {result!r}"
-        )
+    records = result.class_records
     names = [each.name for each in records]
     chosen = names[0] if class_name is None and len(names) == 1 else class_name
     if chosen not in names:

@@ -64,15 +64,10 @@ def predict_average(
     A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
     """
     by_name = {posterior.name: posterior for posterior in posteriors}
-    names = [row.name for row in comparison.classes]
-    for kind, known in (("posterior", by_name), ("definition", model_classes)):
-        missing = [name for name in names if name not in known]
-        if missing:
-            raise ValueError(f"predictions: no {kind} of model class {missing[0]!r}")
     counts = _shares([row.probability for row in comparison.classes], n_draws)
     classes = tuple(
-        thinned_draws(by_name[name], model_classes[name], count, configuration)
-        for name, count in zip(names, counts, strict=True)
+        thinned_draws(by_name[row.name], model_classes[row.name], count, configuration)
+        for row, count in zip(comparison.classes, counts, strict=True)
         if count
     )
     return Predictions(AVERAGE, classes)
@@ -80,8 +75,6 @@ def predict_average(
 
 def _shares(probabilities: Sequence[float], total: int) -> list[int]:
     """Whole numbers proportional to probabilities, rounded by the largest remainder."""
-    if total < 1:
-        raise ValueError(f"predictions: the number of draws must be at least 1, got {total!r}")
     exact = total * np.array(probabilities) / sum(probabilities)
     counts = np.floor(exact).astype(int)
     order = np.argsort(counts - exact, kind="stable")

@@ -22,7 +22,7 @@ from bayes_ssi.results.predictions.predictions import (
     predict_average,
     predict_class,
 )
-from bayes_ssi.results.stored_result import SEARCH, StoredResult, load_result
+from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.appendages.hypotheses import hypothesis
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.ranking.study_file import load_study
@@ -32,36 +32,28 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
     """Name → model class, for all that were sampled, from the study of ``study_file``."""
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
-    hypotheses = {each.name: each for each in search.hypotheses} if search else {}
-    missing = [name for name in names if search and name not in hypotheses]
-    if missing:
-        raise ValueError(f"{stored.directory / SEARCH}: no hypothesis {missing[0]!r}")
     try:
-        if search is not None:
-            classes = {}
-            baselines = {each.name: each for each in search.baselines}
-            for name in names:
-                row = hypotheses[name]
-                if row.baseline not in baselines:
-                    raise ValueError(f"{SEARCH}: no baseline {row.baseline!r}")
-                original = baselines[row.baseline].classes[0]
-                baseline = _only(study, original).with_any_pairing(row.baseline)
-                places = [each.place for each in row.appendages]
-                classes[name] = hypothesis(
-                    baseline,
-                    places,
-                    search.search_settings,
-                    name,
-                    present_in=search.present_in,
-                    scale=baselines[row.baseline].mass_scale,
-                )
-            return classes
-        return {
-            name: _only(study, stands_for[name][0]).with_any_pairing(name)
-            if name in stands_for
-            else _only(study, name)
-            for name in names
-        }
+        if search is None:
+            return {
+                name: _only(study, stands_for[name][0]).with_any_pairing(name)
+                if name in stands_for
+                else _only(study, name)
+                for name in names
+            }
+        baselines = {each.name: each for each in search.baselines}
+        classes = {}
+        for name in names:
+            row = search.hypothesis(name)
+            baseline = baselines[row.baseline]
+            classes[name] = hypothesis(
+                _only(study, baseline.classes[0]).with_any_pairing(row.baseline),
+                [each.place for each in row.appendages],
+                search.search_settings,
+                name,
+                present_in=search.present_in,
+                scale=baseline.mass_scale,
+            )
+        return classes
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
 

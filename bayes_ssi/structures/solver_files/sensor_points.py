@@ -15,7 +15,6 @@ from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
 
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
-NODE_COLUMNS = ("node", "model_node")
 # Factors between units of length: what they turn, and the factor.
 SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254, "cm to m": 1e-2}
 
@@ -40,14 +39,14 @@ class MappedSensor:
 
 def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
     """Sensors of a CSV file with columns sensor, x_coord, y_coord, z_coord and direction."""
-    names, lines = _table(path)
-    if sorted(names) != sorted(COLUMNS):
-        raise ValueError(
-            f"{path}: must have the columns {', '.join(COLUMNS)}, or {', '.join(NODE_COLUMNS)}, "
-            "and rows"
-        )
+    names, rows = read_table(path)
+    if sorted(names) != sorted(COLUMNS) or not rows:
+        raise ValueError(f"{path}: must have the columns {', '.join(COLUMNS)}, and rows")
     points = []
-    for where, cells in lines:
+    for where, row in rows:
+        if len(row) != len(names) or not all(row):
+            raise ValueError(f"{where}: must have a cell in each of the {len(names)} columns")
+        cells = dict(zip(names, row, strict=True))
         if cells["direction"] not in TRANSLATIONS:
             raise ValueError(
                 f"{where}: direction must be x, y or z, got {cells['direction']!r}; where a sensor "
@@ -56,32 +55,6 @@ def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
         at = checked_point([cells[name] for name in COLUMNS[1:4]], where)
         points.append(SensorPoint(cells["sensor"], at, cells["direction"]))
     return tuple(points)
-
-
-def read_node_table(path: Path) -> dict[str, str] | None:
-    """Node of the test → node of the model, of a CSV file with columns node and model_node.
-
-    None if it has other columns.
-    """
-    names, lines = _table(path)
-    if sorted(names) != sorted(NODE_COLUMNS):
-        return None
-    nodes: dict[str, str] = {}
-    for where, cells in lines:
-        if cells["node"] in nodes:
-            raise ValueError(f"{where}: node {cells['node']!r} is stated twice")
-        nodes[cells["node"]] = cells["model_node"]
-    return nodes
-
-
-def _table(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
-    """Names of columns; file and line of each row, and its cells by these names."""
-    names, rows = read_table(path)
-    for where, row in rows:
-        if len(row) != len(names) or not all(row):
-            raise ValueError(f"{where}: must have a cell in each of the {len(names)} columns")
-    cells = [(where, dict(zip(names, row, strict=True))) for where, row in rows]
-    return names if rows else [], cells
 
 
 def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
