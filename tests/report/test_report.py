@@ -23,7 +23,6 @@ from bayes_ssi.report.write import (
     number,
     of_numbers,
     percent,
-    prior,
     settings,
     write_report,
 )
@@ -283,4 +282,3 @@ def test_numbers_as_they_are_written():
     assert interval((1.0, 2.0, 3.0)) == "2 (1 to 3)"
     assert percent(0.0125) == "1.25 %"
     assert [error_percent(model, 1.0) for model in (0.9, 0.99999)] == ["-10.0 %", "0.0 %"]
-    assert prior(bs.HalfNormal(2.0)) == "half-normal: scale 2"
