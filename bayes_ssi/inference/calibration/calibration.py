@@ -15,7 +15,7 @@ How far calibrated classes are from a reference class, in what all of them may i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
