@@ -92,73 +92,39 @@ def _study(
     command: str,
 ) -> str:
     """The text of the study."""
+    import jinja2
+
     from bayes_ssi.structures.modal import SOLVER
 
-    properties = list(
-        dict.fromkeys(n for t in (*matrices.stiffness, *matrices.mass) for n, _ in t.powers)
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
+    environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
+    terms = (*matrices.stiffness, *matrices.mass)
     model = matrices.nominal
-    text = (TEMPLATES / "imported.py.txt").read_text("utf-8")
-    for mark, value in {
-        "PROGRAM": f"{model.program}, {model.size} degrees of freedom, {model.units}",
-        "COMMAND": command,
-        "FOLDER": _quoted(folder.name),
-        "TESTS": _mapping({test: f"bs.read_modal_data({read})" for test, read in tests.items()}),
-        "ADDED": _mapping(dict.fromkeys(tests, "[]")),
-        "PROPERTIES": _quoted(properties),
-        "STIFFNESS": _terms("K", matrices.stiffness, files),
-        "MASS": _terms("M", matrices.mass, files),
-        "SENSORS": _mapping(
-            {name: _quoted(label) for name, label in places.items() if name != label}
-        ),
-        "IMPORTS": "import csv\n" if model.geometry is not None else "",
-        "GEOMETRY": GEOMETRY if model.geometry is not None else "geometry = None\n",
-        "UNIT": _quoted("m" if model.units == "N, m, kg" else ""),
-        "RETURNED": "model.reduced()" if model.size > SOLVER.batched_up_to else "model",
-        "CLASSES": ONE_CLASS if len(properties) == 1 else TWO_CLASSES,
-        "MASS_UNIT": _quoted("kg" if model.units == "N, m, kg" else ""),
-    }.items():
-        written = in_a_docstring(value) if mark in ("PROGRAM", "COMMAND") else value
-        text = text.replace(f"{{{mark}}}", written)
-    return text
-
-
-GEOMETRY = """\
-with (matrices / "nodes.csv").open(encoding="utf-8") as file:
-    nodes = {node: tuple(map(float, at)) for node, *at in csv.reader(file)}
-with (matrices / "lines.csv").open(encoding="utf-8") as file:
-    lines = tuple(map(tuple, csv.reader(file)))
-with (matrices / "faces.csv").open(encoding="utf-8") as file:
-    geometry = bs.Geometry(nodes, lines, {UNIT}, tuple(map(tuple, csv.reader(file))))
-"""
-ONE_CLASS = """\
-study = bs.Study(
-    "How far are the properties from nominal?",
-    [model_class("altered", own, "a factor each")],
-    mass_unit={MASS_UNIT},  # of the model, such as "kg", for tables and reports
-)
-"""
-TWO_CLASSES = """\
-study = bs.Study(
-    "One factor for all properties, or one for each?",
-    [
-        model_class("one factor", common, "the same factor for all properties"),
-        model_class("each its own", own, "a factor for each property"),
-    ],
-    mass_unit={MASS_UNIT},  # of the model, such as "kg", for tables and reports
-)
-"""
+    in_si = model.units == "N, m, kg"
+    return environment.get_template("imported.py.txt").render(
+        model=model,
+        command=command,
+        folder=folder.name,
+        tests=tests,
+        sensors={name: label for name, label in places.items() if name != label},
+        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        unit="m" if in_si else "",
+        mass_unit="kg" if in_si else "",
+        is_large=model.size > SOLVER.batched_up_to,
+    )
 
 
 def _quoted(value: Any) -> str:
-    """Text, a list or a mapping of texts as Python writes it, in double quotes."""
+    """Text or a list of texts as Python writes it, in double quotes."""
     return json.dumps(value, ensure_ascii=False)
-
-
-def _mapping(expressions: Mapping[str, str]) -> str:
-    """A mapping of texts to expressions, as Python writes it."""
-    lines = (f"    {_quoted(key)}: {value},\n" for key, value in expressions.items())
-    return "{\n" + "".join(lines) + "}" if expressions else "{}"
 
 
 def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
@@ -167,15 +133,3 @@ def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
     if data.resolve().parent == study.resolve().parent:
         path = f"here.with_name({_quoted(data.name)})"
     return path if band_hz is None else f"{path}, band_hz={band_hz}"
-
-
-def _terms(symbol: str, terms: Iterable[Term], files: Mapping[str, str]) -> str:
-    lines = []
-    for term in terms:
-        read = f"read({_quoted(files[_name(symbol, term)])})"
-        powers = " * ".join(
-            f"factors[{_quoted(name)}]" + ("" if exponent == 1 else f"**{exponent}")
-            for name, exponent in term.powers
-        )
-        lines.append(f"            ({powers}, {read})," if powers else f"            {read},")
-    return "\n".join(lines)
