@@ -20,6 +20,7 @@ from bayes_ssi.commands.identify import identify
 from bayes_ssi.commands.import_model import import_model
 from bayes_ssi.commands.merge import merge
 from bayes_ssi.commands.new import new
+from bayes_ssi.commands.plan import plan
 from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
@@ -39,6 +40,7 @@ COMMANDS = (
     sensitivities,
     rank,
     search,
+    plan,
     what_if,
     hierarchy,
     predict,

@@ -25,7 +25,7 @@ FOLDERS = {
         "likelihood", "model_class", "workers", "sampling", "calibration", "criticism",
         "posterior", "posterior_sampling",
     ),
-    "studies": ("diagnosis", "ranking", "search", "appendages"),
+    "studies": ("diagnosis", "ranking", "search", "appendages", "planning"),
     "results": ("", "predictions", "hierarchy"),
     "report": ("tables", ""),
 }  # fmt: skip

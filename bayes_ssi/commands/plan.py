@@ -1,0 +1,133 @@
+"""``bayes-ssi plan``: the sensors with which the next test says most."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bayes_ssi.commands.options import (
+    default_option,
+    load,
+    only_option,
+    path_option,
+    repeated_option,
+    seed_option,
+    study_argument,
+)
+from bayes_ssi.commands.terminal import (
+    console,
+    exit_if_failed,
+    json_option,
+    print_record,
+    progress_bars,
+    say,
+    say_in_paragraphs,
+    say_warnings,
+)
+
+
+@click.command()
+@study_argument
+@only_option("Only these model classes.")
+@click.option("--sensors", "n_sensors", type=click.IntRange(min=1), required=True, metavar="N",
+              help="Number of sensors.")  # fmt: skip
+@default_option(
+    "--aim",
+    "class",
+    "What the test is for: class, which model class holds; parameters, all of the structures; or "
+    "the name of one.",
+)
+@path_option(
+    "--candidates",
+    "candidates_file",
+    metavar="FILE",
+    text="CSV file of the places where sensors may be, with columns name and place, as for search. "
+    "All degrees of freedom, or sensors that a structure defines, if not given.",
+)
+@repeated_option("--fixed", "fixed", "NAME", "Candidate that is measured; may be repeated.")
+@repeated_option("--excluded", "excluded", "NAME", "Candidate that cannot be; may be repeated.")
+@repeated_option(
+    "--configuration",
+    "configurations",
+    "NAME",
+    "Alternative configuration, such as with masses added; may be repeated. All of the study, if "
+    "not given.",
+)
+@path_option(
+    "--after",
+    metavar="RESULT",
+    text="Directory that rank saved for STUDY: what would the next test add? Before any test, if "
+    "not given.",
+)
+@default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
+@default_option("--draws", 200, "Draws of a class about each test.", click.IntRange(min=50))
+@seed_option("Seed of the simulation.")
+@path_option("--out", text="Directory for the plan and the form for its modes, a new one.")
+@json_option
+def plan(
+    study: Path,
+    only: str | None,
+    n_sensors: int,
+    aim: str,
+    candidates_file: Path | None,
+    fixed: tuple[str, ...],
+    excluded: tuple[str, ...],
+    configurations: tuple[str, ...],
+    after: Path | None,
+    tests: int,
+    draws: int,
+    seed: int,
+    out: Path | None,
+) -> None:
+    """Choose the sensors of a test of STUDY's structure for what the test is to answer.
+
+    Tests are simulated from every model class, with errors, missed and spurious modes, and over all
+    pairings. A layout is worth the information that is expected of it, in nats: about which model
+    class holds, or about parameters. The study's data give the band and the errors alone. The exit
+    code is 3 where the computation is too rough.
+    """
+    from bayes_ssi.report.tables.plan_tables import (
+        change_table,
+        layout_table,
+        number_table,
+        plan_answer,
+        plan_notes,
+    )
+    from bayes_ssi.results.result_files import require_new_files, write_json
+    from bayes_ssi.results.stored_result import load_result
+    from bayes_ssi.studies.appendages.candidates import read_candidates
+    from bayes_ssi.studies.planning.layout_plans import plan as plan_study
+    from bayes_ssi.studies.planning.plan_settings import PlanSettings
+
+    loaded = load(study, only)
+    if out is not None:
+        require_new_files(out)
+    with progress_bars() as progress:
+        planned = plan_study(
+            loaded,
+            n_sensors,
+            aim=aim,
+            candidates=None if candidates_file is None else read_candidates(candidates_file),
+            fixed=fixed,
+            excluded=excluded,
+            configurations=configurations or None,
+            after=None if after is None else load_result(after),
+            settings=PlanSettings(tests, draws),
+            seed=seed,
+            progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
+        )
+    where = console()
+    where.print(layout_table(planned))
+    where.print(number_table(planned.best))
+    where.print(change_table(planned.best))
+    say(where, *plan_notes(planned))
+    say_in_paragraphs(where, plan_answer(planned))
+    say_warnings(where, [(f"{check}.", ()) for check in planned.failed_checks])
+    if out is not None:
+        out.mkdir(parents=True)
+        write_json(out / "plan.json", planned)
+        planned.best.best.write_template(out / "modes.csv")
+        say(where, "", f"Wrote {out}: plan.json, and modes.csv, the form for the modes.")
+    print_record(lambda: {"plan": planned})
+    exit_if_failed(planned.failed_checks)

@@ -1,0 +1,1 @@
+"""Planning of tests: which sensors, in which configuration, would answer the question."""
