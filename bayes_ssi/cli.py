@@ -12,6 +12,7 @@ import re
 import click
 
 from bayes_ssi.commands.calibrate import calibrate
+from bayes_ssi.commands.changes import changes
 from bayes_ssi.commands.check import check
 from bayes_ssi.commands.export import export
 from bayes_ssi.commands.guide import guide
@@ -40,6 +41,7 @@ COMMANDS = (
     sensitivities,
     rank,
     search,
+    changes,
     plan,
     what_if,
     hierarchy,

@@ -184,12 +184,15 @@ class RunOptions:
             exit_if_failed(result.comparison.failed_checks)
 
 
-def run_options(command: Command) -> Command:
-    """The command with the options of :class:`RunOptions`, as one argument ``options``."""
+def run_options(command: Command, error: float = 0.01) -> Command:
+    """The command with the options of :class:`RunOptions`, as one argument ``options``.
+
+    ``error`` is the wanted standard error of log evidences by default, in nats.
+    """
     options: dict[str, Decorator] = {
         "seed": seed_option("The result follows from it."),
         "log_evidence_error": click.option(
-            "--error", "log_evidence_error", type=float, default=0.01, show_default=True,
+            "--error", "log_evidence_error", type=float, default=error, show_default=True,
             help="Wanted standard error of each log evidence, in nats."),
         "economical": flag(
             "--economical", text="Emulate the modes of slow models from some hundred solutions, "

@@ -123,10 +123,10 @@ def _read_key(kind: type, key: str, path: str) -> Any:
 
 
 def _subclass(base: type, record: Any, path: str) -> type:
-    """The subclass that a record names."""
+    """The subclass that a record names; the base itself where it has none."""
     _require(isinstance(record, dict), "a record", record, path)
     tag = base.record_tag  # type: ignore[attr-defined]
-    known = {kind.__name__: kind for kind in _subclasses(base)}
+    known = {kind.__name__: kind for kind in _subclasses(base)} or {base.__name__: base}
     require_known(f"{path or 'record'}: no {tag}", [record.get(tag)], known)
     return known[record[tag]]
 

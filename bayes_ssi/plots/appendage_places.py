@@ -20,8 +20,9 @@ from bayes_ssi.plots.figure_style import (
 from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_space
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.places import AppendagePlace
-from bayes_ssi.studies.appendages.search_result import PlaceRecord, SearchRecord
+from bayes_ssi.studies.appendages.search_result import PlaceRecord
 from bayes_ssi.studies.ranking.comparison import probability_text
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -183,8 +184,10 @@ def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float
     return columns, width
 
 
-def plot_place_bars(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Axes:
-    """The probability of an appendage at the most probable places, and at all others together."""
+def plot_place_bars(
+    places: Sequence[Any], ax: Axes | None = None, what: str = "an appendage"
+) -> Axes:
+    """The probability of ``what`` at the most probable places, and at all others together."""
     first, others = places[: STYLE.most_bars], places[STYLE.most_bars :]
     bars = [(each.place.name, each.probability, STYLE.blue) for each in first]
     if others:
@@ -200,12 +203,12 @@ def plot_place_bars(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Ax
                     va="center", fontsize=STYLE.small)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
-    ax.set_xlabel("probability of an appendage")
+    ax.set_xlabel(f"probability of {what}")
     return ax
 
 
-def plot_places(search: SearchRecord, ax: Axes | None = None) -> Axes:
-    """The probability of an appendage at each place of a search.
+def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+    """The probability of an appendage, or of a change, at each place of a search.
 
     Places on floors are drawn on the building, places with coordinates in space, and others as
     bars. Axes that are given must have three dimensions for a drawing in space.
@@ -215,7 +218,7 @@ def plot_places(search: SearchRecord, ax: Axes | None = None) -> Axes:
         return plot_places_on_building(search.places, ax)
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search.places, search.geometry, ax)
-    return plot_place_bars(search.places_by_probability, ax)
+    return plot_place_bars(search.places_by_probability, ax, search.a_feature)
 
 
 def _colour_scale(highest: float) -> Any:

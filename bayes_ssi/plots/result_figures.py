@@ -20,8 +20,8 @@ from bayes_ssi.plots.parameter_plots import import_corner, plot_corner
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
-from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import Comparison
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 # Name of the files of modes in space, or its beginning.
 MODES = "modes"
@@ -45,7 +45,7 @@ def result_figures(
     tests: Mapping[str, ModalData],
     ranked: Sequence[Posterior],
     comparison: Comparison,
-    search: SearchRecord | None = None,
+    search: FamilyRecord | None = None,
 ) -> list[ResultFigure]:
     """The figures of a result, of its best classes, the one that takes longest first."""
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]

@@ -39,6 +39,7 @@ from bayes_ssi.report.tables.search_tables import (
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
+from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
@@ -52,6 +53,7 @@ def page_content(
 ) -> dict[str, Any]:
     """The variables of the template."""
     record, comparison = stored.record, stored.comparison
+    appendages = stored.search if isinstance(stored.search, SearchRecord) else None
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
     classes = [
         # A hypothesis of a search carries the description of the class that it was built on.
@@ -85,9 +87,10 @@ def page_content(
         "checks": [(row, posterior, _chain_lengths(posterior)) for row, posterior in ranked],
         "check_names": check_names(stored.posteriors),
         "search": stored.search,
+        "of_appendages": appendages is not None,
         "places": stored.search.places_by_probability if stored.search else (),
-        "mass_scales": mass_scales(stored.search) if stored.search else (),
-        "baseline_notes": baseline_notes(stored.search) if stored.search else (),
+        "mass_scales": mass_scales(appendages) if appendages else (),
+        "baseline_notes": baseline_notes(appendages) if appendages else (),
         "unseen": unseen_note(stored.search) if stored.search else "",
         "unsampled": " ".join(unsampled_notes(stored.search)) if stored.search else "",
         "sensitivity": sensitivity,

@@ -29,9 +29,8 @@ from bayes_ssi.plots.shape_plots import plot_mode_shapes
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
-from bayes_ssi.studies.appendages.hypotheses import frequency_name, mass_name
-from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,7 +133,8 @@ def draw_figures(
     planned.append((figures.ranking, ("Log evidence of every model class", evidence)))
     if stored.search is not None:
         places = partial(plot_places, stored.search)
-        planned.append((figures.search, ("Probability of an appendage by place", places)))
+        caption = f"Probability of {stored.search.a_feature} by place"
+        planned.append((figures.search, (caption, places)))
     if sensitivity is not None:
         changes = partial(plot_sensitivity, sensitivity)
         planned.append((figures.sensitivity, ("How the ranking changes with settings", changes)))
@@ -240,8 +240,8 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
-        first = "those of the appendages, and the best determined ones"
-        which = first if stored.search else "the best determined ones"
+        first = stored.search and f"those of the {stored.search.feature}s, and "
+        which = f"{first or ''}the best determined ones"
         note = f": {len(names)} parameters, {which}" if few else ""
         yield (
             f"Joint posterior densities {of}{note}",
@@ -249,11 +249,10 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         )
 
 
-def _of_most_interest(posterior: Posterior, search: SearchRecord | None) -> list[str]:
-    """Parameters of appendages, then those whose spread the data reduce most; in their order."""
-    appendages = search.hypothesis(posterior.name).appendages if search else ()
-    of_appendages = [name(a.place) for a in appendages for name in (mass_name, frequency_name)]
+def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:
+    """Parameters of features, then those whose spread the data reduce most; in their order."""
+    of_features = search.parameters_of_features(posterior.name) if search else []
     spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
-    ordered = sorted(spreads, key=lambda name: (name not in of_appendages, spreads[name]))
+    ordered = sorted(spreads, key=lambda name: (name not in of_features, spreads[name]))
     chosen = ordered[: LIMITS.parameters_in_corner]
     return [name for name in spreads if name in chosen]

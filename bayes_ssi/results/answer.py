@@ -14,6 +14,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.change_answer import change_sentences, change_verdict
 from bayes_ssi.results.search_answer import (
     beaten_baselines,
     hypothesis_in_words,
@@ -30,10 +31,12 @@ from bayes_ssi.results.wording import (
     quantity,
     with_error,
 )
-from bayes_ssi.studies.appendages.search_result import AppendageSearch
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.changes.change_result import ChangeRecord
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking
+from bayes_ssi.studies.search.search_record import SearchResult
 
 
 @dataclass(frozen=True)
@@ -55,25 +58,25 @@ class Answer:
 
 def answer(result: StoredResult) -> Answer:
     """The answer of a ranking, or of a search for appendages."""
-    verdict = _verdict(result) if result.search is None else search_verdict(result.search)
+    verdict = _verdict(result)
     return Answer(
         tuple(_warnings(result)), verdict, tuple(_reasons(result)), tuple(_figures(result))
     )
 
 
-def first_screen(result: StoredResult | Ranking | AppendageSearch) -> str:
+def first_screen(result: StoredResult | Ranking | SearchResult) -> str:
     """Warnings, then the answer, a paragraph each."""
     words = answer(result if isinstance(result, StoredResult) else _as_if_stored(result))
     warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
     return "\n\n".join([*warnings, *words.paragraphs])
 
 
-def _as_if_stored(result: Ranking | AppendageSearch) -> StoredResult:
-    ranking = result.ranking if isinstance(result, AppendageSearch) else result
+def _as_if_stored(result: Ranking | SearchResult) -> StoredResult:
+    ranking = result.ranking if isinstance(result, SearchResult) else result
     tests = {test.name: test.data for test in ranking.study.model_classes[0].configurations}
     record = result_record(ranking, {}, {}, "", "", accept_failed_checks=False)
     made = StoredResult(Path(), record, tests, ranking.posteriors, ranking.comparison)
-    vars(made)["search"] = result.record if isinstance(result, AppendageSearch) else None
+    vars(made)["search"] = result.record if isinstance(result, SearchResult) else None
     return made
 
 
@@ -90,7 +93,8 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
         )
     if misfit:
         yield "The most probable class does not explain the data.", (misfit,)
-    beaten = beaten_baselines(result.search) if result.search else ()
+    search = result.search
+    beaten = beaten_baselines(search) if isinstance(search, SearchRecord) else ()
     if beaten:
         yield (
             "The answer rests on a baseline that another class beats by far. An appendage on it "
@@ -109,6 +113,10 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _verdict(result: StoredResult) -> str:
+    if isinstance(result.search, SearchRecord):
+        return search_verdict(result.search)
+    if isinstance(result.search, ChangeRecord):
+        return change_verdict(result.search)
     rows, best = result.comparison.classes, result.comparison.best
     if len(rows) == 1:
         return (
@@ -138,8 +146,10 @@ def _verdict(result: StoredResult) -> str:
 def _reasons(result: StoredResult) -> Iterator[str]:
     best, alike = result.comparison.best, _alike(result)
     posterior = result.posterior(best.name)
-    if result.search is not None:
+    if isinstance(result.search, SearchRecord):
         yield from search_sentences(result.search, result.comparison)
+    elif isinstance(result.search, ChangeRecord):
+        yield from change_sentences(result.search)
     elif alike:
         yield from _common_claims(result, [best, *alike])
     else:

@@ -11,15 +11,16 @@ from bayes_ssi.results.wording import (
     shortened,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.appendages.search_settings import CRITERIA
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
-def hypothesis_in_words(search: SearchRecord, name: str) -> str:
-    """The appendages of a hypothesis in words."""
-    places = [each.place.description for each in search.hypothesis(name).appendages]
+def hypothesis_in_words(search: FamilyRecord, name: str) -> str:
+    """What a hypothesis claims, in words."""
+    places = [each.place.description for each in search.hypothesis(name).features]
     return listed(places) if places else name
 
 
@@ -69,11 +70,16 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
         ]
         others = shortened(shown)
         yield f"The data do not distinguish {comparison.best.name!r} from {others}."
-    averages = search.averaged_parameters
+    yield from main_structure(search)
+
+
+def main_structure(record: FamilyRecord) -> Iterator[str]:
+    """The parameters of the baselines, averaged over all hypotheses."""
+    averages = record.averaged_parameters
     if averages:
         averaged = "; ".join(
-            f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
-            f"appendages {row.naive_mean:.3g}"
+            f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, "
+            f"{record.nothing_in_words} {row.naive_mean:.3g}"
             for row in averages[: WORDING.most_listed]
         )
         more = " The others are in the tables." if len(averages) > WORDING.most_listed else ""
@@ -91,15 +97,20 @@ def _further(search: SearchRecord) -> Iterator[str]:
             f"{each.place.name} ({probability_in_words(each.probability)})" for each in credible
         ]
         yield (
-            f"{100 * CRITERIA.credible:g} % of the probability of an appendage, summed over all "
+            f"{100 * EFFORTS.credible:g} % of the probability of an appendage, summed over all "
             f"{len(search.places)} places, rests on {len(credible)} of them: "
             f"{shortened(shown)}."
         )
     if search.present_in is not None:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
-    if search.most_probability_unsampled > WORDING.negligible_unsampled:
-        most = probability_in_words(search.most_probability_unsampled)
+    yield from unsampled(search)
+
+
+def unsampled(record: FamilyRecord) -> Iterator[str]:
+    """How much of the answer is approximate, if that is not negligible."""
+    if record.most_probability_unsampled > WORDING.negligible_unsampled:
+        most = probability_in_words(record.most_probability_unsampled)
         yield (
             f"Hypotheses that were not sampled, whose evidences are approximate, may have up to "
             f"{most} of the probability together."

@@ -46,9 +46,11 @@ from bayes_ssi.results.result_files import (
     write_digests,
     write_json,
 )
-from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
+from bayes_ssi.studies.changes import change_result  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, Study
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 # The file that every result directory holds.
 MARKER = "result.json"
@@ -82,7 +84,7 @@ class ResultRecord:
     failed_checks_accepted: bool
     command: str  # the command that reproduces the result; empty where it was made from Python
     mass_unit: str = ""  # of the structures; empty where the study states none
-    format: int = 19  # increased whenever the format of a result's files changes
+    format: int = 21  # increased whenever the format of a result's files changes
 
     def model_class(self, name: str) -> ClassRecord:
         """The record of the model class ``name``; KeyError if there is none."""
@@ -113,8 +115,8 @@ class StoredResult(InWords):
         return choose_configuration(self.tests, None, str(self.directory))
 
     @cached_property
-    def search(self) -> SearchRecord | None:
-        """The search for appendages that gave the ranking; None if there was none.
+    def search(self) -> FamilyRecord | None:
+        """The search, for appendages or for changes, that gave the ranking; None if none did.
 
         Raises:
             ValueError: its file is damaged.
@@ -123,7 +125,7 @@ class StoredResult(InWords):
         if not path.is_file():
             return None
         check_digests(self.directory, SEARCH)
-        return read_record(SearchRecord, path)
+        return read_record(FamilyRecord, path)
 
     @property
     def class_records(self) -> tuple[ClassRecord, ...]:

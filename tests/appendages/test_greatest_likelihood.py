@@ -11,7 +11,7 @@ import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
 from bayes_ssi.studies.search.efforts import EFFORTS
-from bayes_ssi.studies.search.family import compact
+from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.greatest_likelihood import looks_at
 from bayes_ssi.studies.search.ladder import screen_best
@@ -136,7 +136,9 @@ def test_the_basis_that_all_share_is_accurate_where_the_best_one_lies(chain):
     """To a tenth of the data's errors, also with the pendulum, and in few combinations of it."""
     true = [each.model_class.name for each in chain.hypotheses].index("pendulum 30")
     screened = chain.screened[true]
-    accurate = chain.baselines.accurate("chain", screened.posterior_draws)
+    model_class = chain.hypotheses[true].model_class
+    best = Hypothesis(Key("chain", ()), model_class, 1.0, screened)
+    accurate = chain.baselines.accurate(best)
     names = accurate.parameter_names
     values = accurate.values(screened.posterior_draws(names, 20))
     bounds = accurate.structure.bounds(values, 4)

@@ -8,7 +8,7 @@ import pytest
 from searches import COARSE
 
 import bayes_ssi as bs
-from bayes_ssi.studies.search.family import Family, Key, Limits
+from bayes_ssi.studies.search.family import Family, Key, SearchLimits
 from bayes_ssi.studies.search.family_search import search_family
 
 K = (2.0 * math.pi) ** 2
@@ -25,10 +25,6 @@ def building(left):
 @dataclass(frozen=True, eq=False)
 class Losses(Family[int]):
     """Storeys, from 1, whose stiffness is anything between none and all of what it was."""
-
-    @property
-    def limits(self):
-        return Limits((1.0, 1.0, 0.2), branches=1, most_unsampled=0.01, most_sampled=None)
 
     def name_of(self, features):
         return " + ".join(f"storey {storey}" for storey in features) or "no loss"
@@ -52,7 +48,8 @@ def found():
     )
     data = bs.ModalData(identified, (0.0, 3.0), SENSORS)
     whole = bs.ModelClass("whole", building((1.0,) * 3), data, ERROR, pairing={})
-    losses = Losses(bs.Study("losses", [whole]), {"whole": (1, 2, 3)})
+    limits = SearchLimits(branches=1)
+    losses = Losses(bs.Study("losses", [whole]), {"whole": (1, 2, 3)}, limits)
     return search_family(losses, "Losses of stiffness", 0, COARSE, bs.Run())
 
 

@@ -30,7 +30,9 @@ class Maxima:
     @property
     def covariances(self) -> FloatArray:
         """Inverses of the precisions, (m, d, d), symmetric to the last digit."""
-        inverses = np.linalg.inv(self.precisions)
+        # By eigenvalues, 1 to 1e12: an inverse could round to what is not positive definite.
+        precisions, axes = np.linalg.eigh(self.precisions)
+        inverses = (axes / precisions[:, None]) @ axes.transpose(0, 2, 1)
         return np.asarray(0.5 * (inverses + inverses.transpose(0, 2, 1)), dtype=float)
 
     def are_at(self, z: FloatArray, within: float = 1.0) -> NDArray[np.bool_]:

@@ -1,15 +1,14 @@
 """The result of a search for appendages."""
 
+from typing import Any
+
 from rich.table import Table
 
 from bayes_ssi.report.tables.layout import TABLES, add_row, marked, new_table
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.appendages.search_result import (
-    AppendageSearch,
-    HypothesisRecord,
-    SearchRecord,
-)
+from bayes_ssi.studies.appendages.search_result import AppendageSearch, SearchRecord
 from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
+from bayes_ssi.studies.search.search_record import FamilyRecord, SearchResult
 
 APPROXIMATELY = "≈ "
 
@@ -46,7 +45,7 @@ def baseline_notes(record: SearchRecord) -> list[str]:
     return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
 
 
-def search_table(search: AppendageSearch) -> Table:
+def search_table(search: SearchResult) -> Table:
     """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
     table = new_table(
         search.ranking.study.name,
@@ -122,16 +121,16 @@ def appendage_table(search: AppendageSearch) -> Table | None:
     return table
 
 
-def _shown(search: AppendageSearch) -> list[HypothesisRecord]:
-    """The hypotheses that tables show: the most probable ones, and no appendage."""
+def _shown(search: SearchResult) -> list[Any]:
+    """The hypotheses that tables show: the most probable ones, and no feature."""
     rows = enumerate(search.record.hypotheses)
-    return [row for i, row in rows if i < TABLES.most_hypotheses or not row.appendages]
+    return [row for i, row in rows if i < TABLES.most_hypotheses or not row.features]
 
 
-def averaged_table(search: AppendageSearch) -> Table:
-    """The baseline's parameters averaged over all hypotheses, and without any appendage."""
+def averaged_table(search: SearchResult) -> Table:
+    """The baseline's parameters averaged over all hypotheses, and of the simplest one."""
     table = new_table(
-        "Parameters averaged over the hypotheses; naive: without any appendage",
+        f"Parameters averaged over the hypotheses; naive: {search.record.nothing}",
         ["parameter"],
         ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"],
     )
@@ -144,18 +143,22 @@ def averaged_table(search: AppendageSearch) -> Table:
 
 
 def search_notes(search: AppendageSearch) -> list[str]:
-    """What masses refer to, what hypotheses no table shows, and which were not sampled."""
+    """What masses refer to, and what the notes of every search say."""
+    masses = [f"Priors of masses are relative to {mass}." for mass in mass_scales(search.record)]
+    return masses + hypothesis_notes(search)
+
+
+def hypothesis_notes(search: SearchResult) -> list[str]:
+    """Places nobody sees, what hypotheses no table shows, and which were not sampled."""
     record = search.record
-    notes = [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
-    if note := unseen_note(record):
-        notes.append(note)
+    notes = [unseen_note(record)] if unseen_note(record) else []
     n_hidden = len(record.hypotheses) - len(_shown(search))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
     notes.extend(unsampled_notes(record))
     if record.n_not_tried:
         notes.append(
-            f"Not tried: {record.n_not_tried} with several appendages; expected probability "
+            f"Not tried: {record.n_not_tried} with several {record.feature}s; expected probability "
             f"{probability_text(record.expected_not_tried)}."
         )
     return notes
@@ -171,19 +174,19 @@ def mass_scales(record: SearchRecord) -> list[str]:
     return [f"{text}, on {name!r}" for name, text in zip(scales, words, strict=True)]
 
 
-def unseen_note(record: SearchRecord) -> str:
-    """The places about which the test says nothing; empty if there are none."""
+def unseen_note(record: FamilyRecord) -> str:
+    """The places about which the tests say nothing; empty if there are none."""
     unseen = [each.place.name for each in record.places if not each.is_observed]
     if not unseen:
         return ""
     shown, others = unseen[: TABLES.most_places], unseen[TABLES.most_places :]
     return (
-        "The test says nothing about these places, which move in no mode that a sensor sees: "
+        f"The test says nothing about these places, {record.why_unseen}: "
         f"{', '.join(shown)}{f' and {len(others)} more' if others else ''}."
     )
 
 
-def unsampled_notes(record: SearchRecord) -> list[str]:
+def unsampled_notes(record: FamilyRecord) -> list[str]:
     """How many hypotheses were not sampled, how probable they are at most, and how far off."""
     if not record.n_unsampled:
         return []

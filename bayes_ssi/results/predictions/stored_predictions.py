@@ -23,7 +23,6 @@ from bayes_ssi.results.predictions.predictions import (
     predict_class,
 )
 from bayes_ssi.results.stored_result import StoredResult, load_result
-from bayes_ssi.studies.appendages.hypotheses import hypothesis
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.ranking.study_file import load_study
 
@@ -33,27 +32,14 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
     try:
-        if search is None:
-            return {
-                name: _only(study, stands_for[name][0]).with_any_pairing(name)
-                if name in stands_for
-                else _only(study, name)
-                for name in names
-            }
-        baselines = {each.name: each for each in search.baselines}
-        classes = {}
-        for name in names:
-            row = search.hypothesis(name)
-            baseline = baselines[row.baseline]
-            classes[name] = hypothesis(
-                _only(study, baseline.classes[0]).with_any_pairing(row.baseline),
-                [each.place for each in row.appendages],
-                search.search_settings,
-                name,
-                present_in=search.present_in,
-                scale=baseline.mass_scale,
-            )
-        return classes
+        if search is not None:
+            return {name: search.model_class(study, name) for name in names}
+        return {
+            name: _only(study, stands_for[name][0]).with_any_pairing(name)
+            if name in stands_for
+            else _only(study, name)
+            for name in names
+        }
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
 

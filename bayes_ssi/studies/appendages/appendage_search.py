@@ -9,6 +9,7 @@ those on which the answer rests are sampled.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -25,14 +26,15 @@ from bayes_ssi.studies.appendages.found_appendages import (
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import (
     AppendageSearch,
+    AppendagesRecord,
     BaselineRecord,
-    HypothesisRecord,
     SearchRecord,
 )
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
+from bayes_ssi.studies.search.search_record import records_by_probability
 
 
 @checked
@@ -120,34 +122,17 @@ def _record(
 
 def hypothesis_records(
     found: FamilySearch[AppendagePlace], draws: DrawsOfAll
-) -> tuple[HypothesisRecord, ...]:
-    """All hypotheses, the most probable first."""
-    total_weight = sum(each.prior_weight for each in found.hypotheses)
-    probabilities = found.probabilities
-    rows = []
-    # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
-    for each in sorted(found.hypotheses, key=lambda h: -found.log_masses[h.model_class.name]):
-        name, screened = each.model_class.name, each.screened
-        posterior = found.posteriors.get(name)
-        evidence = screened if posterior is None else posterior.evidence
-        rows.append(
-            HypothesisRecord(
-                name=name,
-                baseline=each.key.baseline,
-                prior_probability=each.prior_weight / total_weight,
-                probability=probabilities[name],
-                log_evidence=evidence.log_evidence,
-                error=evidence.error,
-                is_sampled=posterior is not None,
-                screened=screened.log_evidence,
-                laplace=screened.laplace,
-                appendages=tuple(own.summary(place) for place, own in draws[name].items()),
-            )
-        )
-    return tuple(rows)
+) -> tuple[AppendagesRecord, ...]:
+    """All hypotheses with their appendages, the most probable first."""
+
+    def record(name: str, **fields: Any) -> AppendagesRecord:
+        appendages = tuple(own.summary(place) for place, own in draws[name].items())
+        return AppendagesRecord(name=name, appendages=appendages, **fields)
+
+    return records_by_probability(found, record)
 
 
-def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> Iterator[BaselineRecord]:
+def _searched(baselines: Baselines, rows: Sequence[AppendagesRecord]) -> Iterator[BaselineRecord]:
     """The baselines that appendages were hung on."""
     for name in baselines.study.names:
         on_it = [row for row in rows if row.baseline == name]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior_sampling.required_accuracy import is_approximate
 from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.studies.appendages.candidates import (
     Candidate,
@@ -23,10 +22,10 @@ from bayes_ssi.studies.appendages.hypotheses import (
     tests_with_places,
 )
 from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
-from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.family import Family, Limits
+from bayes_ssi.studies.search.family import Family
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,16 +37,6 @@ class Baselines(Family[AppendagePlace]):
     present_in: tuple[str, ...] | None
     rivals: tuple[ModelClass, ...]  # classes that are compared without appendages
     left_out: Mapping[str, str]  # other classes of the study → why nothing is hung on them
-
-    @property
-    def limits(self) -> Limits:
-        options = self.options
-        most = options.most_sampled
-        if most is None and any(map(is_approximate, self.classes)):
-            most = CRITERIA.most_with_full_solutions
-        elif most is None and options.most_unsampled > 0.0:
-            most = CRITERIA.most_sampled
-        return Limits(options.number_weights, options.branches, options.most_unsampled, most)
 
     def name_of(self, features: Sequence[AppendagePlace]) -> str:
         return name_of(features)

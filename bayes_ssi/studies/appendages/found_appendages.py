@@ -26,14 +26,15 @@ from bayes_ssi.studies.appendages.hypotheses import (
 )
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import (
+    AppendagesRecord,
     AppendageSummary,
-    HypothesisRecord,
     MatchedAppendage,
     PlaceOfAppendage,
     PlaceRecord,
 )
 from bayes_ssi.studies.appendages.search_settings import CRITERIA
 from bayes_ssi.studies.search.family import Hypothesis
+from bayes_ssi.studies.search.search_record import Draws, averaged_features
 
 
 class AppendageDraws(NamedTuple):
@@ -58,18 +59,11 @@ def appendage_draws(
     hypothesis: Hypothesis[AppendagePlace], posterior: Posterior | None, mass_scale: float
 ) -> dict[AppendagePlace, AppendageDraws]:
     """The draws of a hypothesis's appendages, those of screening where it was not sampled."""
-    if posterior is None:
-        names = hypothesis.model_class.parameter_names
-        values = hypothesis.model_class.values(hypothesis.screened.z)
-        weights = hypothesis.screened.weights
-    else:
-        names, values = posterior.parameter_names, posterior.values
-        weights = np.full(len(values), 1.0 / len(values))
+    of_all = Draws.of(hypothesis, posterior)
     draws = {}
     for place in hypothesis.key.features:
-        ratio = values[:, names.index(mass_name(place))]
-        frequency = values[:, names.index(frequency_name(place))]
-        draws[place] = AppendageDraws(ratio, mass_scale * ratio, frequency, weights)
+        ratio, frequency = map(of_all.column, (mass_name(place), frequency_name(place)))
+        draws[place] = AppendageDraws(ratio, mass_scale * ratio, frequency, of_all.weights)
     return draws
 
 
@@ -77,21 +71,10 @@ def place_records(
     draws: DrawsOfAll, probabilities: Mapping[str, float], baselines: Baselines
 ) -> tuple[PlaceRecord, ...]:
     """Every place: the probability of an appendage there, and its mass and frequency if so."""
-    at_place: dict[AppendagePlace, list[tuple[float, AppendageDraws]]] = {}
-    for name, appendages in draws.items():
-        for place, of_one in appendages.items():
-            at_place.setdefault(place, []).append((probabilities[name], of_one))
-    records = []
-    for place, with_one in at_place.items():
-        probability = sum(share for share, _ in with_one)
-        if probability == 0.0:  # too small for a floating-point number
-            with_one = [(1.0, each) for _, each in with_one]
-        total = sum(share for share, _ in with_one)
-        weighted = [each._replace(weights=share / total * each.weights) for share, each in with_one]
-        mixed = AppendageDraws(*map(np.concatenate, zip(*weighted, strict=True)))
-        is_observed = place not in baselines.unobserved
-        records.append(PlaceRecord(mixed.summary(place), probability, is_observed))
-    return tuple(records)
+    return tuple(
+        PlaceRecord(mixed.summary(place), probability, place not in baselines.unobserved)
+        for place, probability, mixed in averaged_features(draws, probabilities)
+    )
 
 
 class RankedDraws(NamedTuple):
@@ -120,7 +103,7 @@ class Motions(NamedTuple):
 
 def matched_appendages(
     draws: DrawsOfAll,
-    rows: Sequence[HypothesisRecord],
+    rows: Sequence[AppendagesRecord],
     baselines: Baselines,
     hypotheses: Sequence[Hypothesis[AppendagePlace]],
 ) -> tuple[MatchedAppendage, ...]:

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import accumulate
-from typing import Any, TypeVar
 
-from bayes_ssi.foundations.displayed import Displayed, InWords, columns, counted
-from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.studies.appendages.hypotheses import MassScale
+from bayes_ssi.foundations.displayed import counted
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.studies.appendages.hypotheses import MassScale, frequency_name, hypothesis, mass_name
 from bayes_ssi.studies.appendages.places import AppendagePlace
-from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
-from bayes_ssi.studies.ranking.averages import AveragedAndNaive
+from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.comparison import RANKING
-from bayes_ssi.studies.ranking.study import Ranking
-
-T = TypeVar("T")
-
-
-def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ...]:
-    """The fewest first places that hold 95 % of the probabilities, which fall."""
-    sums = list(accumulate(probabilities))
-    n = next((i for i, one in enumerate(sums, 1) if one >= CRITERIA.credible * sums[-1]), len(sums))
-    return tuple(places[:n])
+from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.search.search_record import (
+    FamilyRecord,
+    HypothesisRecord,
+    SearchResult,
+    credible,
+)
 
 
 @dataclass(frozen=True)
@@ -116,19 +110,14 @@ class MatchedAppendage:
 
 
 @dataclass(frozen=True)
-class HypothesisRecord:
-    """One hypothesis of a search."""
+class AppendagesRecord(HypothesisRecord):
+    """One hypothesis of a search for appendages."""
 
-    name: str
-    baseline: str
-    prior_probability: float  # among all hypotheses, and ``probability`` likewise
-    probability: float
-    log_evidence: float  # in nats, with its standard ``error``; approximate where it is not sampled
-    error: float
-    is_sampled: bool
-    screened: float  # the approximate log evidence, and ``laplace``, Laplace's alone
-    laplace: float
     appendages: tuple[AppendageSummary, ...]
+
+    @property
+    def features(self) -> tuple[AppendageSummary, ...]:
+        return self.appendages
 
 
 @dataclass(frozen=True)
@@ -145,9 +134,9 @@ class BaselineRecord:
     mass_scale: MassScale | None
 
 
-@dataclass(frozen=True, repr=False)
-class SearchRecord(Displayed):
-    """The findings of a search, stored in addition to its ranking.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class SearchRecord(FamilyRecord):
+    """The findings of a search for appendages, and those of every search.
 
     Attributes:
         baselines: the classes that appendages were hung on, the most probable first; and those
@@ -156,67 +145,30 @@ class SearchRecord(Displayed):
         present_in: names of the configurations that have the appendages; None if all have.
         search_settings: what an appendage may be.
         probability_of_any: probability that there is at least one appendage.
-        most_probability_unsampled: an upper bound on the probability of all hypotheses together
-            whose evidences are approximate.
-        places: all places that were considered.
-        geometry: where the structure's nodes are, as far as it is known, for drawings.
-        hypotheses: the most probable first.
-        averaged_parameters: averaged parameters of the baselines.
         matched: the appendages of the most probable number of them, matched by frequency over all
             hypotheses with that number; none where all of these have probability zero.
-        n_not_tried: the number of hypotheses with several appendages that were not tried though
-            others with as many were.
-        expected_not_tried: the probability that these would have together, if every appendage
-            added what it adds alone.
         mass_unit: the structure's unit of mass; empty where the study states none.
     """
+
+    feature, a_feature = "appendage", "an appendage"
+    nothing = "without any appendage"
+    nothing_in_words = "without appendages"
+    why_unseen = "which move in no mode that a sensor sees"
 
     baselines: tuple[BaselineRecord, ...]
     left_out: Mapping[str, str]
     present_in: tuple[str, ...] | None
     search_settings: SearchSettings
     probability_of_any: float
-    most_probability_unsampled: float
     places: tuple[PlaceRecord, ...]
-    geometry: Geometry | None
-    hypotheses: tuple[HypothesisRecord, ...]
-    averaged_parameters: tuple[AveragedAndNaive, ...]
+    hypotheses: tuple[AppendagesRecord, ...]
     matched: tuple[MatchedAppendage, ...] = ()
-    n_not_tried: int = 0
-    expected_not_tried: float = 0.0
     mass_unit: str = ""
 
     @property
     def mass_heading(self) -> str:
         """The heading of a column of vibrating masses."""
         return "vibrating mass" + (f" ({self.mass_unit})" if self.mass_unit else "")
-
-    @property
-    def place_probabilities(self) -> dict[AppendagePlace, float]:
-        """Every place → the probability that an appendage hangs there."""
-        return {each.place: each.probability for each in self.places}
-
-    @property
-    def places_by_probability(self) -> tuple[PlaceRecord, ...]:
-        """The places, the most probable first."""
-        return tuple(sorted(self.places, key=lambda each: -each.probability))
-
-    @property
-    def credible_places(self) -> tuple[PlaceRecord, ...]:
-        """The fewest places with 95 % of the probability, summed over all; the first first."""
-        ordered = self.places_by_probability
-        return credible(ordered, [each.probability for each in ordered])
-
-    @property
-    def n_unsampled(self) -> int:
-        """The number of hypotheses whose evidences are approximate."""
-        return sum(not each.is_sampled for each in self.hypotheses)
-
-    @property
-    def errors_of_screening(self) -> tuple[float, float]:
-        """How much approximate log evidences exceed those sampled, least and most, in nats."""
-        errors = [each.screened - each.log_evidence for each in self.hypotheses if each.is_sampled]
-        return min(errors), max(errors)
 
     @property
     def beaten(self) -> tuple[BaselineRecord, ...]:
@@ -236,42 +188,39 @@ class SearchRecord(Displayed):
         """The class that explains the data best without any appendage."""
         return max(self.baselines, key=lambda each: each.log_evidence)
 
-    def hypothesis(self, name: str) -> HypothesisRecord:
-        """The hypothesis of that name; KeyError if there is none."""
-        return {each.name: each for each in self.hypotheses}[name]
-
     @property
-    def most_probable_with_appendages(self) -> HypothesisRecord:
+    def most_probable_with_appendages(self) -> AppendagesRecord:
         """The most probable hypothesis that has an appendage."""
         return next(each for each in self.hypotheses if each.appendages)
+
+    def parameters_of_features(self, name: str) -> list[str]:
+        places = [each.place for each in self.hypothesis(name).appendages]
+        return [named(place) for place in places for named in (mass_name, frequency_name)]
+
+    def model_class(self, study: Study, name: str) -> ModelClass:
+        row = self.hypothesis(name)
+        baseline = {each.name: each for each in self.baselines}[row.baseline]
+        (original,) = study.only(baseline.classes[:1]).model_classes
+        return hypothesis(
+            original.with_any_pairing(row.baseline),
+            [each.place for each in row.appendages],
+            self.search_settings,
+            name,
+            present_in=self.present_in,
+            scale=baseline.mass_scale,
+        )
 
     def _line(self) -> str:
         places = counted(len(self.places), "place")
         return f"of {places}: an appendage with probability {self.probability_of_any:.4f}"
 
-    def _rows(self) -> list[dict[str, Any]]:
-        names = ("name", "probability", "log_evidence", "is_sampled")
-        return [columns(row, names) for row in self.hypotheses]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AppendageSearch(InWords):
-    """The result of a search.
+class AppendageSearch(SearchResult):
+    """The result of a search for appendages."""
 
-    Attributes:
-        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
-        record: where appendages are, and their properties.
-    """
-
-    ranking: Ranking
     record: SearchRecord
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
         """The appendages of one hypothesis."""
         return self.record.hypothesis(name).appendages
-
-    def _line(self) -> str:
-        return self.record._line()
-
-    def _rows(self) -> list[dict[str, Any]]:
-        return self.record._rows()

@@ -51,6 +51,12 @@ class Efforts:
     # Of the data's own errors, for the basis that hypotheses share; full solutions at draws correct
     # the evidence, or enlarge it once.
     error_share: float = 0.5
+    # Sampling takes as long as screening five hypotheses; with more, errors of a tenth of a nat,
+    # which are independent, change sums little.
+    most_sampled: int = 12
+    # Baselines included, where each takes some 20 full solutions of a finite-element model.
+    most_with_full_solutions: int = 6
+    credible: float = 0.95  # share of the probability of all places that the named ones hold
 
 
 EFFORTS = Efforts()

@@ -17,6 +17,7 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     more_accurate,
 )
 from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.ranking.study import Study
@@ -55,15 +56,58 @@ class Hypothesis(NamedTuple, Generic[Feature]):
         return math.log(self.prior_weight) + evidence.log_evidence
 
 
-class Limits(NamedTuple):
-    """How far a search goes."""
+@dataclass(frozen=True, kw_only=True)
+class SearchLimits:
+    """How far a search goes.
 
-    # Prior weights of no feature, of one, of two, ...; the weight of a number is shared by all ways
-    # to choose that many.
-    number_weights: Sequence[float]
-    branches: int  # number of best hypotheses that are extended by one more feature
-    most_unsampled: float  # most that sampling the others might change of any probability
-    most_sampled: int | None  # number of hypotheses; None if there is no limit
+    Attributes:
+        number_weights: prior weights of no feature, such as an appendage, of one, of two, ...; the
+            weight of a number is shared evenly by all ways to choose that many. Its length limits
+            the search.
+        branches: number of best hypotheses that are extended by one more feature.
+        most_unsampled: as many hypotheses are sampled as it takes until sampling the others, whose
+            evidences are approximations, would change no probability by more than this. All are
+            where it is zero.
+        most_sampled: largest number of hypotheses that are sampled, the most probable ones, each
+            with a probability above ``most_unsampled``; if None, twelve, or all where
+            ``most_unsampled`` is zero; but six of finite-element models in a reduced basis, each of
+            which takes some 20 full solutions of every test.
+
+    Raises:
+        ValueError: there are fewer than two weights, one is not positive, there is no branch, none
+            is to be sampled, or ``most_unsampled`` is not a probability.
+    """
+
+    number_weights: tuple[float, ...] = (1.0, 1.0, 0.2)
+    branches: int = 2
+    most_unsampled: float = 0.01
+    most_sampled: int | None = None
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        object.__setattr__(self, "number_weights", tuple(self.number_weights))
+        if len(self.number_weights) < 2 or not all(
+            0.0 < weight < math.inf for weight in self.number_weights
+        ):
+            raise ValueError(
+                f"{name}: number_weights must be two or more positive numbers, got "
+                f"{self.number_weights!r}"
+            )
+        if self.branches < 1:
+            raise ValueError(f"{name}: branches must be at least 1, got {self.branches!r}")
+        if not 0.0 <= self.most_unsampled < 1.0:
+            raise ValueError(
+                f"{name}: most_unsampled must be at least 0 and below 1, got "
+                f"{self.most_unsampled!r}"
+            )
+        if self.most_sampled is not None and self.most_sampled < 1:
+            raise ValueError(f"{name}: most_sampled must be at least 1, got {self.most_sampled!r}")
+
+    def _require_priors(self, *names: str, optional: Sequence[str] = ()) -> None:
+        for name in names:
+            prior = getattr(self, name)
+            if not isinstance(prior, Prior) and not (name in optional and prior is None):
+                raise TypeError(f"{type(self).__name__}: {name} must be a prior, got {prior!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +116,17 @@ class Family(ABC, Generic[Feature]):
 
     study: Study  # the baselines, with their prior weights
     features: Mapping[str, tuple[Feature, ...]]  # name of a baseline → what may be added to it
+    options: SearchLimits
 
     @property
-    @abstractmethod
-    def limits(self) -> Limits:
-        """How far its search goes."""
+    def most_sampled(self) -> int | None:
+        """Largest number of hypotheses that are sampled; None if there is no limit."""
+        most = self.options.most_sampled
+        if most is None and any(map(is_approximate, self.classes)):
+            return EFFORTS.most_with_full_solutions
+        if most is None and self.options.most_unsampled > 0.0:
+            return EFFORTS.most_sampled
+        return most
 
     @abstractmethod
     def name_of(self, features: Sequence[Feature]) -> str:
@@ -106,7 +156,7 @@ class Family(ABC, Generic[Feature]):
     def prior_weight(self, baseline: str, number: int) -> float:
         """That of a hypothesis with a number of features."""
         weights = self.study.prior_weights or dict.fromkeys(self.study.names, 1.0)
-        share = self.limits.number_weights[number]
+        share = self.options.number_weights[number]
         share /= math.comb(len(self.features[baseline]), number)
         return weights[baseline] / sum(weights.values()) * share
 
@@ -118,16 +168,23 @@ class Family(ABC, Generic[Feature]):
         places = dict.fromkeys(self.places(baseline))
         return _with_reduced(self[baseline], draws, lambda s, values: s.projected(values, places))
 
-    def accurate(self, baseline: str, draws: Draws) -> ModelClass:
-        """A baseline with reduced structures as accurate at draws as sampling requires.
+    def accurate(self, best: Hypothesis[Feature]) -> ModelClass:
+        """A baseline with reduced structures accurate where its best hypothesis lies.
 
-        All hypotheses on it share this basis, to which an element adds what its force needs.
+        As accurate as sampling requires. All hypotheses on it share this basis, to which an element
+        adds what its force needs.
         """
-        chosen = self[baseline]
+        chosen = self[best.key.baseline]
         if not is_approximate(chosen):
             return chosen
-        values = chosen.values(draws(chosen.parameter_names, EFFORTS.basis_draws))
-        return more_accurate(chosen, values, RefinementSettings())
+        draws = best.screened.posterior_draws(chosen.parameter_names, EFFORTS.basis_draws)
+        return more_accurate(chosen, chosen.values(draws), RefinementSettings())
+
+    def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[Feature]) -> ModelClass:
+        """A hypothesis on an accurate baseline, in a basis compact where its posterior lies."""
+        compact_one = compact(accurate, hypothesis.screened.draws)
+        name = hypothesis.model_class.name
+        return self.hypothesis(compact_one, hypothesis.key.features, name)
 
 
 def prior_draws(names: Sequence[str], n: int) -> FloatArray:

@@ -26,8 +26,8 @@ from bayes_ssi.studies.ranking.averages import AveragedAndNaive, averaged_parame
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
-from bayes_ssi.studies.search.efforts import EFFORTS
-from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, compact, prior_draws
+from bayes_ssi.studies.search.efforts import EFFORTS, Efforts
+from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 
@@ -118,7 +118,7 @@ def search_family(
 
 
 def screened_hypotheses(
-    family: Family[Feature], seed: int, run: Run
+    family: Family[Feature], seed: int, run: Run, efforts: Efforts = EFFORTS
 ) -> tuple[dict[Key[Feature], Hypothesis[Feature]], list[Level[Feature]]]:
     """All hypotheses with their approximate evidences, and the levels in which they were tried."""
     names = family.study.names
@@ -137,7 +137,8 @@ def screened_hypotheses(
         weights = [family.prior_weight(key.baseline, len(key.features)) for key in keys]
         masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
         fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
-        results = screen_best(wanted, weights, len(keys[0].features), seed, run, fewer)
+        n_features = len(keys[0].features)
+        results = screen_best(wanted, weights, n_features, seed, run, fewer, efforts)
         rows = zip(keys, classes, weights, results, strict=True)
         hypotheses.update((row[0], Hypothesis(*row)) for row in rows)
         if len(levels) == 1:
@@ -165,7 +166,7 @@ def _next_level(
     family: Family[Feature], hypotheses: Mapping[Key[Feature], Hypothesis[Feature]], n: int
 ) -> Level[Feature]:
     """Hypotheses with ``n`` features; none where so many are not considered, or do not help."""
-    if n == len(family.limits.number_weights):
+    if n == len(family.options.number_weights):
         return Level([])
     if n == 1:
         return Level(
@@ -185,7 +186,7 @@ def _next_level(
     ]
     chosen: dict[Key[Feature], float] = {}
     for of_baseline in extensions:
-        for parent in best[: family.limits.branches]:
+        for parent in best[: family.options.branches]:
             if parent in of_baseline.parents:
                 chosen.update(of_baseline.above(-math.inf, of_baseline.parents.index(parent)))
     likely: dict[Key[Feature], float] = {}
@@ -258,9 +259,8 @@ def _sampled(
     sampled: dict[Key[Feature], tuple[ModelClass, Posterior]] = {}
     log_masses: dict[Key[Feature], float] = {}
     accurate: dict[str, ModelClass] = {}
-    limits = family.limits
     while chosen := set(
-        to_sample(approximate, log_masses, limits.most_unsampled, limits.most_sampled)
+        to_sample(approximate, log_masses, family.options.most_unsampled, family.most_sampled)
     ):
         # Parameters without any feature are part of the answer.
         chosen |= {Key(key.baseline, ()) for key in chosen}
@@ -268,16 +268,8 @@ def _sampled(
         for name in {key.baseline for key in now} - accurate.keys():
             on_it = [each for key, each in hypotheses.items() if key.baseline == name]
             best = max(on_it, key=lambda each: each.approximate_log_mass.log_evidence)
-            accurate[name] = family.accurate(name, best.screened.posterior_draws)
-        classes = [
-            family.hypothesis(
-                # Compact where its own posterior lies.
-                compact(accurate[key.baseline], hypotheses[key].screened.draws),
-                key.features,
-                hypotheses[key].model_class.name,
-            )
-            for key in now
-        ]
+            accurate[name] = family.accurate(best)
+        classes = [family.to_sample(accurate[key.baseline], hypotheses[key]) for key in now]
         starts = [hypotheses[key].screened.maxima for key in now]
         posteriors = sample_all(classes, seed, settings, run, known_regions, starts)
         for key, made, posterior in zip(now, classes, posteriors, strict=True):

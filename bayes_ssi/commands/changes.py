@@ -1,0 +1,127 @@
+"""``bayes-ssi changes``: what changed between two tests of a structure."""
+
+from functools import partial
+from pathlib import Path
+
+import click
+
+from bayes_ssi.commands.options import (
+    default_option,
+    load,
+    named_values,
+    only_option,
+    path_option,
+    repeated_option,
+    study_argument,
+)
+from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
+from bayes_ssi.commands.terminal import console, say
+
+GROUP = "NAME=PARAMETER,…"
+
+
+@click.command()
+@study_argument
+@repeated_option("--from", "before", "TEST", "Configuration before; may be repeated.")
+@repeated_option("--to", "after", "TEST", "Configuration after; may be repeated.")
+@only_option("Model classes of the study to average over, by name; all if not given.")
+@repeated_option(
+    "--join", "joined", GROUP, "Parameters that lose one share, as one place; may be repeated."
+)
+@repeated_option(
+    "--place",
+    "places",
+    GROUP,
+    "Parameters of one place, of which each loses a share of its own; may be repeated. Every other "
+    "parameter of the structure is a place by itself.",
+)
+@repeated_option(
+    "--leave-out", "left_out", "PARAMETER", "Parameter that did not change; may be repeated."
+)
+@click.option(
+    "--loss",
+    type=(float, float),
+    default=(0.0, 1.0),
+    show_default=True,
+    metavar="LEAST MOST",
+    help="Share of a parameter that a change takes away, uniform; a gain where negative.",
+)
+@click.option(
+    "--common",
+    type=float,
+    metavar="SD",
+    help="Consider that all places lost or gained a share in common, as by temperature, which is "
+    "no change; the share's standard deviation, such as 0.03.",
+)
+@path_option(
+    "--covariate",
+    metavar="FILE",
+    text="CSV file of tests and degrees, say, that the common share is proportional to; --common "
+    "is then its standard deviation at the test that differs most from those before.",
+)
+@click.option(
+    "--independent",
+    is_flag=True,
+    help="Tests share no prediction errors, where the study does not say so.",
+)
+@default_option("--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20))
+@partial(run_options, error=0.05)
+def changes(
+    study: Path, before: tuple[str, ...], after: tuple[str, ...], only: str | None,
+    joined: tuple[str, ...], places: tuple[str, ...], left_out: tuple[str, ...],
+    loss: tuple[float, float], common: float | None, covariate: Path | None, independent: bool,
+    most: int, options: RunOptions,
+) -> None:  # fmt: skip
+    """Compare two tests of the structure of STUDY: did anything change, where, and how much?
+
+    Hypotheses (nothing changed; the stiffness of one place is a share less after than before; then
+    of two) are built on the study's model classes. Both tests share the errors of the model. Says
+    the probability of a change, of each place, the size with its interval, and the smallest loss
+    that the tests would have shown.
+    """
+    from bayes_ssi.parameters.families import Uniform
+    from bayes_ssi.report.tables.change_tables import change_notes, change_table
+    from bayes_ssi.report.tables.search_tables import averaged_table, search_table
+    from bayes_ssi.results.hierarchy.single_tests import read_covariate
+    from bayes_ssi.results.stored_result import SEARCH
+    from bayes_ssi.studies.changes.change_search import changes as compare
+    from bayes_ssi.studies.changes.change_settings import ChangeSettings
+    from bayes_ssi.studies.changes.changes_family import choose_changes
+
+    loaded = load(study, only)
+    more = {"shared": None} if independent else {}
+    settings = ChangeSettings(
+        loss=Uniform(*loss),
+        common_sd=common,
+        covariate=None if covariate is None else read_covariate(covariate)[1],
+        number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
+        **more,
+    )
+    grouping = {
+        "joined": named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),
+        "places": named_values("--place", places, GROUP, r"([^=]+)=(.+)", _names),
+        "left_out": left_out,
+    }
+    family = choose_changes(loaded, before, after, settings, **grouping)
+    inputs = (settings, family.before, family.after, family.features)
+    place = options.place(loaded, study, f"{study.stem}_changes", "changes", *inputs)
+    n_least = 1 + len(family.features[family.study.names[0]])
+    with options.running(family.study, place, n_least) as run:
+        found = compare(
+            loaded, before, after, settings, options.seed, options.settings, run, **grouping
+        )
+        records = {SEARCH: found.record}
+        result = options.save(found.ranking, records, place, run)
+    place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
+
+    where = console()
+    say_misfit(where, result)
+    where.print(search_table(found))
+    where.print(change_table(found.record))
+    where.print(averaged_table(found))
+    say(where, *change_notes(found), *notes_of(result, best_only=True))
+    options.end(result, records)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]

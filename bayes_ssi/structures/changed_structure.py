@@ -1,0 +1,95 @@
+"""A structure after a change: some of its parameters are no longer what they were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.parameters.parameters import Parameter, collect_parameters
+from bayes_ssi.structures.modal import ModalModel, Modes
+from bayes_ssi.structures.structure import Accuracy, Structure, SubstituteStructure
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What a parameter loses: it is ``1 - amount · loss`` times what it was."""
+
+    of: str  # name of the parameter
+    loss: Parameter  # a share; a gain where it is negative
+    amount: float = 1.0  # how much of that share, such as degrees where it is a share per degree
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedStructure(SubstituteStructure):
+    """Another structure, whose parameters have lost a share of what they were.
+
+    Its parameters are those of the other structure, then the losses. How modes are computed, and
+    how accurately, is left to the other structure, at the parameters that result.
+    """
+
+    structure: Structure
+    losses: tuple[Loss, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("is_cheap", "is_solved_by_rows", "is_approximate"):
+            object.__setattr__(self, name, getattr(self.structure, name))
+
+    @property
+    def substituted(self) -> Structure:
+        return self.structure
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return collect_parameters(
+            (*self.structure.parameters, *(each.loss for each in self.losses))
+        )
+
+    def left(self, values: FloatArray) -> FloatArray:
+        """The other structure's parameters (B, n) at ``values`` (B, n_parameters) of this one."""
+        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
+        own: FloatArray = values[:, : len(self.structure.parameters)].copy()
+        for each in self.losses:
+            own[:, column[each.of]] *= 1.0 - each.amount * values[:, column[each.loss.name]]
+        return own
+
+    def modes(self, values: FloatArray) -> Modes:
+        return self.structure.modes(self.left(values))
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        return self.structure.modal_model(self.left(values))
+
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        return self.structure.labelled_modes(self.left(values[None])[0])
+
+    @property
+    def exact(self) -> Structure:
+        return self._on(self.structure.exact)
+
+    @property
+    def performance_hint(self) -> str:
+        return self.structure.performance_hint
+
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
+        wanted = (frequency_error, shape_error, n_modes)
+        return self._on(self.structure.accurate_at(self.left(values), *wanted))
+
+    def with_solutions_at(self, values: FloatArray) -> Self:
+        return self._on(self.structure.with_solutions_at(self.left(values)))
+
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        return self.structure.accuracy(self.left(values), n_modes)
+
+    def compact(self, values: FloatArray) -> Self:
+        return self._on(self.structure.compact(self.left(values)))
+
+    def _on(self, structure: Structure) -> Self:
+        """The same losses on another structure; itself where that is the one it has."""
+        return self if structure is self.structure else replace(self, structure=structure)

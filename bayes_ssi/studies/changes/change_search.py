@@ -1,0 +1,210 @@
+"""What changed between two tests of a structure: probability, place and size.
+
+Hypotheses are built on the classes of a study: nothing changed; one place lost a share of its
+stiffness; then one more, as long as the evidence grows. Tests of one structure share the errors of
+its model, since it is wrong in the same way before and after.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import weighted_quantiles
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.changes.change_result import (
+    ChangeRecord,
+    ChangeSearch,
+    ChangesRecord,
+    ChangeSummary,
+    PlaceOfChange,
+)
+from bayes_ssi.studies.changes.change_settings import ChangeSettings
+from bayes_ssi.studies.changes.changes_family import SHARED, Changes, choose_changes
+from bayes_ssi.studies.changes.places import ChangePlace
+from bayes_ssi.studies.changes.visible_loss import VISIBILITY, smallest_visible
+from bayes_ssi.studies.ranking.comparison import RANKING
+from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.search.family_search import FamilySearch, search_family
+from bayes_ssi.studies.search.search_record import (
+    Draws,
+    averaged_features,
+    records_by_probability,
+)
+
+# A probability to a twentieth of its odds is as much as anyone asks.
+SAMPLING = SamplingSettings(log_evidence_error=0.05)
+
+
+@checked
+def changes(
+    study: ModelClass | Study,
+    before: Sequence[str],
+    after: Sequence[str],
+    settings: ChangeSettings | None = None,
+    seed: int = 0,
+    sampling: SamplingSettings | None = None,
+    run: Run | None = None,
+    *,
+    joined: Mapping[str, Sequence[str]] | None = None,
+    places: Mapping[str, Sequence[str]] | None = None,
+    left_out: Sequence[str] = (),
+    visible: bool = True,
+) -> ChangeSearch:
+    """What changed between two tests of a structure, or between two groups of tests.
+
+    Args:
+        study: a class with these tests, or several, over which answers are averaged.
+        before: names of configurations, and ``after``.
+        settings: what a change may be.
+        seed: a hypothesis's result follows from it and the hypothesis's name.
+        sampling: how precisely to sample.
+        run: workers, a checkpoint to resume from, and progress; the result does not depend on
+            them.
+        joined: name of a place → parameters that lose one share. Every parameter of the structure
+            that is neither here nor in ``places`` is a place of its own.
+        places: name of a place → parameters of which each loses a share of its own.
+        left_out: parameters that do not change.
+        visible: whether to compute the smallest losses that the tests would have shown; not where
+            they show a change.
+
+    Raises:
+        ValueError: a configuration or parameter is unknown or named twice, no mode is paired both
+            before and after, or a hypothesis cannot be sampled.
+    """
+    if isinstance(study, ModelClass):
+        study = Study(study.name, [study])
+    grouping: dict[str, Any] = {"joined": joined, "places": places, "left_out": left_out}
+    family = choose_changes(study, before, after, settings, **grouping)
+    run = run or Run()
+    title = f"Changes from {', '.join(family.before)} to {', '.join(family.after)}"
+    with run.working():
+        found = search_family(family, title, seed, sampling or SAMPLING, run)
+        record = change_record(family, found)
+        if visible and record.probability_of_change < VISIBILITY.shown:
+            record = with_visible_losses(record, family, found, seed, run)
+    return ChangeSearch(found.ranking, record)
+
+
+def with_visible_losses(
+    record: ChangeRecord,
+    family: Changes,
+    found: FamilySearch[ChangePlace],
+    seed: int,
+    run: Run,
+) -> ChangeRecord:
+    """The record with the smallest loss at each place that the tests would have shown."""
+    unchanged = [each for each in found.hypotheses if not each.key.features]
+    likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
+    losses = smallest_visible(family, likeliest, seed, run)
+    places = tuple(
+        replace(each, smallest_visible=losses.get(each.place)) if each.is_observed else each
+        for each in record.places
+    )
+    return replace(record, places=places, has_visible=True)
+
+
+class LossDraws(NamedTuple):
+    """Posterior draws of the losses of one place, one column for each, and their weights (n,)."""
+
+    losses: FloatArray
+    weights: FloatArray
+
+    def summary(self, place: ChangePlace, names: Sequence[str]) -> ChangeSummary:
+        columns = zip(names, self.losses.T, strict=True)
+        return ChangeSummary(
+            place, {name: weighted_quantiles(own, self.weights) for name, own in columns}
+        )
+
+
+def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRecord:
+    """What was found, for a search in which none, some or all hypotheses were sampled."""
+    names = {
+        place: [loss.name for loss, _ in place.losses(family.options)]
+        for of_class in family.features.values()
+        for place in of_class
+    }
+    draws: dict[str, dict[ChangePlace, LossDraws]] = {}
+    shared = []
+    for each in found.hypotheses:
+        name = each.model_class.name
+        own = Draws.of(each, found.posteriors.get(name))
+        draws[name] = {
+            place: LossDraws(np.column_stack([own.column(n) for n in names[place]]), own.weights)
+            for place in each.key.features
+        }
+        if SHARED in own.names:
+            shared.append((own.column(SHARED), found.probabilities[name] * own.weights))
+
+    def record(name: str, **fields: Any) -> ChangesRecord:
+        made = tuple(own.summary(place, names[place]) for place, own in draws[name].items())
+        return ChangesRecord(name=name, changes=made, **fields)
+
+    rows = records_by_probability(found, record)
+    alike = _alike(rows)
+    unseen = without_influence(family)
+    return ChangeRecord(
+        before=family.before,
+        after=family.after,
+        settings=family.options,
+        probability_of_change=min(1.0, sum(r.probability for r in rows if r.claims_change)),
+        most_probability_unsampled=found.most_probability_unsampled,
+        shared=weighted_quantiles(*map(np.concatenate, zip(*shared, strict=True)))
+        if shared
+        else None,
+        places=tuple(
+            PlaceOfChange(
+                mixed.summary(place, names[place]),
+                probability,
+                place not in unseen,
+                alike.get(place, ()),
+                None,
+            )
+            for place, probability, mixed in averaged_features(draws, found.probabilities)
+        ),
+        geometry=None,
+        hypotheses=rows,
+        averaged_parameters=tuple(found.averaged_parameters()),
+        n_not_tried=found.n_not_tried,
+        expected_not_tried=found.expected_not_tried,
+    )
+
+
+def _alike(rows: Sequence[ChangesRecord]) -> dict[ChangePlace, tuple[str, ...]]:
+    """Place of the most probable change → places with which another explains the data as well."""
+    best = next((each for each in rows if each.claims_change), None)
+    if best is None or best.probability == 0.0:
+        return {}
+    least = math.exp(-RANKING.bare_mention) * best.probability
+    ours = {change.place for change in best.changes}
+    alike: dict[ChangePlace, tuple[str, ...]] = {}
+    for row in rows:
+        theirs = {change.place for change in row.changes}
+        if row.probability >= least and len(ours - theirs) == len(theirs - ours) == 1:
+            ((lost,), (gained,)) = ours - theirs, theirs - ours
+            alike[lost] = (*alike.get(lost, ()), gained.name)
+    return alike
+
+
+def without_influence(family: Changes) -> set[ChangePlace]:
+    """Places whose losses change nothing that is compared with the data, in any class."""
+    seen: set[ChangePlace] = set()
+    every = {place for of_class in family.features.values() for place in of_class}
+    for each in family.classes:
+        (unchanged,) = each.log_likelihood_at(np.zeros((1, len(each.parameters))))
+        for place in family.features[each.name]:
+            changed = family.hypothesis(each, (place,), each.name)
+            # The losses are away from their medians, which may be zero.
+            z = [[float(name not in each.parameter_names) for name in changed.parameter_names]]
+            (log_likelihood,) = changed.log_likelihood_at(np.array(z))
+            if not abs(log_likelihood - unchanged) < 1e-6:
+                seen.add(place)
+    return every - seen

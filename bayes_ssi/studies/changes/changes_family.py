@@ -1,0 +1,213 @@
+"""Hypotheses of change: a structure some of whose parameters are less after than before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.configuration import Configuration
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+    RefinementSettings,
+    is_approximate,
+    requirements,
+)
+from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
+from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.changes.change_settings import ChangeSettings
+from bayes_ssi.studies.changes.places import ChangePlace, places_of
+from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.family import Draws, Family, Hypothesis, compact
+
+SHARED = "shared error"
+# Names that no study uses as that of a place.
+COMMON_PLACE = "all in common"
+
+
+@dataclass(frozen=True, eq=False)
+class Changes(Family[ChangePlace]):
+    """Classes of a study, and the places where their parameters may have changed."""
+
+    options: ChangeSettings
+    before: tuple[str, ...]  # names of tests
+    after: tuple[str, ...]
+
+    def name_of(self, features: Sequence[ChangePlace]) -> str:
+        return " + ".join(place.name for place in features) or "nothing changed"
+
+    def hypothesis(
+        self, baseline: ModelClass, features: Sequence[ChangePlace], name: str
+    ) -> ModelClass:
+        def changed(structure: Structure, i: int) -> Structure:
+            losses = tuple(self._losses(features, baseline.configurations[i]))
+            return ChangedStructure(structure, losses) if losses else structure
+
+        return replace(baseline.with_structures(changed), name=name)
+
+    def _losses(self, features: Sequence[ChangePlace], test: Configuration) -> Iterator[Loss]:
+        for place in features:
+            amounts = self._amounts if place.is_common else dict.fromkeys(self.after, 1.0)
+            if amount := amounts.get(test.name, 0.0):
+                for loss, names in place.losses(self.options):
+                    yield from (Loss(name, loss, amount) for name in names)
+
+    @cached_property
+    def _amounts(self) -> dict[str, float]:
+        return self.options.amounts(self.before, self.after)
+
+    # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
+
+    @property
+    def most_sampled(self) -> int | None:
+        most = super().most_sampled
+        if self.options.most_sampled is None and any(map(is_approximate, self.classes)):
+            assert most is not None
+            # Each takes full solutions of two tests and more; nothing changed is one of them.
+            return max(2, most // 2)
+        return most
+
+    def projected(self, baseline: str, draws: Draws) -> ModelClass:
+        chosen = self[baseline]
+        if not is_approximate(chosen):
+            return chosen
+        own = draws(chosen.parameter_names, EFFORTS.basis_draws)
+        rng = np.random.default_rng(0)
+        made, z = [], []
+        for place in self.features[baseline]:
+            made.append(self.hypothesis(chosen, (place,), place.name))
+            # Losses between 2 and 98 % if they are uniform.
+            free = np.clip(rng.standard_normal((len(own), len(made[-1].parameters))), -2.0, 2.0)
+            free[:, [made[-1].parameter_names.index(name) for name in chosen.parameter_names]] = own
+            z.append(free)
+        return _sharing_a_basis(chosen, made, z, RefinementSettings(error_share=1.0))
+
+    def accurate(self, best: Hypothesis[ChangePlace]) -> ModelClass:
+        chosen = self[best.key.baseline]
+        if not is_approximate(chosen):
+            return chosen
+        z = best.screened.posterior_draws(best.model_class.parameter_names, EFFORTS.basis_draws)
+        made = self.hypothesis(chosen, best.key.features, best.model_class.name)
+        return _sharing_a_basis(chosen, [made], [z], RefinementSettings())
+
+    def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[ChangePlace]) -> ModelClass:
+        name = hypothesis.model_class.name
+        made = self.hypothesis(accurate, hypothesis.key.features, name)
+        # With its losses, which the baseline does not have.
+        return compact(made, hypothesis.screened.draws)
+
+
+def _sharing_a_basis(
+    baseline: ModelClass,
+    made: Sequence[ModelClass],
+    z: Sequence[FloatArray],
+    settings: RefinementSettings,
+) -> ModelClass:
+    """The baseline, its structures accurate where hypotheses lie: one for all its tests.
+
+    Args:
+        made: hypotheses on it, and ``z`` (n, d) where each lies, in standard-normal coordinates.
+    """
+    rows: dict[int, list[FloatArray]] = {}
+    needed: dict[int, list[tuple[float, float, int]]] = {}
+    for hypothesis, at in zip(made, z, strict=True):
+        of_tests = requirements(hypothesis, hypothesis.values(at), settings)
+        tests = zip(baseline.configurations, hypothesis.configurations, of_tests, strict=True)
+        for own, test, required in tests:
+            values, changed = required.values, test.structure
+            if isinstance(changed, ChangedStructure):
+                values = changed.left(values)
+            rows.setdefault(id(own.structure), []).append(values)
+            needed.setdefault(id(own.structure), []).append(required[1:])
+    better: dict[int, Structure] = {}
+
+    def shared(structure: Structure, _: int) -> Structure:
+        key = id(structure)
+        if key not in better:
+            frequency, shape, n_modes = zip(*needed[key], strict=True)
+            values = np.concatenate(rows[key])
+            better[key] = structure.accurate_at(values, min(frequency), min(shape), max(n_modes))
+        return better[key]
+
+    return baseline.with_structures(shared)
+
+
+def choose_changes(
+    study: Study,
+    before: Sequence[str],
+    after: Sequence[str],
+    options: ChangeSettings | None = None,
+    *,
+    joined: Mapping[str, Sequence[str]] | None = None,
+    places: Mapping[str, Sequence[str]] | None = None,
+    left_out: Sequence[str] = (),
+) -> Changes:
+    """The hypotheses of change between two tests of a study, or two groups of them.
+
+    Args:
+        before: names of configurations, and ``after``.
+        joined: name of a place → parameters that change by one factor.
+        places: name of a place → parameters of which each changes by a factor of its own.
+        left_out: parameters that do not change.
+    """
+    options = options or ChangeSettings()
+    before, after = tuple(dict.fromkeys(before)), tuple(dict.fromkeys(after))
+    for names, what in ((before, "before"), (after, "after")):
+        if not names:
+            raise ValueError(f"changes: no configuration {what}; give one or more")
+    if both := [name for name in before if name in after]:
+        raise ValueError(f"changes: configuration {both[0]!r} cannot be both before and after")
+    classes = [_of_tests(each, before, after, options) for each in study.model_classes]
+    chosen = replace(study, model_classes=classes, stands_for={})
+    chosen.require_same_data()
+    features = {}
+    for each in classes:
+        own = [
+            {p.name for p in test.structure.parameters}
+            for test in each.configurations
+            if test.name in after
+        ]
+        names = [p.name for p in each.structural_parameters if all(p.name in one for one in own)]
+        grouping = (joined or {}, places or {}, left_out)
+        found = places_of(names, *grouping, f"model class {each.name!r}")
+        if options.common_sd is not None:
+            of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
+            found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)
+        features[each.name] = found
+    family = Changes(chosen, features, options, before, after)
+    if options.common_sd is not None:
+        _ = family._amounts  # refuses a covariate that it cannot use
+    return family
+
+
+def _of_tests(
+    model_class: ModelClass, before: Sequence[str], after: Sequence[str], options: ChangeSettings
+) -> ModelClass:
+    """The class with these tests alone, which share prediction errors."""
+    where = f"model class {model_class.name!r}"
+    tests = tuple(model_class.configuration(name) for name in (*before, *after))
+    error = model_class.error
+    if options.shared is not None and not error.repeats_between_tests:
+        for test in tests:
+            if test.pairing == "any":
+                raise ValueError(
+                    f"{where}: configuration {test.name!r} has pairing 'any', for which tests "
+                    "cannot share prediction errors; give its pairing, or make errors independent"
+                )
+        paired = [
+            {label for name in names for label in model_class.configuration(name).pairing}
+            for names in (before, after)
+        ]
+        if not paired[0] & paired[1]:
+            labels = ("; ".join(sorted(one)) or "none" for one in paired)
+            raise ValueError(
+                f"{where}: no paired mode has the same label before and after, so nothing can be "
+                f"compared; got {' and '.join(labels)}"
+            )
+        error = replace(error, between_tests=Parameter(SHARED, options.shared))
+    return replace(model_class, configurations=tests, error=error)

@@ -1,0 +1,227 @@
+"""What every search stores: its hypotheses, and what it averaged over them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import Displayed, InWords, columns
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.structures.geometry import Geometry
+from bayes_ssi.studies.ranking.averages import AveragedAndNaive
+from bayes_ssi.studies.ranking.study import Ranking, Study
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.family import Feature, Hypothesis
+from bayes_ssi.studies.search.family_search import FamilySearch
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Hashable)
+
+
+def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ...]:
+    """The fewest first places that hold 95 % of the probabilities, which fall."""
+    sums = list(accumulate(probabilities))
+    least = EFFORTS.credible * sums[-1]
+    n = next((i for i, one in enumerate(sums, 1) if one >= least), len(sums))
+    return tuple(places[:n])
+
+
+@dataclass(frozen=True)
+class HypothesisRecord:
+    """One hypothesis of a search."""
+
+    name: str
+    baseline: str
+    prior_probability: float  # among all hypotheses, and ``probability`` likewise
+    probability: float
+    log_evidence: float  # in nats, with its standard ``error``; approximate where it is not sampled
+    error: float
+    is_sampled: bool
+    screened: float  # the approximate log evidence, and ``laplace``, Laplace's alone
+    laplace: float
+
+    @property
+    @abstractmethod
+    def features(self) -> Sequence[Any]:
+        """What it adds to its baseline."""
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class FamilyRecord(Displayed):
+    """The findings of a search, stored in addition to its ranking.
+
+    Attributes:
+        most_probability_unsampled: an upper bound on the probability of all hypotheses together
+            whose evidences are approximate.
+        places: all places that were considered, each with its ``probability``.
+        geometry: where the structure's nodes are, as far as it is known, for drawings.
+        hypotheses: the most probable first.
+        averaged_parameters: averaged parameters of the baselines.
+        n_not_tried: the number of hypotheses with several features that were not tried though
+            others with as many were.
+        expected_not_tried: the probability that these would have together, if every feature added
+            what it adds alone.
+    """
+
+    # Where a stored record names the kind of search.
+    record_tag = "search"
+    feature: ClassVar[str]  # what hypotheses add to a baseline, and with its article
+    a_feature: ClassVar[str]
+    nothing: ClassVar[str]  # what a hypothesis without any feature claims,
+    nothing_in_words: ClassVar[str]  # and how a sentence says so
+    why_unseen: ClassVar[str]  # why a test says nothing about a place
+
+    most_probability_unsampled: float
+    places: tuple[Any, ...]
+    geometry: Geometry | None
+    hypotheses: tuple[HypothesisRecord, ...]
+    averaged_parameters: tuple[AveragedAndNaive, ...]
+    n_not_tried: int = 0
+    expected_not_tried: float = 0.0
+
+    @property
+    def place_probabilities(self) -> dict[Any, float]:
+        """Every place → the probability that something is there."""
+        return {each.place: each.probability for each in self.places}
+
+    @property
+    def places_by_probability(self) -> tuple[Any, ...]:
+        """The places, the most probable first."""
+        return tuple(sorted(self.places, key=lambda each: -each.probability))
+
+    @property
+    def credible_places(self) -> tuple[Any, ...]:
+        """The fewest places with 95 % of the probability, summed over all; the first first."""
+        ordered = self.places_by_probability
+        return credible(ordered, [each.probability for each in ordered])
+
+    @property
+    def n_unsampled(self) -> int:
+        """The number of hypotheses whose evidences are approximate."""
+        return sum(not each.is_sampled for each in self.hypotheses)
+
+    @property
+    def errors_of_screening(self) -> tuple[float, float]:
+        """How much approximate log evidences exceed those sampled, least and most, in nats."""
+        errors = [each.screened - each.log_evidence for each in self.hypotheses if each.is_sampled]
+        return min(errors), max(errors)
+
+    def hypothesis(self, name: str) -> Any:
+        """The hypothesis of that name; KeyError if there is none."""
+        return {each.name: each for each in self.hypotheses}[name]
+
+    @abstractmethod
+    def parameters_of_features(self, name: str) -> list[str]:
+        """Names of the parameters that a hypothesis adds to its baseline."""
+
+    @abstractmethod
+    def model_class(self, study: Study, name: str) -> ModelClass:
+        """The class of a hypothesis, built again on the study that was searched.
+
+        Raises:
+            ValueError: it is not that study.
+        """
+
+    def _rows(self) -> list[dict[str, Any]]:
+        names = ("name", "probability", "log_evidence", "is_sampled")
+        return [columns(row, names) for row in self.hypotheses]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchResult(InWords):
+    """The result of a search.
+
+    Attributes:
+        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
+        record: what was found, averaged over all hypotheses.
+    """
+
+    ranking: Ranking
+    record: FamilyRecord
+
+    def _line(self) -> str:
+        return self.record._line()
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.record._rows()
+
+
+def records_by_probability(found: FamilySearch[Feature], record: Callable[..., T]) -> tuple[T, ...]:
+    """All hypotheses, the most probable first.
+
+    Args:
+        record: called with the fields of :class:`HypothesisRecord` by name.
+    """
+    total_weight = sum(each.prior_weight for each in found.hypotheses)
+    probabilities = found.probabilities
+    rows = []
+    # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
+    for each in sorted(found.hypotheses, key=lambda h: -found.log_masses[h.model_class.name]):
+        name, screened = each.model_class.name, each.screened
+        posterior = found.posteriors.get(name)
+        evidence = screened if posterior is None else posterior.evidence
+        rows.append(
+            record(
+                name=name,
+                baseline=each.key.baseline,
+                prior_probability=each.prior_weight / total_weight,
+                probability=probabilities[name],
+                log_evidence=evidence.log_evidence,
+                error=evidence.error,
+                is_sampled=posterior is not None,
+                screened=screened.log_evidence,
+                laplace=screened.laplace,
+            )
+        )
+    return tuple(rows)
+
+
+class Draws(NamedTuple):
+    """Draws of a hypothesis: values (n, d) of its parameters, and weights that add up to one."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis[Any], posterior: Posterior | None) -> Draws:
+        """Those of the posterior; of screening where the hypothesis was not sampled."""
+        if posterior is None:
+            made, screened = hypothesis.model_class, hypothesis.screened
+            return cls(made.parameter_names, made.values(screened.z), screened.weights)
+        n = len(posterior.values)
+        return cls(posterior.parameter_names, posterior.values, np.full(n, 1.0 / n))
+
+    def column(self, name: str) -> FloatArray:
+        return self.values[:, self.names.index(name)]
+
+
+def averaged_features(
+    draws: Mapping[str, Mapping[F, T]], probabilities: Mapping[str, float]
+) -> Iterator[tuple[F, float, T]]:
+    """Every feature, its probability, and its draws over all hypotheses that have it.
+
+    Args:
+        draws: name of a hypothesis → feature → a named tuple of arrays (n, ...), of which the
+            ``weights`` add up to one.
+        probabilities: of the hypotheses, by name.
+    """
+    of_feature: dict[F, list[tuple[float, Any]]] = {}
+    for name, features in draws.items():
+        for feature, of_one in features.items():
+            of_feature.setdefault(feature, []).append((probabilities[name], of_one))
+    for feature, with_one in of_feature.items():
+        probability = sum(share for share, _ in with_one)
+        if probability == 0.0:  # too small for a floating-point number
+            with_one = [(1.0, each) for _, each in with_one]
+        total = sum(share for share, _ in with_one)
+        weighted = [each._replace(weights=share / total * each.weights) for share, each in with_one]
+        mixed = type(weighted[0])(*map(np.concatenate, zip(*weighted, strict=True)))
+        yield feature, probability, mixed

@@ -1,0 +1,64 @@
+"""The IASC-ASCE benchmark: the modes that are simulated are the published ones."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    sys.path.insert(0, str(ROOT / "runs"))
+    import make_asce_benchmark
+
+    return make_asce_benchmark
+
+
+PUBLISHED_HZ = {
+    "none": (9.411, 11.791, 16.383, 25.545, 32.006, 38.663),
+    "pattern 1": (6.241, 9.909, 11.731),
+    "pattern 2": (5.824, 9.507, 11.014),
+    "pattern 3": (8.890, 11.791, 16.005),
+    "pattern 6": (9.265,),
+}
+
+
+@pytest.mark.parametrize("pattern", PUBLISHED_HZ)
+def test_frequencies_are_the_published_ones(benchmark, pattern):
+    """Stiffnesses are given to five digits, and losses to four."""
+    published = np.array(PUBLISHED_HZ[pattern])
+    ours, _ = benchmark.modes(benchmark.braces_left(pattern))
+    assert ours[: len(published)] == pytest.approx(published, rel=1.5e-4)
+
+
+PUBLISHED_LOSSES = {
+    "pattern 1": {"x1": 0.4524, "y1": 0.7103, "t1": 0.6496},
+    "pattern 2": {"x1": 0.4524, "y1": 0.7103, "t1": 0.6496, "x3": 0.4524, "y3": 0.7103},
+    "pattern 3": {"y1": 0.1776, "t1": 0.0812},
+    "pattern 4": {"y1": 0.1776, "t1": 0.0812, "x3": 0.1131},
+    "pattern 6": {"y1": 0.0592},
+}
+
+
+@pytest.mark.parametrize("pattern", PUBLISHED_LOSSES)
+def test_losses_of_storeys_are_the_published_ones(benchmark, pattern):
+    ours = benchmark.true_losses(benchmark.braces_left(pattern))
+    for name, loss in PUBLISHED_LOSSES[pattern].items():
+        assert ours[name] == pytest.approx(loss, abs=1.1e-4)
+
+
+def test_the_finer_model_has_the_frequencies_of_120_degrees_of_freedom(benchmark):
+    frequencies_hz, _ = benchmark.modes(finer=True)
+    assert frequencies_hz[:3] == pytest.approx((8.588, 9.181, 14.580), rel=1e-6)
+
+
+def test_the_study_is_the_undamaged_structure(benchmark):
+    study = bs.load_study(ROOT / "model_classes" / "asce_benchmark.py")
+    structure = study.model_classes[0].configurations[0].structure
+    ours = structure.modes(np.ones((1, 12))).frequencies_hz[0]
+    assert ours == pytest.approx(benchmark.modes()[0], rel=1e-9)

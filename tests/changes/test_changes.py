@@ -1,0 +1,308 @@
+"""Between two tests: whether anything changed, where and by how much; and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import assert_one_line_error
+from searches import COARSE as OF_FEW
+
+import bayes_ssi as bs
+from bayes_ssi.results.answer import first_screen
+from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
+from bayes_ssi.studies.changes.change_search import without_influence
+from bayes_ssi.studies.changes.changes_family import choose_changes
+from bayes_ssi.studies.changes.places import ChangePlace
+
+COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
+K = (2.0 * np.pi) ** 2
+SENSORS = ("floor 1", "floor 2", "floor 3")
+NAMES = ("k1", "k2", "k3")
+PRIOR = bs.LogNormal(1.0, 0.1)
+BUILDING = bs.ShearBuilding((1.0,) * 3, [K * bs.Parameter(name, PRIOR) for name in NAMES])
+ERROR = bs.ErrorModel(bs.Parameter("frequency_cov", bs.LogNormal(0.01, 0.5)), 0.01)
+
+
+def identified(stiffnesses, rng=None, prefix=""):
+    """The modes of the building with these factors of its stiffnesses; exact without ``rng``."""
+    modes = BUILDING.modes(np.array([stiffnesses]))
+    scatter = np.zeros((3, 4)) if rng is None else rng.standard_normal((3, 4))
+    return bs.ModalData(
+        tuple(
+            bs.IdentifiedMode(
+                f"{prefix}{j + 1}",
+                float(modes.frequencies_hz[0, j] * (1.0 + 0.002 * scatter[j, 0])),
+                modes.shapes[0, :, j] / np.linalg.norm(modes.shapes[0, :, j])
+                + 0.01 * scatter[j, 1:],
+                frequency_cov=0.002,
+                shape_sd=0.01,
+            )
+            for j in range(3)
+        ),
+        (0.0, 3.0),
+        SENSORS,
+    )
+
+
+def model_class(**tests):
+    """The building with these tests: name → modes."""
+    return bs.ModelClass(
+        "building",
+        error=ERROR,
+        configurations=[
+            bs.Configuration(
+                name, BUILDING, data, pairing={label: i for i, label in enumerate(data.labels, 1)}
+            )
+            for name, data in tests.items()
+        ],
+    )
+
+
+SAME = identified((1.0,) * 3)
+
+
+@pytest.fixture(scope="module")
+def of_second_storey():
+    """Storey 2 lost 30 % of its stiffness."""
+    rng = np.random.default_rng(1)
+    tests = model_class(
+        before=identified((1.05, 0.95, 1.0), rng), after=identified((1.05, 0.665, 1.0), rng)
+    )
+    return bs.changes(tests, ["before"], ["after"], sampling=COARSE, visible=False)
+
+
+def test_the_storey_that_lost_stiffness_is_found(of_second_storey):
+    record = of_second_storey.record
+    assert record.probability_of_change > 0.99
+    assert [change.place.name for change in record.best.changes] == ["k2"]
+    assert record.place("k2").probability > 0.9
+    assert sum(each.probability for each in record.hypotheses) == pytest.approx(1.0)
+
+
+def test_its_loss_is_within_the_interval(of_second_storey):
+    ((low, middle, high),) = of_second_storey.record.place("k2").change.losses.values()
+    assert low < 0.3 < high
+    assert middle == pytest.approx(0.3, abs=0.03)
+
+
+def test_the_share_of_errors_is_inferred_with_a_prior_and_said(of_second_storey):
+    low, _, high = of_second_storey.record.shared
+    assert 0.0 < low < high < 1.0
+    words = of_second_storey.summary()
+    assert "That something changed between 'before' and 'after' is virtually certain" in words
+    assert "with the prior Uniform(lower=0.0, upper=1.0)" in words
+    assert "ask with --common" in words
+
+
+def test_exactly_the_same_modes_show_no_change():
+    same = identified((1.0, 1.0, 1.0))
+    found = bs.changes(model_class(a=same, b=same), ["a"], ["b"], sampling=COARSE, visible=False)
+    assert found.record.probability_of_change < 0.05
+    assert found.record.best.name == "nothing changed"
+    assert "That nothing changed" in first_screen(found)
+    assert "If anything changed, it is most probably" in first_screen(found)
+
+
+def test_a_common_loss_is_no_change():
+    """Three per cent of all stiffnesses, as by temperature; exact modes."""
+    tests = model_class(a=identified((1.0, 1.0, 1.0)), b=identified((0.97, 0.97, 0.97)))
+    settings = bs.ChangeSettings(common_sd=0.05)
+    found = bs.changes(tests, ["a"], ["b"], settings, sampling=COARSE, visible=False)
+    assert found.record.best.name == "all in common"
+    assert found.record.probability_of_change < 0.2
+    (common,) = [each for each in found.record.places if each.place.is_common]
+    ((low, _, high),) = common.change.losses.values()
+    assert low < 0.03 < high
+    assert "counts as no change" in first_screen(found)
+
+
+def test_losses_multiply_parameters_of_the_tests_after():
+    tests = model_class(a=identified((1.0,) * 3), b=identified((1.0,) * 3))
+    places = {"lower": ("k1", "k2")}
+    joined = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], joined=places)
+    apart = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], places=places)
+    for family, losses in ((joined, (0.2,)), (apart, (0.2, 0.1))):
+        lower = family.features["building"][0]
+        made = family.hypothesis(family.classes[0], (lower,), "lower")
+        before, after = (test.structure for test in made.configurations)
+        assert before is BUILDING
+        ours = after.modes(np.array([[1.1, 1.2, 1.3, *losses]])).frequencies_hz
+        left = [1.1 * (1.0 - losses[0]), 1.2 * (1.0 - losses[-1]), 1.3]
+        assert ours == pytest.approx(BUILDING.modes(np.array([left])).frequencies_hz, rel=1e-12)
+
+
+def test_a_covariate_gives_every_test_its_part_of_the_common_loss():
+    """Degrees 10 and 14 before, 24 and 6 after: the one farthest from 12 is 12 away."""
+    settings = bs.ChangeSettings(common_sd=0.03, covariate={"a": 10, "b": 14, "c": 24, "d": 6})
+    amounts = settings.amounts(("a", "b"), ("c", "d"))
+    assert amounts == pytest.approx({"a": -1 / 6, "b": 1 / 6, "c": 1.0, "d": -0.5})
+    same = dict.fromkeys("abcd", identified((1.0,) * 3))
+    study = bs.Study("s", [model_class(**same)])
+    family = choose_changes(study, ["a", "b"], ["c", "d"], settings)
+    common = family.features["building"][-1]
+    made = family.hypothesis(family.classes[0], (common,), "common")
+    left = [test.structure.left(np.array([[1.0, 1.0, 2.0, 0.06]])) for test in made.configurations]
+    assert np.concatenate(left)[:, 2] == pytest.approx([2.02, 1.98, 1.88, 2.06])
+
+
+def test_a_place_without_influence_is_said():
+    idle = bs.AddedMass(1e-15 * bs.Parameter("idle", PRIOR), [(1, 1.0)])
+    tests = model_class(a=SAME, b=SAME).with_structures(lambda *_: BUILDING.with_element(idle))
+    family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"])
+    assert {place.name for place in without_influence(family)} == {"idle"}
+
+
+def test_two_places_that_do_the_same_are_named_together():
+    """The stiffness of storey 1 is a product: a loss of either factor is one of the other."""
+    factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.05)) for name in ("a", "b", "k2", "k3")]
+    a, b, *others = factors
+    structure = bs.ShearBuilding((1.0,) * 3, [K * a * b, *(K * each for each in others)])
+    tests = model_class(before=SAME, after=identified((0.8, 1.0, 1.0)))
+    found = bs.changes(
+        tests.with_structures(lambda *_: structure),
+        ["before"],
+        ["after"],
+        bs.ChangeSettings(number_weights=(1.0, 1.0)),
+        sampling=COARSE,
+        visible=False,
+    )
+    (change,) = found.record.best.changes
+    (other,) = found.record.place(change.place.name).alike
+    assert {change.place.name, other} == {"a", "b"}
+    assert "The data do not tell" in found.summary()
+
+
+def test_a_changed_structure_asks_the_other_one_at_what_is_left():
+    class Approximate(type(BUILDING)):
+        is_approximate = True
+
+        def accuracy(self, values, n_modes=None):
+            del n_modes
+            return values
+
+    other = Approximate(BUILDING.masses, BUILDING.stiffnesses)
+    changed = ChangedStructure(other, (Loss("k2", bs.Parameter("loss", bs.Uniform(0, 1)), 0.5),))
+    assert changed.is_approximate
+    assert changed.is_cheap
+    assert changed.accuracy(np.array([[1.0, 2.0, 3.0, 0.5]])).tolist() == [[1.0, 1.5, 3.0]]
+    assert changed.exact is changed
+
+
+TWO = model_class(a=SAME, b=SAME)
+
+
+@pytest.mark.parametrize(
+    ("tests", "before", "after", "options", "message"),
+    [
+        (TWO, ["x"], ["b"], {}, "no configuration 'x'; choose from 'a', 'b'"),
+        (TWO, ["a"], ["a"], {}, "configuration 'a' cannot be both before and after"),
+        (TWO, [], ["a"], {}, "no configuration before"),
+        (
+            model_class(a=SAME, b=identified((1.0,) * 3, prefix="m")), ["a"], ["b"], {},
+            "no paired mode has the same label before and after",
+        ),
+        (TWO, ["a"], ["b"], {"left_out": ["m"]}, "no parameter 'm'; choose from 'k1', 'k2', 'k3'"),
+        (TWO, ["a"], ["b"], {"left_out": NAMES}, "every parameter is left out"),
+        (
+            TWO, ["a"], ["b"], {"joined": {"p": ["k1"]}, "places": {"q": ["k1"]}},
+            "parameter 'k1' is named twice",
+        ),
+        (TWO, ["a"], ["b"], {"joined": {"k3": ["k1", "k2"]}}, "place 'k3' is named twice"),
+        (TWO.with_any_pairing("any"), ["a"], ["b"], {}, "has pairing 'any', for which tests"),
+        (
+            TWO, ["a"], ["b"],
+            {"settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0})},
+            "covariate: no value of test 'b'",
+        ),
+        (
+            TWO, ["a"], ["b"],
+            {"settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0, "b": 1.0})},
+            "it is the same in all tests",
+        ),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_one_line(tests, before, after, options, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        bs.changes(tests, before, after, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"loss": bs.Uniform(0.0, 1.5)}, "a loss of 1.5 would leave a negative stiffness"),
+        ({"common_sd": 1.5}, "common_sd must be between 0 and 1, got 1.5"),
+        ({"covariate": {"a": 1.0}}, "a covariate needs common_sd"),
+        ({"number_weights": (1.0,)}, "ChangeSettings: number_weights must be two or more"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        bs.ChangeSettings(**options)
+
+
+def test_independent_errors_allow_any_pairing():
+    settings = bs.ChangeSettings(shared=None)
+    study = bs.Study("s", [TWO.with_any_pairing("any")])
+    family = choose_changes(study, ["a"], ["b"], settings)
+    assert not family.classes[0].error.is_correlated
+    assert family.features["any"] == tuple(ChangePlace(name, (name,)) for name in NAMES)
+
+
+def test_errors_that_the_class_shares_already_are_kept():
+    own = replace(TWO, error=replace(ERROR, between_tests=0.5))
+    family = choose_changes(bs.Study("s", [own]), ["a"], ["b"])
+    assert family.classes[0].error.between_tests == 0.5
+
+
+STUDY = """
+import sys
+sys.path.insert(0, {tests!r})
+import bayes_ssi as bs
+from test_changes import identified, model_class
+tests = model_class(a=identified((1.0,) * 3), b=identified((1.0, 0.7, 1.0)))
+study = bs.Study("two tests", [tests])
+"""
+
+
+@pytest.fixture
+def study_file(tmp_path, request):
+    path = tmp_path / "two_tests.py"
+    path.write_text(STUDY.format(tests=str(request.path.parent)), encoding="utf-8")
+    return path
+
+
+@pytest.mark.usefixtures("coarse_command")
+def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file, tmp_path):
+    out = tmp_path / "r"
+    arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1)
+    result = run(*arguments, "--out", out, "--accept-failed-checks")
+    assert result.exit_code == 0, result.output
+    shown = " ".join(result.stdout.split())
+    for words in ("Changes from a to b", "share lost (%)", "Most probably it is k2"):
+        assert words in shown
+    stored = bs.load_result(out)
+    assert stored.search.place("k2").probability > 0.9
+    assert stored.search.to_frame()["name"][0] == "k2"
+    assert bs.write_report(out).read_text(encoding="utf-8").count("<h2") > 3
+    changed = bs.what_if(out, bs.ChangedSettings(priors={"loss, k2": bs.Uniform(0.1, 0.9)}))
+    narrower = next(each for each in changed.classes if each.name == "k2")
+    gained = narrower.log_evidence_after.log_evidence - narrower.log_evidence_before.log_evidence
+    assert gained == pytest.approx(-np.log(0.8), abs=0.05)
+    again = stored.search.model_class(bs.load_study(study_file), "k2")
+    assert again.parameter_names == stored.posterior("k2").parameter_names
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--from", "x", "--to", "b"), "no configuration 'x'"),
+        (("--from", "a", "--to", "b", "--loss", "0", "2"), "negative stiffness"),
+        (
+            ("--from", "a", "--to", "b", "--place", "p"),
+            "--place: must be NAME=PARAMETER,…, got 'p'",
+        ),
+    ],
+)
+def test_the_command_refuses_bad_input(run, study_file, options, message):
+    assert_one_line_error(run("changes", study_file, *options), message)
