@@ -24,6 +24,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ import bayes_ssi as bs
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.ranking.study_file import load_study
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.efforts import EFFORTS, Effort
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]
@@ -96,9 +97,11 @@ def row(structure, study, seed, finer, full):
     settings = bs.ChangeSettings(common_sd=0.05 if study == "uniform-common" else None)
     tests = bs.Study("benchmark", [model_class])
     family = choose_changes(tests, ["before"], ["after"], settings, places=PLACES)
-    efforts = EFFORTS if full else replace(EFFORTS, most_full=0)
+    efforts = EFFORTS if full else replace(EFFORTS, most_full=0, quick=Effort(250, 3, 2000))
     hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), efforts)
-    record = change_record(family, FamilySearch(None, tuple(hypotheses.values()), tuple(levels)))
+    nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
+    found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
+    record = change_record(family, found)
     sets = {}
     for each in record.hypotheses:
         places = [change.place for change in each.changes]

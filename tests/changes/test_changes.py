@@ -10,9 +10,9 @@ from searches import COARSE as OF_FEW
 import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
+from bayes_ssi.studies.changes.change_places import ChangePlace
 from bayes_ssi.studies.changes.change_search import without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.changes.places import ChangePlace
 
 COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
 K = (2.0 * np.pi) ** 2
@@ -134,11 +134,10 @@ def test_losses_multiply_parameters_of_the_tests_after():
 def test_a_covariate_gives_every_test_its_part_of_the_common_loss():
     """Degrees 10 and 14 before, 24 and 6 after: the one farthest from 12 is 12 away."""
     settings = bs.ChangeSettings(common_sd=0.03, covariate={"a": 10, "b": 14, "c": 24, "d": 6})
-    amounts = settings.amounts(("a", "b"), ("c", "d"))
-    assert amounts == pytest.approx({"a": -1 / 6, "b": 1 / 6, "c": 1.0, "d": -0.5})
     same = dict.fromkeys("abcd", identified((1.0,) * 3))
     study = bs.Study("s", [model_class(**same)])
     family = choose_changes(study, ["a", "b"], ["c", "d"], settings)
+    assert family.amounts == pytest.approx({"a": -1 / 6, "b": 1 / 6, "c": 1.0, "d": -0.5})
     common = family.features["building"][-1]
     made = family.hypothesis(family.classes[0], (common,), "common")
     left = [test.structure.left(np.array([[1.0, 1.0, 2.0, 0.06]])) for test in made.configurations]

@@ -131,7 +131,7 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda record: record.clear(), "search.json: baselines: missing"),
+        (lambda record: record.pop("baselines"), "search.json: baselines: missing"),
         (lambda record: record["search_settings"]["mass_ratio"].update(distribution="None"),
          "no distribution 'None'"),
         (lambda record: record["baselines"][0].update(classes=["no k"]),

@@ -25,6 +25,8 @@ class SearchSettings(SearchLimits):
             structure's unit; log-uniform between them.
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from
             half the lowest identified frequency to the band's upper limit.
+        number_weights, branches, most_unsampled, most_sampled: how many appendages, and how far the
+            search goes, as in :class:`~bayes_ssi.studies.search.family.SearchLimits`.
 
     Raises:
         ValueError: as :class:`~bayes_ssi.studies.search.family.SearchLimits`, or a mass is not

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.studies.changes.change_places import ChangePlace
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.changes.places import ChangePlace
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.search_record import FamilyRecord, HypothesisRecord, SearchResult
 

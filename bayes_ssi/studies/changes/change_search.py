@@ -20,6 +20,7 @@ from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.changes.change_places import ChangePlace
 from bayes_ssi.studies.changes.change_result import (
     ChangeRecord,
     ChangeSearch,
@@ -29,7 +30,6 @@ from bayes_ssi.studies.changes.change_result import (
 )
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
 from bayes_ssi.studies.changes.changes_family import SHARED, Changes, choose_changes
-from bayes_ssi.studies.changes.places import ChangePlace
 from bayes_ssi.studies.changes.visible_loss import VISIBILITY, smallest_visible
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study

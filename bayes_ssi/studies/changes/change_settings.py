@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from bayes_ssi.parameters.families import TruncatedNormal, Uniform
-from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.parameters.families import Uniform
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.search.family import SearchLimits
 
@@ -23,6 +22,8 @@ class ChangeSettings(SearchLimits):
             ``common_sd`` is that of the share at the test that differs most from those before.
         shared: prior of the share of prediction errors that the tests have in common, where the
             class gives none; errors of different tests are independent if None.
+        number_weights, branches, most_unsampled, most_sampled: how many changes, and how far the
+            search goes, as in :class:`~bayes_ssi.studies.search.family.SearchLimits`.
 
     Raises:
         ValueError: as :class:`~bayes_ssi.studies.search.family.SearchLimits`; a loss could leave a
@@ -49,30 +50,3 @@ class ChangeSettings(SearchLimits):
             )
         if self.covariate is not None and self.common_sd is None:
             raise ValueError("ChangeSettings: a covariate needs common_sd, which is not given")
-
-    def loss_of(self, name: str) -> Parameter:
-        """The loss of a parameter, or of several together."""
-        return Parameter(f"loss, {name}", self.loss)
-
-    @property
-    def common_loss(self) -> Parameter:
-        """The share that all groups lose in common; no more than all of it."""
-        assert self.common_sd is not None
-        return Parameter(COMMON, TruncatedNormal(0.0, self.common_sd, -1.0, 1.0))
-
-    def amounts(self, before: Sequence[str], after: Sequence[str]) -> dict[str, float]:
-        """Name of a test → how much of the common loss it has."""
-        if self.covariate is None:
-            return dict.fromkeys(after, 1.0)
-        missing = [name for name in (*before, *after) if name not in self.covariate]
-        if missing:
-            raise ValueError(f"covariate: no value of test {missing[0]!r}")
-        reference = sum(self.covariate[name] for name in before) / len(before)
-        apart = {name: self.covariate[name] - reference for name in (*before, *after)}
-        largest = max(map(abs, apart.values()))
-        if largest == 0.0:
-            raise ValueError("covariate: it is the same in all tests, so it explains no change")
-        return {name: each / largest for name, each in apart.items()}
-
-
-COMMON = "common loss"

@@ -19,8 +19,8 @@ from bayes_ssi.inference.posterior_sampling.required_accuracy import (
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.changes.change_places import ChangePlace, places_of
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
-from bayes_ssi.studies.changes.places import ChangePlace, places_of
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.efforts import EFFORTS
 from bayes_ssi.studies.search.family import Draws, Family, Hypothesis, compact
@@ -52,14 +52,26 @@ class Changes(Family[ChangePlace]):
 
     def _losses(self, features: Sequence[ChangePlace], test: Configuration) -> Iterator[Loss]:
         for place in features:
-            amounts = self._amounts if place.is_common else dict.fromkeys(self.after, 1.0)
+            amounts = self.amounts if place.is_common else dict.fromkeys(self.after, 1.0)
             if amount := amounts.get(test.name, 0.0):
                 for loss, names in place.losses(self.options):
                     yield from (Loss(name, loss, amount) for name in names)
 
     @cached_property
-    def _amounts(self) -> dict[str, float]:
-        return self.options.amounts(self.before, self.after)
+    def amounts(self) -> dict[str, float]:
+        """Name of a test → how much of the common loss it has."""
+        covariate = self.options.covariate
+        if covariate is None:
+            return dict.fromkeys(self.after, 1.0)
+        for name in (*self.before, *self.after):
+            if name not in covariate:
+                raise ValueError(f"covariate: no value of test {name!r}")
+        reference = sum(covariate[name] for name in self.before) / len(self.before)
+        apart = {name: covariate[name] - reference for name in (*self.before, *self.after)}
+        largest = max(map(abs, apart.values()))
+        if largest == 0.0:
+            raise ValueError("covariate: it is the same in all tests, so it explains no change")
+        return {name: each / largest for name, each in apart.items()}
 
     # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
 
@@ -181,7 +193,7 @@ def choose_changes(
         features[each.name] = found
     family = Changes(chosen, features, options, before, after)
     if options.common_sd is not None:
-        _ = family._amounts  # refuses a covariate that it cannot use
+        _ = family.amounts  # refuses a covariate that it cannot use
     return family
 
 

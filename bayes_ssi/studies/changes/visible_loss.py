@@ -26,8 +26,8 @@ from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.parameters.parameters import ProductTable, as_product
+from bayes_ssi.studies.changes.change_places import ChangePlace
 from bayes_ssi.studies.changes.changes_family import Changes
-from bayes_ssi.studies.changes.places import ChangePlace
 from bayes_ssi.studies.search.approximate_evidence import each_in_workers
 from bayes_ssi.studies.search.family import Hypothesis
 

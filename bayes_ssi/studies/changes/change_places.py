@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.parameters.families import TruncatedNormal
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
 
@@ -36,12 +37,14 @@ class ChangePlace:
     def losses(self, settings: ChangeSettings) -> Iterator[tuple[Parameter, tuple[str, ...]]]:
         """Every loss, and the names of the parameters of which it takes a share."""
         if self.is_common:
-            yield settings.common_loss, self.parameters
+            assert settings.common_sd is not None
+            prior = TruncatedNormal(0.0, settings.common_sd, -1.0, 1.0)
+            yield Parameter("common loss", prior), self.parameters
         elif self.is_joined:
-            yield settings.loss_of(self.name), self.parameters
+            yield Parameter(f"loss, {self.name}", settings.loss), self.parameters
         else:
             for name in self.parameters:
-                yield settings.loss_of(name), (name,)
+                yield Parameter(f"loss, {name}", settings.loss), (name,)
 
 
 def places_of(
