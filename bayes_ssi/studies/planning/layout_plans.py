@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import cached_property, partial
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.planning.layout_search import (
-    LayoutSearch,
-    effective_independence,
-    largest_mac,
-)
-from bayes_ssi.studies.planning.layout_values import Sensors, SimulatedPlan, Worth, mean
-from bayes_ssi.studies.planning.plan_record import (
-    CLASS,
-    Change,
-    ConfigurationPlan,
-    Layout,
-    Plan,
-)
-from bayes_ssi.studies.planning.plan_settings import PLANNING, PlanSettings
-from bayes_ssi.studies.planning.planned_class import PlannedClass
-from bayes_ssi.studies.planning.planned_study import (
+from bayes_ssi.structures.modal import mac
+from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.appendages.candidates import located, require_distinct
+from bayes_ssi.studies.planning.layout_search import LayoutSearch, effective_independence
+from bayes_ssi.studies.planning.layout_values import (
     Quantity,
-    check_aim,
-    checked_sensors,
-    known_classes,
-    planned_classes,
-    worth_of,
+    Sensors,
+    SimulatedPlan,
+    Worth,
+    class_worth,
+    quantity_worth,
 )
+from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Change, Layout, Plan
+from bayes_ssi.studies.planning.plan_settings import PLANNING, PlanSettings
+from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
+
+# "class", "parameters", the name of one, or a prediction: structure and parameter values
+# (B, n_parameters) → (B,) or (B, q).
+Aim = str | Callable[[Structure, FloatArray], FloatArray]
 
 
 @checked
@@ -43,7 +41,7 @@ def plan(
     study: Study,
     n_sensors: int,
     *,
-    aim: str | Quantity = CLASS,
+    aim: Aim = CLASS,
     candidates: Sequence[Candidate | str] | None = None,
     fixed: Sequence[str] = (),
     excluded: Sequence[str] = (),
@@ -55,19 +53,18 @@ def plan(
 ) -> Plan:
     """Choose the sensors of a test for what it is to answer, before it is made.
 
-    Tests are simulated from every model class under its likelihood: errors, missed and spurious
-    modes. Which mode is which is not known to a test before it is made, so that all pairings are
-    possible, and classes that differ in their pairing alone are one.
+    Tests are simulated from every model class under its likelihood, with errors, missed and
+    spurious modes. Which mode is which is not known before a test: all pairings are possible, and
+    classes that differ in their pairing alone are one.
 
     Args:
         study: its data give the band of the planned test and the errors of its identification.
         n_sensors: number of sensors.
-        aim: "class" for which model class holds; "parameters" for all parameters of the structures,
-            or the name of one; or a function for a prediction, given a structure and parameter
-            values (B, n_parameters), returning (B,) or (B, q).
+        aim: "class" for which model class holds; "parameters" for all of the structures, or the
+            name of one; or a function for a prediction, given a structure and parameter values
+            (B, n_parameters), returning (B,) or (B, q).
         candidates: where sensors may be, labels of degrees of freedom or of sensors, or Candidates;
-            all degrees of freedom that all classes have, if None and these are few, else the
-            sensors of the study's data.
+            the sensors that structures define, else all degrees of freedom, if None.
         fixed: names of candidates that are measured in any case.
         excluded: names of candidates that cannot be.
         configurations: alternatives, names of the study's configurations; all of them if None.
@@ -75,198 +72,276 @@ def plan(
             test, with the prior, if None.
         settings: how many tests to simulate, and how precisely.
         seed: of all that is random.
-        progress: called with what is done, and the completed share of the work.
+        progress: called with a configuration's name, and the completed share of its work.
 
     Raises:
         ValueError: there are fewer candidates than sensors, a candidate, class, parameter or
             configuration does not exist, the aim is the class and there is only one, or the result
             is not one of this study.
     """
-    settings = settings or PlanSettings()
-    known = known_classes(study, after)
+    known = _known_classes(study, after)
     names = configurations or known[0].model_class.configuration_names
-    report = progress or (lambda _name, _done: None)
-    plans = []
-    request = _Request(n_sensors, aim, fixed, excluded, settings, seed)
+    plans = {}
     for name in dict.fromkeys(names):
-        classes = planned_classes(known, name, candidates)
-        plans.append(_configuration_plan(classes, name, request, partial(report, name)))
-    return Plan(
-        study=study.name,
-        aim=aim if isinstance(aim, str) else getattr(aim, "__name__", "prediction"),
-        n_sensors=n_sensors,
-        classes={each.model_class.name: each.probability for each in known},
-        is_after_a_test=after is not None,
-        n_tests=settings.n_tests,
-        n_draws=settings.n_draws,
-        seed=seed,
-        configurations=tuple(plans),
-    )
+        classes = _in_configuration(known, name, candidates)
+        _check_aim(classes, aim)
+        places = _places(classes[0].candidates, n_sensors, fixed, excluded)
+        report = progress or (lambda _name, _done: None)
+        request = _Planning(classes, aim, *places, settings or PlanSettings(), seed)
+        report(name, 0.1)
+        plans[name] = request.plan(study.name, n_sensors)
+        report(name, 1.0)
+    best = max(plans.values(), key=lambda each: each.best.gain)
+    alternatives = {name: each.best for name, each in plans.items()} if len(plans) > 1 else {}
+    return replace(best, alternatives=alternatives)
 
 
-class _Request(NamedTuple):
-    n_sensors: int
-    aim: str | Quantity
-    fixed: Sequence[str]
-    excluded: Sequence[str]
+def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
+    """The classes with what is known of them; those that are improbable after a test left out."""
+    for each in study.model_classes:
+        if each.error.is_correlated:
+            raise ValueError(
+                f"plan: model class {each.name!r} has correlated prediction errors, which need a "
+                "pairing; that of a planned test is not known before it"
+            )
+    if after is None:
+        study = study.with_any_pairing()
+        weights = dict(study.prior_weights or dict.fromkeys(study.names, 1.0))
+    else:
+        classes = {each.name: each for each in study.model_classes}
+        posteriors: Mapping[str, Posterior] = {each.name: each for each in after.posteriors}
+        require_known("plan: the study has no model class", posteriors, classes)
+        for name, posterior in posteriors.items():
+            if posterior.data_digest != classes[name].data_digest:
+                raise ValueError(f"plan: the result of model class {name!r} is of other data")
+        rows = after.comparison.classes
+        weights = {row.name: row.probability for row in rows}
+        study = study.only([n for n in weights if weights[n] >= PLANNING.least_probability])
+    total = sum(weights[name] for name in study.names)
+    return [
+        PlannedClass(each, each.configurations[0], (), weights[each.name] / total,
+                     None if after is None else posteriors[each.name])
+        for each in study.model_classes
+    ]  # fmt: skip
+
+
+def _in_configuration(
+    known: Sequence[PlannedClass], name: str, candidates: Sequence[Candidate | str] | None
+) -> list[PlannedClass]:
+    """The classes in one configuration, with all candidates on their structures."""
+    tests = [each.model_class.configuration(name or None) for each in known]
+    structures = [test.structure for test in tests]
+    if candidates is None:
+        candidates = _default_candidates(structures, tests[0].data.sensors)
+    places = [Candidate(each, each) if isinstance(each, str) else each for each in candidates]
+    require_distinct(places)
+    for structure, each in zip(structures, known, strict=True):
+        of_class = f"model class {each.name!r}: candidate"
+        structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
+    places = [located(place, structures[0]) for place in places]
+    return [
+        replace(each, configuration=test, candidates=tuple(places)).made_accurate()
+        for each, test in zip(known, tests, strict=True)
+    ]
+
+
+def _default_candidates(structures: Sequence[Structure], measured: Sequence[str]) -> list[str]:
+    """Labels that all classes have: of sensors where a structure defines them, else of all."""
+    labels: dict[str, None] = {}
+    for structure in structures:
+        own = [sensor.label for sensor in structure.sensors]
+        every = [*own, *structure.appendages] if own else structure.degrees_of_freedom
+        labels |= dict.fromkeys(every)
+    if len(labels) > PLANNING.most_candidates:
+        labels = dict.fromkeys(measured)
+
+    def has(structure: Structure, label: str) -> bool:
+        try:
+            return bool(structure.sensor_matrix([label]))
+        except ValueError:
+            return False
+
+    return [label for label in labels if all(has(each, label) for each in structures)]
+
+
+def _places(
+    candidates: Sequence[Candidate], n_sensors: int, fixed: Sequence[str], excluded: Sequence[str]
+) -> tuple[Sensors, Sensors]:
+    """Candidates in every layout, and those that may be."""
+    names = [place.name for place in candidates]
+    for what, given in (("fixed", fixed), ("excluded", excluded)):
+        require_known(f"plan: {what}: no candidate", given, names)
+    always = tuple(i for i, name in enumerate(names) if name in fixed)
+    free = tuple(i for i, name in enumerate(names) if name not in {*fixed, *excluded})
+    if not max(1, len(always)) <= n_sensors <= len(always) + len(free):
+        raise ValueError(
+            f"plan: a layout of {n_sensors} sensors cannot be had: {len(always)} are fixed, and "
+            f"{len(free)} more candidates may be chosen"
+        )
+    return always, free
+
+
+def _check_aim(classes: Sequence[PlannedClass], aim: Aim) -> None:
+    """Refuse an aim that these classes do not have."""
+    if aim == CLASS and len(classes) < 2:
+        raise ValueError(
+            f"plan: the aim 'class' needs two model classes or more, and {classes[0].name!r} is "
+            "alone: classes that differ in their pairing only are one before a test, and "
+            "improbable ones are left out after one; choose another aim, such as 'parameters'"
+        )
+    if isinstance(aim, str) and aim != CLASS:
+        names = {p.name for each in classes for p in each.parameters[: each.n_structural]}
+        require_known("plan: no aim", [aim], (CLASS, PARAMETERS, *sorted(names)))
+
+
+def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray | None:
+    """What the aim is about, (B, q) at z (B, n_parameters); None of a class without it."""
+    if callable(aim):
+        values = aim(planned.configuration.structure, planned.structural_values(z))
+        return np.asarray(values, dtype=float).reshape(len(z), -1)
+    names = [parameter.name for parameter in planned.parameters[: planned.n_structural]]
+    columns = [i for i, name in enumerate(names) if aim in (PARAMETERS, name)]
+    return z[:, columns] if columns else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Planning:
+    """Layouts of one configuration, valued on simulated tests."""
+
+    classes: Sequence[PlannedClass]
+    aim: Aim
+    fixed: Sensors
+    free: Sensors
     settings: PlanSettings
     seed: int
 
-    def simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
+    def _simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
         return SimulatedPlan.of(classes, self.settings.n_tests, self.settings.n_draws, self.seed)
 
+    @cached_property
+    def _whole(self) -> SimulatedPlan:
+        return self._simulated(self.classes)
 
-def _configuration_plan(
-    classes: Sequence[PlannedClass], name: str, request: _Request, report: Callable[[float], None]
-) -> ConfigurationPlan:
-    """The layouts for one configuration."""
-    names = tuple(place.name for place in classes[0].candidates)
-    sides = checked_sensors(names, request.n_sensors, request.fixed, request.excluded)
-    check_aim(classes, request.aim)
-    report(0.0)
-    valuation = _Valuation(request.simulated(classes), request.aim)
-    report(0.4)
-    search = _search(valuation.plan, request.aim, *sides)
-    habit = effective_independence(valuation.shapes, request.n_sensors, sides[0])
-    found = _found(search, habit, valuation.shapes, request.n_sensors)
-    by_number = [*found.smaller, found.best[0]]
-    ranked = sorted(found.best, key=lambda sensors: -valuation.layout(sensors).gain)
-    by_number[-1] = best = ranked[0]
-    numbered = tuple(map(valuation.layout, by_number))
-    largest = max(layout.gain for layout in numbered)
-    report(0.7)
-    test = classes[0].test
-    better = _Valuation(
-        request.simulated([replace(c, test=replace(test, factor=SMALLER)) for c in classes]),
-        request.aim,
-    )
-    worth = valuation.worth(best)
-    changed = better.worth(best).values - worth.values
-    present = tuple(i for i, each in enumerate(names) if each in test.sensors)
-    compared = {"effective independence": habit, "the sensors of the data": present}
-    compared["all candidates"] = tuple(sorted((*sides[0], *sides[1])))
-    bias = mean(valuation.plan, worth.bias).value
-    structure = classes[0].structure
-    heights = structure.heights()
-    probabilities = valuation.plan.probabilities
-    report(1.0)
-    return ConfigurationPlan(
-        name=name,
-        candidates=classes[0].candidates,
-        heights={each: heights[each] for each in names if each in heights},
-        best=valuation.layout(best),
-        others=tuple(map(valuation.layout, ranked[1:])),
-        compared={key: valuation.layout(layout) for key, layout in compared.items() if layout},
-        by_number=numbered,
-        knee=next(
-            len(each.sensors) for each in numbered if each.gain >= PLANNING.enough * largest
-        ),
-        left_out=tuple(
-            valuation.change(best, tuple(j for j in best if j != i), names[i])
-            for i in best
-            if i not in sides[0] and len(best) > 1
-        ),
-        added=tuple(
-            sorted(
-                (valuation.change(best, tuple(sorted((*best, i))), names[i])
-                 for i in sides[1] if i not in best),
-                key=lambda change: -change.gain,
-            )
-        ),
-        smaller_errors=Change(
-            f"{'identification errors' if test.states_errors else 'all errors'} half as large",
-            *mean(valuation.plan, changed),
-        ),
-        greatest=(
-            float(-(probabilities * np.log(probabilities)).sum()) if request.aim == CLASS else None
-        ),
-        is_exhaustive=search.is_exhaustive(request.n_sensors),
-        n_tried=len(search.tried),
-        other_start=found.other_start,
-        effective_draws=float(np.median(worth.draws)),
-        bias=bias,
-        failed_checks=tuple(_failed_checks(worth, bias)),
-        geometry=structure.geometry,
-    )  # fmt: skip
-
-
-SMALLER = 0.5  # of errors: a record is four times as long
-
-
-class _Valuation:
-    """Layouts valued with all simulated tests."""
-
-    def __init__(self, plan: SimulatedPlan, aim: str | Quantity) -> None:
-        self.plan = plan
-        self._worth = worth_of(plan, aim)
-        self._known: dict[Sensors, Worth] = {}
-        self._is_of_class = aim == CLASS
-
-    def worth(self, sensors: Sensors) -> Worth:
-        if sensors not in self._known:
-            self._known[sensors] = self._worth(self.plan.sums(sensors))
-        return self._known[sensors]
-
-    def layout(self, sensors: Sensors) -> Layout:
-        worth = self.worth(sensors)
-        gain, naming = mean(self.plan, worth.values), mean(self.plan, worth.named)
-        planned = self.plan.classes[0]
-        return Layout(
-            tuple(planned.candidates[i].name for i in sensors),
-            planned.test.band_hz,
-            gain.value,
-            gain.error,
-            naming.value if self._is_of_class else None,
-            naming.error if self._is_of_class else None,
-            largest_mac(self.shapes[list(sensors)]) if len(sensors) > 1 else None,
-        )
-
-    def change(self, best: Sensors, other: Sensors, what: str) -> Change:
-        """What another layout would change, on the same tests."""
-        return Change(what, *mean(self.plan, self.worth(other).values - self.worth(best).values))
+    def _worth_of(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
+        if self.aim == CLASS:
+            return lambda layout: class_worth(simulated, layout)
+        quantities: list[Quantity] = []
+        for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
+            z = own.z[simulated.true_class == c]
+            at = _quantity(planned, z.reshape(-1, z.shape[2]), self.aim)
+            before = _quantity(planned, planned.drawn_before, self.aim)
+            if at is None or before is None:
+                quantities.append(None)
+                continue
+            covariance = np.cov(before, rowvar=False).reshape(at.shape[1], at.shape[1])
+            quantities.append((at.reshape(*z.shape[:2], -1), covariance))
+        return lambda layout: quantity_worth(simulated, layout, quantities)
 
     @cached_property
-    def shapes(self) -> FloatArray:
+    def _shapes(self) -> FloatArray:
         """Of the most probable class (n_candidates, n_modes) in the band, before the test."""
-        planned = max(self.plan.classes, key=lambda each: each.probability)
-        modes = planned.modes(planned.before[0][None])
-        low, high = planned.test.band_hz
+        planned = max(self.classes, key=lambda each: each.probability)
+        modes = planned.modes(planned.moments[0][None])
+        low, high = planned.configuration.data.band_hz
         inside = (modes.frequencies_hz[0] > low) & (modes.frequencies_hz[0] < high)
-        return modes.shapes[0][:, inside if inside.any() else slice(None)]
+        return modes.shapes[0][:, inside]
+
+    def _largest_mac(self, layout: Sensors) -> float:
+        shapes = self._shapes[list(layout)]
+        between = mac(shapes, shapes)[np.triu_indices(shapes.shape[1], 1)]
+        return float(between.max(initial=0.0)) if len(layout) > 1 else np.nan
+
+    def _layout(self, sensors: Sensors, worth: Worth) -> Layout:
+        naming = self._whole.mean(worth.named)[0] if self.aim == CLASS else None
+        names = tuple(self.classes[0].candidates[i].name for i in sensors)
+        band = self.classes[0].configuration.data.band_hz
+        gain = self._whole.mean(worth.values)
+        return Layout(names, band, *gain, naming, self._largest_mac(sensors))
+
+    def plan(self, study: str, n_sensors: int) -> Plan:
+        """The plan, without alternatives."""
+        part = self._whole.part(*PLANNING.n_searched)
+        of_part = self._worth_of(part)
+        search = LayoutSearch(
+            lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
+        )
+        habit = effective_independence(self._shapes, n_sensors, self.fixed)
+        numbered: list[Sensors] = []
+        for number in range(max(2, len(self.fixed)), n_sensors + 1):
+            numbered.append(search.best(number, numbered[-1] if numbered else self.fixed))
+        if len(self.fixed) < 2:  # at one sensor no shape is measured: one is as good as another
+            numbered.insert(0, self.fixed or self.free[:1])
+        exhaustive = search.is_exhaustive(n_sensors)
+        other = numbered[-1] if exhaustive else search.exchanged(habit)
+        tried = [layout for layout in search.tried if len(layout) == n_sensors]
+        some = sorted(tried, key=search.tried.__getitem__)[-PLANNING.n_shown :] or numbered[-1:]
+
+        worth_of = self._worth_of(self._whole)
+        worth = {layout: worth_of(layout) for layout in {*some, *numbered, other}}
+        mean = self._whole.mean
+        some.sort(key=lambda layout: -mean(worth[layout].values)[0])
+        best, numbered[-1] = some[0], some[0]
+        by_number = tuple(self._layout(each, worth[each]) for each in numbered)
+        largest = max(layout.gain for layout in by_number)
+        named = self.classes[0].candidates
+        present = self.classes[0].configuration.data.sensors
+        compared = {
+            "effective independence": habit,
+            "sensors of the data": tuple(i for i, c in enumerate(named) if c.name in present),
+            "all candidates": tuple(sorted((*self.fixed, *self.free))),
+        }
+        heights = self.classes[0].configuration.structure.heights()
+        p = self._whole.probabilities
+        bias = mean(worth[best].bias)[0]
+        return Plan(
+            study=study,
+            aim=self.aim if isinstance(self.aim, str) else self.aim.__name__,
+            classes={each.name: each.probability for each in self.classes},
+            is_after_a_test=self.classes[0].posterior is not None,
+            configuration=self.classes[0].configuration.name,
+            layouts=tuple(self._layout(each, worth[each]) for each in some),
+            compared={k: self._layout(v, worth_of(v)) for k, v in compared.items() if v},
+            alternatives={},
+            by_number=by_number,
+            knee=min(
+                len(each.sensors) for each in by_number if each.gain >= PLANNING.enough * largest
+            ),
+            changes=tuple(self._changes(best, worth[best], worth_of)),
+            greatest=float(-(p * np.log(p)).sum()) if self.aim == CLASS else None,
+            n_tried=len(search.tried),
+            is_exhaustive=exhaustive,
+            other_start=mean(worth[other].values)[0] - mean(worth[best].values)[0],
+            n_tests=len(self._whole.true_class),
+            effective_draws=float(np.median(worth[best].draws)),
+            bias=bias,
+            failed_checks=tuple(_failed_checks(worth[best].draws, bias)),
+            candidates=named,
+            heights={c.name: heights[c.name] for c in named if c.name in heights},
+            geometry=self.classes[0].configuration.structure.geometry,
+        )
+
+    def _changes(
+        self, best: Sensors, worth: Worth, worth_of: Callable[[Sensors], Worth]
+    ) -> Iterator[Change]:
+        """What one sensor less or more, and smaller errors, would change, on the same tests."""
+        names = [place.name for place in self.classes[0].candidates]
+        less = {
+            f"without {names[i]}": tuple(j for j in best if j != i)
+            for i in best
+            if i not in self.fixed and len(best) > 1
+        }
+        more = {f"with {names[i]}": tuple(sorted((*best, i))) for i in self.free if i not in best}
+        for what, layout in (less | more).items():
+            yield Change(what, *self._whole.mean(worth_of(layout).values - worth.values))
+        better = self._simulated([replace(c, error_factor=PLANNING.smaller) for c in self.classes])
+        changed = self._worth_of(better)(best).values - worth.values
+        known = self.classes[0].identification_errors.any()
+        which = "errors of identification" if known else "all errors"
+        yield Change(f"{which} half as large", *self._whole.mean(changed))
 
 
-def _search(
-    plan: SimulatedPlan, aim: str | Quantity, fixed: Sensors, free: Sensors
-) -> LayoutSearch:
-    """A search on some of the simulated tests."""
-    some = plan.part(*PLANNING.n_searched)
-    worth = worth_of(some, aim)
-    return LayoutSearch(some, lambda sums: mean(some, worth(sums).values).value, fixed, free)
-
-
-class _Found(NamedTuple):
-    smaller: list[Sensors]  # the best layouts of fewer sensors
-    best: list[Sensors]  # of all sensors, the best first
-    other_start: float | None
-
-
-def _found(search: LayoutSearch, habit: Sensors, shapes: FloatArray, n_sensors: int) -> _Found:
-    layouts: list[Sensors] = []
-    for number in range(max(1, len(search.fixed)), n_sensors + 1):
-        if number == 1:  # no shape is measured: one place is as good as another
-            layouts.append(effective_independence(shapes[list(search.free)], 1))
-        else:
-            layouts.append(search.best(number, layouts[-1] if layouts else search.fixed))
-    other_start = None
-    if not search.is_exhaustive(n_sensors) and n_sensors > 1:
-        other_start = search.tried[search.exchanged(habit)] - search.tried[layouts[-1]]
-    tried = [each for each in search.tried if len(each) == n_sensors]
-    best = sorted(tried, key=search.tried.__getitem__, reverse=True)[: PLANNING.n_shown]
-    return _Found(layouts[:-1], best or layouts[-1:], other_start)
-
-
-def _failed_checks(worth: Worth, bias: float) -> Iterator[str]:
-    thin = float((worth.draws < PLANNING.least_draws).mean())
+def _failed_checks(draws: FloatArray, bias: float) -> Iterator[str]:
+    thin = float((draws < PLANNING.least_draws).mean())
     if thin > PLANNING.most_thin:
         yield (
             f"in {100.0 * thin:.0f} % of the simulated tests evidences rest on fewer than "

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from math import comb
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.modal import mac
-from bayes_ssi.studies.planning.layout_values import LayoutSums, Sensors, SimulatedPlan
+from bayes_ssi.studies.planning.layout_values import Sensors
 from bayes_ssi.studies.planning.plan_settings import PLANNING
 
 
 @dataclass(eq=False)
 class LayoutSearch:
-    """A search for the layout that is worth most.
+    """A search for the layout of candidates that is worth most."""
 
-    Attributes:
-        plan: the simulated tests.
-        objective: the worth of a layout by its sums.
-        fixed: candidates in every layout.
-        free: those that may be.
-        tried: layout → its worth.
-    """
-
-    plan: SimulatedPlan
-    objective: Callable[[LayoutSums], float]
-    fixed: Sensors
-    free: Sensors
+    gain: Callable[[Sensors], float]
+    fixed: Sensors  # in every layout
+    free: Sensors  # that may be
     tried: dict[Sensors, float] = field(default_factory=dict)
 
     def is_exhaustive(self, number: int) -> bool:
@@ -38,63 +29,33 @@ class LayoutSearch:
 
     def best(self, number: int, start: Sensors) -> Sensors:
         """The best layout of ``number`` sensors; a greedy search begins with those of ``start``."""
-        if self.is_exhaustive(number):
-            return self.all_layouts(number)
-        return self.exchanged(self.grown(start, number))
-
-    def all_layouts(self, number: int) -> Sensors:
-        """The best of all layouts."""
-        sums = self.plan.sums(self.fixed)
-        layouts = list(self._grown_in_order(sums, self.fixed, 0, number - len(self.fixed)))
-        return max(layouts, key=self.tried.__getitem__)
-
-    def _grown_in_order(
-        self, sums: LayoutSums, layout: Sensors, first: int, more: int
-    ) -> Iterator[Sensors]:
-        if more == 0:
-            yield self._value(layout, sums)
-            return
-        for i in range(first, len(self.free) - more + 1):
-            sensor = self.free[i]
-            larger = self.plan.with_sensor(sums, sensor)
-            yield from self._grown_in_order(larger, (*layout, sensor), i + 1, more - 1)
+        if not self.is_exhaustive(number):
+            return self.exchanged(self.grown(start, number))
+        more = combinations(self.free, number - len(self.fixed))
+        return max((self._valued((*self.fixed, *own)) for own in more), key=self.tried.__getitem__)
 
     def grown(self, layout: Sensors, number: int) -> Sensors:
         """The layout with the best sensor added, one after the other."""
         while len(layout) < number:
-            sums = self.plan.sums(layout)
-            layout = max(
-                (
-                    self._extended(layout, sums, sensor)
-                    for sensor in self.free
-                    if sensor not in layout
-                ),
-                key=self.tried.__getitem__,
-            )
+            larger = [self._valued((*layout, i)) for i in self.free if i not in layout]
+            layout = max(larger, key=self.tried.__getitem__)
         return layout
 
     def exchanged(self, layout: Sensors) -> Sensors:
-        """The layout after all exchanges of one sensor for another that make it better."""
-        for _ in range(PLANNING.most_exchanges):
+        """The layout after exchanges of one sensor, until none makes it better."""
+        layout, before = self._valued(layout), self.fixed[:0]
+        while layout != before:
             before = layout
             for sensor in before:
-                if sensor in self.fixed or sensor not in layout:
-                    continue
-                rest = tuple(other for other in layout if other != sensor)
-                layout = self.grown(rest, len(layout))
-            if layout == before:
-                break
+                if sensor not in self.fixed:
+                    rest = tuple(other for other in layout if other != sensor)
+                    layout = self.grown(rest, len(before))
         return layout
 
-    def _extended(self, layout: Sensors, sums: LayoutSums, sensor: int) -> Sensors:
-        larger = tuple(sorted((*layout, sensor)))
-        if larger not in self.tried:
-            self._value(larger, self.plan.with_sensor(sums, sensor))
-        return larger
-
-    def _value(self, layout: Sensors, sums: LayoutSums) -> Sensors:
+    def _valued(self, layout: Sensors) -> Sensors:
         layout = tuple(sorted(layout))
-        self.tried[layout] = self.objective(sums)
+        if layout not in self.tried:
+            self.tried[layout] = self.gain(layout)
         return layout
 
 
@@ -106,6 +67,7 @@ def effective_independence(shapes: FloatArray, number: int, fixed: Sequence[int]
 
     Args:
         shapes: (n_candidates, n_modes), at unit modal mass.
+        number: of sensors.
         fixed: candidates that stay.
     """
     left = list(range(len(shapes)))
@@ -116,11 +78,3 @@ def effective_independence(shapes: FloatArray, number: int, fixed: Sequence[int]
         order = np.lexsort((np.square(own).sum(axis=1), contributions.round(9)))
         left.remove(next(left[i] for i in order if left[i] not in fixed))
     return tuple(left)
-
-
-def largest_mac(shapes: FloatArray) -> float:
-    """The largest MAC (0 to 1) of two different modes at sensors (n_sensors, n_modes)."""
-    if shapes.shape[1] < 2:
-        return 0.0
-    between = mac(shapes, shapes)
-    return float(np.nan_to_num(between - np.diag(np.diag(between))).max())

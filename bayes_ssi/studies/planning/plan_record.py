@@ -22,42 +22,34 @@ class Layout:
     Attributes:
         sensors: names of the candidates that are measured.
         band_hz: of the test.
-        gain: expected information, in nats.
-        error: standard error of the gain, over simulated tests.
-        naming: probability that the class that is right is the most probable one after the test;
-            None where the aim is not the class, and ``naming_error`` its standard error.
-        largest_mac: of two different modes in the band, at these sensors.
+        gain: expected information, in nats, and ``error``, its standard error.
+        naming: probability that the class that is right is the most probable one after the test,
+            where that is the aim.
+        largest_mac: of two different modes in the band, at these sensors; NaN for one sensor.
     """
 
     sensors: tuple[str, ...]
     band_hz: tuple[float, float]
     gain: float
     error: float
-    naming: float | None = None
-    naming_error: float | None = None
-    largest_mac: float | None = None
+    naming: float | None
+    largest_mac: float
 
-    def write_template(self, path: str | Path, n_modes: int = 8) -> None:
-        """Write the form of a file of modes: a column for each sensor, a row for each mode.
+    def write_template(self, path: str | Path) -> None:
+        """Write the form of a file of modes, which :func:`bayes_ssi.read_modal_data` reads.
 
-        Filled in, :func:`bayes_ssi.read_modal_data` reads it.
-
-        Args:
-            path: of a new CSV file.
-            n_modes: number of rows.
+        A column for each sensor, and rows for eight modes, to be filled in, or left out.
 
         Raises:
             FileExistsError: the file exists.
         """
+        names = ["label", "frequency_hz", "frequency_cov", "shape_sd", "damping", *self.sensors]
         with Path(path).open("x", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["# source", "fill in: test and date"])
             writer.writerow(["# band_hz", *map(repr, self.band_hz)])
-            writer.writerow(
-                ["label", "frequency_hz", "frequency_cov", "shape_sd", "damping", *self.sensors]
-            )
-            empty = [""] * (4 + len(self.sensors))
-            writer.writerows([str(number), *empty] for number in range(1, n_modes + 1))
+            writer.writerow(names)
+            writer.writerows([str(number), *[""] * (len(names) - 1)] for number in range(1, 9))
 
 
 @dataclass(frozen=True)
@@ -69,104 +61,68 @@ class Change:
     error: float
 
 
-@dataclass(frozen=True)
-class ConfigurationPlan:
-    """Layouts for one configuration of the structure.
-
-    Attributes:
-        name: of the configuration; empty where it has none.
-        candidates: where sensors may be, with coordinates where they are known.
-        heights: of candidates, in storeys above the ground, where known.
-        best: the layout that is worth most.
-        others: the next ones that the search met.
-        compared: other layouts by their names, for comparison.
-        by_number: the best layouts of one sensor and more.
-        knee: the smallest number of sensors with nearly all of the gain.
-        left_out: sensors of the best layout, and the gain without each.
-        added: candidates, and the gain with each.
-        smaller_errors: the gain with errors half as large.
-        greatest: what no test can exceed; None where the aim is not the class.
-        is_exhaustive: whether all layouts of that many sensors were tried.
-        n_tried: number of layouts tried.
-        other_start: gain that the search finds from the layout of effective independence, less that
-            of the best; None where all layouts were tried.
-        effective_draws: about a simulated test, of its own class, the median.
-        bias: of the best gain, expected from the few draws.
-        failed_checks: why these numbers may be wrong, a sentence each.
-        geometry: of the structure, for drawings.
-    """
-
-    name: str
-    candidates: tuple[Candidate, ...]
-    heights: Mapping[str, float]
-    best: Layout
-    others: tuple[Layout, ...]
-    compared: Mapping[str, Layout]
-    by_number: tuple[Layout, ...]
-    knee: int
-    left_out: tuple[Change, ...]
-    added: tuple[Change, ...]
-    smaller_errors: Change
-    greatest: float | None
-    is_exhaustive: bool
-    n_tried: int
-    other_start: float | None
-    effective_draws: float
-    bias: float
-    failed_checks: tuple[str, ...]
-    geometry: Geometry | None
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Displayed):
-    """The plan of a test: layouts of sensors, for one or more alternative configurations.
+    """The plan of a test.
 
     Attributes:
         study: its name.
         aim: "class", "parameters", or the name of a parameter or prediction.
-        n_sensors: that the layouts have.
         classes: model class → its probability before the test.
-        is_after_a_test: whether earlier modes are known, and not the priors alone.
-        n_tests: number of simulated tests.
-        n_draws: parameter values of each class about each of them.
-        seed: of the simulation.
-        configurations: the alternatives.
+        is_after_a_test: whether an earlier test is known, and not the priors alone.
+        configuration: in which the best layout is worth most; empty where it has no name.
+        layouts: the best layouts there, the best first.
+        compared: other layouts, for comparison, by what they are.
+        alternatives: configuration → its best layout, where there are several.
+        by_number: the best layouts of fewer sensors, and the best of all.
+        knee: the smallest number of sensors with nearly all of the gain.
+        changes: what one sensor less or more, and smaller errors, change in the best gain.
+        greatest: the gain that no test can exceed, where the aim is the class.
+        n_tried: layouts that were tried, and ``is_exhaustive``, whether these are all.
+        other_start: gain where the search ends from effective independence, less the best's.
+        n_tests: simulated tests.
+        effective_draws: of a class about a test that it gave, the median.
+        bias: of the best gain, expected from few draws.
+        failed_checks: why these numbers may be wrong, a sentence each.
+        candidates: where sensors may be.
+        heights: of candidates, in storeys above the ground.
+        geometry: of the structure, for drawings.
     """
 
     study: str
     aim: str
-    n_sensors: int
     classes: Mapping[str, float]
     is_after_a_test: bool
+    configuration: str
+    layouts: tuple[Layout, ...]
+    compared: Mapping[str, Layout]
+    alternatives: Mapping[str, Layout]
+    by_number: tuple[Layout, ...]
+    knee: int
+    changes: tuple[Change, ...]
+    greatest: float | None
+    n_tried: int
+    is_exhaustive: bool
+    other_start: float
     n_tests: int
-    n_draws: int
-    seed: int
-    configurations: tuple[ConfigurationPlan, ...]
+    effective_draws: float
+    bias: float
+    failed_checks: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    heights: Mapping[str, float]
+    geometry: Geometry | None
 
     @property
-    def best(self) -> ConfigurationPlan:
-        """The alternative whose best layout is worth most."""
-        return max(self.configurations, key=lambda each: each.best.gain)
-
-    @property
-    def failed_checks(self) -> tuple[str, ...]:
-        """Failed checks of all alternatives, a sentence each."""
-        return tuple(
-            f"{each.name}: {check}" if each.name else check
-            for each in self.configurations
-            for check in each.failed_checks
-        )
+    def best(self) -> Layout:
+        """The layout that is worth most."""
+        return self.layouts[0]
 
     def _line(self) -> str:
-        best = self.best
-        where = f" in {best.name!r}" if best.name else ""
-        sensors = ", ".join(best.best.sensors)
-        return f"for {self.aim!r}: {sensors}{where}, {best.best.gain:.3f} nats"
+        return f"for {self.aim!r}: {', '.join(self.best.sensors)}, {self.best.gain:.3f} nats"
 
     def _rows(self) -> list[dict[str, Any]]:
         return [
-            {"configuration": each.name or None, "layout": ", ".join(layout.sensors),
-             "gain": layout.gain, "error": layout.error, "naming": layout.naming}
-            for each in self.configurations
-            for layout in (each.best, *each.others)
+            {"layout": ", ".join(each.sensors), "gain": each.gain, "error": each.error,
+             "naming": each.naming, "largest MAC": each.largest_mac}
+            for each in self.layouts
         ]  # fmt: skip
