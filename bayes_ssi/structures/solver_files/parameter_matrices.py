@@ -7,8 +7,9 @@ shell. With factors θ_j of properties, 1 being nominal,
     K(θ) = K_c + Σ_j Σ_e θ_j^e K_je,  K_c = K(1) - Σ_je K_je,
 
 and K_je follow from exports in which one property has other factors, by least squares in f^e - 1.
-The fewest exponents are taken with which all exports of the property are predicted; further
-exports, with several properties altered at once, must be predicted as well.
+The fewest exponents are taken with which all exports of the property are predicted, fewer than
+these, or a single one linearly; further exports, with several properties altered at once, must be
+predicted as well.
 
 Where the product of two properties matters, as of the modulus and the thickness of a shell,
 exports with both altered give terms θ_j^e θ_k^f in the same way, from what they change beyond each
@@ -18,7 +19,7 @@ alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -144,27 +145,29 @@ def parameter_matrices(
     for names, exports in by_properties.items():
         _require_other_factors(names, exports)
     by_name = {names[0]: exports for names, exports in by_properties.items() if len(names) == 1}
-    by_pair: dict[tuple[str, ...], list[AlteredModel]] = {
-        names: exports for names, exports in by_properties.items() if len(names) == 2
-    }
+    by_pair = {names: exports for names, exports in by_properties.items() if len(names) == 2}
     for other in (*checks, *changed):
         require_known(f"{other.file}: no other export alters alone", other.factors, by_name)
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):
         base = getattr(nominal, which)
-        changes = _Changes(
-            which,
-            _scale(base),
-            {export: _difference(nominal, export, which) for export in (*changed, *checks)},
-            checks,
-        )
-        fits = [
-            list(_fits(changes, [((name, e),) for e in SETTINGS.exponents], exports, ()))
+        differences = {
+            export: _difference(nominal, export, which) for export in (*changed, *checks)
+        }
+        changes = _Changes(which, _scale(base), differences)
+        alone = {
+            name: _fitted(changes, [((name, e),) for e in SETTINGS.exponents], exports, ())
             for name, exports in by_name.items()
+        }
+        chosen = _joined(alone.values())
+        together = [
+            _fitted(changes, _products(*(alone[name] for name in names)), exports, chosen)
+            for names, exports in by_pair.items()
         ]
-        chosen, of_checks = _chosen(changes, fits, by_pair)
-        errors = {file: max(error, of_checks[file]) for file, error in errors.items()}
+        chosen = (*chosen, *_joined(together))
+        for check in checks:
+            errors[check.file] = max(errors[check.file], changes.missed(chosen, check))
         terms.append(_terms(base, chosen))
     affected = {name for part in terms for term in part for name, _ in term.powers}
     idle = [name for name in by_name if name not in affected]
@@ -218,6 +221,10 @@ def _error(difference: sp.csc_array, scale: sp.dia_array) -> float:
     return float(abs(scale @ difference @ scale).max())
 
 
+# Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
+Fit = tuple[tuple[Powers, sp.csc_array], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class _Changes:
     """What exports change of the stiffness or mass."""
@@ -225,20 +232,28 @@ class _Changes:
     which: str
     scale: sp.dia_array
     differences: Mapping[AlteredModel, sp.csc_array]
-    checks: Sequence[AlteredModel]
+
+    def missed(self, fit: Fit, check: AlteredModel) -> float:
+        """The largest error of the prediction of a check, refused where it is too large."""
+        predicted = _predicted(fit, check.factors, self.scale)
+        error = _error(self.differences[check] - predicted, self.scale)
+        if error > SETTINGS.tolerance:
+            raise ValueError(
+                f"{check.file}: its {self.which} is missed by {error:.1e} of √(K_ii K_jj), "
+                f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a "
+                "sum of these properties' powers; export each with one more factor, two whose "
+                "product matters also together, and with more digits if they are few"
+            )
+        return error
 
 
-# Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
-Fit = tuple[tuple[Powers, sp.csc_array], ...]
-
-
-def _fits(
+def _fitted(
     changes: _Changes, possible: Sequence[Powers], exports: Sequence[AlteredModel], known: Fit
-) -> Iterator[Fit]:
-    """Powers and matrices that, with those ``known``, predict exports of the same properties.
+) -> Fit:
+    """The fewest powers that, with those ``known``, predict exports of the same properties.
 
-    The fewest first. With as many powers as exports, each set of them does: more than one is then
-    offered, and other exports must tell.
+    As many powers as there are exports always do: then all that are possible must be wanted, or of
+    a single property and export the first, which is linear.
     """
     differences = [
         sp.csc_array(changes.differences[export] - _predicted(known, export.factors, changes.scale))
@@ -247,29 +262,19 @@ def _fits(
     # What is known may predict them, as well as printed digits allow.
     allowed = SETTINGS.tolerance if known else SETTINGS.rounding
     if max(_error(each, changes.scale) for each in differences) <= allowed:
-        yield ()
-        return
+        return ()
     names = sorted(exports[0].factors)
     smallest = np.inf
     for count in range(1, min(len(exports), len(possible)) + 1):
-        fits = []
-        for powers in combinations(possible, count):
+        if count < len(exports) or count == len(possible):
+            sets = list(combinations(possible, count))
+        else:
+            sets = [tuple(possible[:1])] if len(exports) == len(names) == 1 else []
+        for powers in sets:
             fit, error = _fit(powers, exports, differences, changes.scale)
-            smallest = min(smallest, error if count < len(exports) else np.inf)
             if error <= SETTINGS.tolerance:
-                fits.append(fit)
-        if fits and count < len(exports):
-            yield fits[0]
-            return
-        if fits and len(exports) == 1 and (len(names) == 1 or len(possible) == 1):
-            yield fits[0]  # affine, the exponent 1
-            return
-        if fits and (
-            count == len(possible)
-            or any(all(name in check.factors for name in names) for check in changes.checks)
-        ):
-            yield from fits
-            return
+                return fit
+            smallest = min(smallest, error)
     what = "power of its factor predicts" if len(names) == 1 else "product of their powers predicts"
     missed = (
         f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
@@ -278,6 +283,11 @@ def _fits(
         f"{' and '.join(names)}: {changes.which}: no {what} these exports{missed}; export "
         f"{'it' if len(names) == 1 else 'both'} with one more factor, for a sum of powers"
     )
+
+
+def _products(first: Fit, second: Fit) -> list[Powers]:
+    """Every power of one property times every one of the other."""
+    return [(*a, *b) for a, b in product((p for p, _ in first), (p for p, _ in second))]
 
 
 def _fit(
@@ -307,49 +317,6 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
     for weight, matrix in zip(weights[1:], matrices[1:], strict=True):
         total = total + float(weight) * matrix
     return sp.csc_array(total)
-
-
-def _chosen(
-    changes: _Changes,
-    fits: Sequence[Sequence[Fit]],
-    by_pair: Mapping[tuple[str, ...], Sequence[AlteredModel]],
-) -> tuple[Fit, dict[str, float]]:
-    """One fit of each property and pair, with which all checks are predicted, and their errors."""
-    best: tuple[float, str] = (np.inf, "")
-    for alone in map(_joined, product(*fits)):
-        exponents = {
-            name: [p for p, _ in alone if p[0][0] == name] for p, _ in alone for name, _ in p
-        }
-        pairs = [
-            list(
-                _fits(
-                    changes,
-                    [(*a, *b) for a, b in product(*(exponents.get(name, ()) for name in names))],
-                    exports,
-                    alone,
-                )
-            )
-            for names, exports in by_pair.items()
-        ]
-        for together in map(_joined, product(*pairs)):
-            chosen = (*alone, *together)
-            errors = {
-                check.file: _error(
-                    changes.differences[check] - _predicted(chosen, check.factors, changes.scale),
-                    changes.scale,
-                )
-                for check in changes.checks
-            }
-            largest = max(errors.items(), key=lambda item: item[1], default=("", 0.0))
-            if largest[1] <= SETTINGS.tolerance:
-                return chosen, errors
-            best = min(best, (largest[1], largest[0]))
-    raise ValueError(
-        f"{best[1]}: its {changes.which} is missed by {best[0]:.1e} of √(K_ii K_jj), "
-        f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a sum of "
-        "these properties' powers; export each with one more factor, two whose product matters "
-        "also together, and with more digits if they are few"
-    )
 
 
 def _joined(fits: Iterable[Fit]) -> Fit:
