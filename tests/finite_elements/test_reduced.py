@@ -1,13 +1,14 @@
 """Reduced bases against full solutions: their accuracy and its certificate."""
 
-import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
+from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.modal import SOLVER, SolverSettings, mac
 
 N, PARTS = 240, 3
@@ -68,7 +69,7 @@ def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
     assert at_medians.frequency.max() < 1e-6
 
 
-def test_goes_on_where_it_is_not_accurate_enough(reduced):
+def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
     values = draws(30, seed=1, spread=0.6)
     better = reduced.accurate_at(values, 1e-7, 1e-4)
     assert better is not reduced
@@ -79,12 +80,21 @@ def test_goes_on_where_it_is_not_accurate_enough(reduced):
     assert better.accurate_at(values, 1e-7, 1e-4) is better
     exact = reduced.full.modes(values).frequencies_hz
     np.testing.assert_allclose(better.modes(values).frequencies_hz, exact, rtol=1e-7)
-    with_few = full().reduced(most_full_solutions=2)
+    with_at_most(2, monkeypatch)
+    with_few = full().reduced()
     assert with_few.accurate_at(values, 1e-7, 1e-4).n_full_solutions == 2
 
 
-def test_a_coarse_basis_knows_that_it_is_coarse():
-    coarse = full().reduced(most_full_solutions=1)
+def with_at_most(n_full_solutions, monkeypatch):
+    monkeypatch.setattr(
+        "bayes_ssi.structures.finite_elements.reduced_structure.FEM",
+        replace(FEM, most_full_solutions=n_full_solutions),
+    )
+
+
+def test_a_coarse_basis_knows_that_it_is_coarse(monkeypatch):
+    with_at_most(1, monkeypatch)
+    coarse = full().reduced()
     values = draws(40)
     off = coarse.modes(values).frequencies_hz / coarse.full.modes(values).frequencies_hz - 1.0
     assert off.max() > 0.01
@@ -137,19 +147,6 @@ def test_a_structure_that_fits_in_its_basis_is_exact():
     values = np.array([[0.5], [2.0]])
     np.testing.assert_allclose(reduced.modes(values)[0], small.modes(values)[0], rtol=1e-10)
     assert reduced.n_full_solutions < 5
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frequency_error": 0.0}, "frequency_error must be positive"),
-        ({"shape_error": math.nan}, "shape_error must be positive"),
-        ({"most_full_solutions": -1}, "most_full_solutions must be positive"),
-    ],
-)
-def test_bad_options(options, message):
-    with pytest.raises(ValueError, match=message):
-        full().reduced(**options)
 
 
 def test_rows_without_modes_are_nan_and_explained_when_alone():

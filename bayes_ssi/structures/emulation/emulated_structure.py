@@ -101,24 +101,19 @@ class EmulatedStructure(ApproximateStructure):
     Solutions of an emulated structure never change: adding some makes a new structure.
     """
 
-    def __init__(
-        self,
-        exact: Structure,
-        *,
-        most_solutions: int | None = None,
-        fit: EmulatorFit | None = None,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, exact: Structure, *, fit: EmulatorFit | None = None, seed: int = 0) -> None:
         """Choose the structure; nothing is computed yet.
 
         Args:
             exact: the structure; rows of its modes may be NaN, or raise, where it has none.
-            most_solutions: largest number of its solutions; 70 for each parameter if None.
             seed: of the first solutions: those of runs that should be independent differ.
         """
-        self._exact, self._seed = exact, seed
-        self.most_solutions = most_solutions or 70 * max(len(exact.parameters), 2)
-        self._fit = fit
+        self._exact, self._fit, self._seed = exact, fit, seed
+
+    @property
+    def most_solutions(self) -> int:
+        """Largest number of solutions."""
+        return EMULATION.solutions_per_parameter * max(len(self.parameters), 2)
 
     @property
     def exact(self) -> Structure:

@@ -10,6 +10,8 @@ class EmulationSettings:
     # Over the prior, for each coefficient of a polynomial of second degree: one would do without
     # errors.
     solutions_per_coefficient: int = 2
+    # At most, for each parameter; where they do not suffice, the error is accepted and reported.
+    solutions_per_parameter: int = 70
     # Solutions between two fits, for each parameter: enough to keep workers busy, few enough to be
     # placed by the fit before.
     batch_per_parameter: int = 2

@@ -39,6 +39,13 @@ class FiniteElementSettings:
     # mass, count as if they moved them by as much: no test identifies them, and their shapes there
     # follow from small asymmetries of the mesh.
     least_visible: float = 0.05
+    # Largest errors over the prior: of frequencies, as a fraction, and of shapes at the sensors, at
+    # unit length there. Sampling makes them as small as the posterior demands.
+    frequency_error: float = 1e-3
+    shape_error: float = 0.1
+    # Where so many full solutions do not suffice, a larger error is accepted and reported.
+    most_full_solutions: int = 150
+    training_points: int = 512  # Sobol points of the prior among which full solutions are placed
     # Directions that add less than this share of the required accuracy to a mode are left out of a
     # basis; some of them together remain below it.
     negligible: float = 0.15

@@ -46,33 +46,8 @@ class ReducedStructure(ApproximateStructure):
     Sylvester's law.
     """
 
-    def __init__(
-        self,
-        full: AssembledStructure,
-        *,
-        frequency_error: float = 1e-3,
-        shape_error: float = 0.1,
-        most_full_solutions: int = 150,
-        training_points: int = 512,
-    ) -> None:
-        """Set the accuracy; nothing is computed yet.
-
-        Args:
-            shape_error: largest error of shapes at the sensors, at unit length there.
-            most_full_solutions: largest number of full solutions; at this limit, a larger error is
-                accepted and reported.
-            training_points: number of Sobol points of the prior among which full solutions are
-                placed; best a power of two.
-        """
-        if not isinstance(full, AssembledStructure):
-            raise TypeError(f"ReducedStructure: full must be a MatrixStructure, got {full!r}")
+    def __init__(self, full: AssembledStructure) -> None:
         self.full = full
-        self.frequency_error, self.shape_error = frequency_error, shape_error
-        self.most_full_solutions, self.training_points = most_full_solutions, training_points
-        for name in ("frequency_error", "shape_error", "most_full_solutions", "training_points"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"ReducedStructure: {name} must be positive, got {value!r}")
         self.n_full_solutions = 0
         self._basis: ReducedBasis | None = None
 
@@ -101,14 +76,14 @@ class ReducedStructure(ApproximateStructure):
     def basis(self) -> ReducedBasis:
         """The basis with the elements that it carries, computed when it is first needed."""
         if self._basis is None:
-            points = self.prior_points(self.training_points, tail=1e-4)
-            self._train(points, self.frequency_error, self.shape_error, self.n_modes)
+            points = self.prior_points(FEM.training_points, tail=1e-4)
+            self._train(points, FEM.frequency_error, FEM.shape_error, self.n_modes)
         assert self._basis is not None
         return self._basis
 
     def _carrying(self, basis: ReducedBasis) -> ReducedBasis:
         """The basis with the elements, from one of the model without them."""
-        negligible = self._negligible(self.frequency_error, self.shape_error)
+        negligible = self._negligible(FEM.frequency_error, FEM.shape_error)
         return basis.carrying(self.full.system.carried, negligible, self._reference)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
@@ -126,14 +101,14 @@ class ReducedStructure(ApproximateStructure):
 
         Args:
             values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
-                of ``frequency_error`` on average.
+                of ``FEM.frequency_error`` on average.
             places: degrees of freedom and sensors on which elements may be put.
         """
         if self.full.elements:
             return self
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
-        neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * self.frequency_error
+        neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * FEM.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self.basis.combined(directions[:, -n_kept:])
         return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
@@ -194,9 +169,9 @@ class ReducedStructure(ApproximateStructure):
 
     def description(self) -> Mapping[str, Any]:
         basis = (
-            f"frequencies within {self.frequency_error:g} (as a fraction) and shapes within "
-            f"{self.shape_error:g} (at unit length) over the prior, smaller where the posterior "
-            f"lies; at most {self.most_full_solutions} full solutions"
+            f"frequencies within {FEM.frequency_error:g} (as a fraction) and shapes within "
+            f"{FEM.shape_error:g} (at unit length) over the prior, smaller where the posterior "
+            f"lies; at most {FEM.most_full_solutions} full solutions"
         )
         return {**self.full.description(), "reduced basis": basis}
 
@@ -224,7 +199,7 @@ class ReducedStructure(ApproximateStructure):
     ) -> Self:
         """This structure if it is accurate enough at all ``values``, or one with a larger basis.
 
-        ``most_full_solutions`` limits the total of both.
+        ``FEM.most_full_solutions`` limits the total of both.
         """
         n = n_modes or self.n_modes
         bounds = self.bounds(values, n)
@@ -258,7 +233,7 @@ class ReducedStructure(ApproximateStructure):
         # In units of what is required, at most: errors shrink as the basis grows, so only that of
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
-        while self.n_full_solutions < self.most_full_solutions:
+        while self.n_full_solutions < FEM.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 n_bounded = n_modes + self.full.n_rigid_modes
@@ -326,9 +301,9 @@ class ReducedStructure(ApproximateStructure):
 
     def __repr__(self) -> str:
         return (
-            f"ReducedStructure({self.full!r}, frequency_error={self.frequency_error}, "
-            f"shape_error={self.shape_error}, most_full_solutions={self.most_full_solutions}, "
-            f"training_points={self.training_points})"
+            f"ReducedStructure({self.full!r}, frequency_error={FEM.frequency_error}, "
+            f"shape_error={FEM.shape_error}, most_full_solutions={FEM.most_full_solutions}, "
+            f"training_points={FEM.training_points})"
         )
 
 
