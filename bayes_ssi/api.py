@@ -65,7 +65,6 @@ from bayes_ssi.structures.modal import Modes as Modes
 from bayes_ssi.structures.response.ground_motion import GroundMotion as GroundMotion
 from bayes_ssi.structures.response.output import Output as Output
 from bayes_ssi.structures.rigid_floors import FloorBlock as FloorBlock
-from bayes_ssi.structures.rigid_floors import FloorMass as FloorMass
 from bayes_ssi.structures.rigid_floors import floor_sensor as floor_sensor
 from bayes_ssi.structures.sensors import Sensor as Sensor
 from bayes_ssi.structures.shear_buildings import ShearBuilding as ShearBuilding

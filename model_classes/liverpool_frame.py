@@ -74,7 +74,7 @@ twisting = bs.ShearBuilding(
     stiffnesses=[uniform_stiffness(TORSION_1) * kt * share for share in profile],
 )
 roof_mass = share_of_a_floor("roof mass")
-loaded = bare.with_element(bs.FloorMass(on=3, mass=roof_mass, radius=1.0))
+loaded = bare.with_element(bs.FloorBlock(on=3, mass=roof_mass, radius=1.0, label="roof mass"))
 loaded_twisting = twisting.with_element(bs.AddedMass(roof_mass, [(3, 1.0)], label="roof mass"))
 blade_x = bs.Pendulum(
     on="floor 3 x",

@@ -10,7 +10,7 @@ from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.parameters.parameters import Product, Value, as_product
+from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
 from bayes_ssi.structures.elements import Element, PointMass
 from bayes_ssi.structures.geometry import Candidate, SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
@@ -101,49 +101,8 @@ class RigidFloors(LumpedStructure):
 
 
 @dataclass(frozen=True)
-class _OnFloor(Element):
-    """A mass on a floor of a structure in space, or on a rigid part of another structure."""
-
-    on: RigidPart
-    mass: Value
-
-    def _check(self, default_label: str) -> None:
-        super()._check(default_label)
-        object.__setattr__(self, "on", _rigid_part(self.on, f"{self.label}: on"))
-
-    def _default_label(self, kind: str) -> str:
-        return f"{kind} on {f'floor {self.on}' if isinstance(self.on, int) else self.on[0]}"
-
-
-@dataclass(frozen=True)
-class FloorMass(_OnFloor):
-    """A mass that rides on a floor of a structure in space, in x, y and torsion.
-
-    Attributes:
-        on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
-            in x, y and torsion (in radians) of the rigid part that carries it.
-        mass: the mass, in the structure's unit.
-        radius: radius of gyration about the floor's centre; for a small mass, its distance.
-        label: names the element in messages and reports; made from its place if not given.
-
-    Raises:
-        ValueError, TypeError: as those of every :class:`Element`.
-    """
-
-    radius: Value
-    label: str = ""
-
-    def __post_init__(self) -> None:
-        self._check(self._default_label("mass"))
-
-    def masses(self) -> Sequence[PointMass]:
-        mass, radius = as_product(self.mass), as_product(self.radius)
-        return rigid_masses(self.on, mass, mass * radius**2)
-
-
-@dataclass(frozen=True)
-class FloorBlock(_OnFloor):
-    """A point mass somewhere on a floor of a structure in space, or off a node of another one.
+class FloorBlock(Element):
+    """A mass somewhere on a floor of a structure in space, or off a node of another one.
 
     Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
     inertia about the centre.
@@ -152,26 +111,39 @@ class FloorBlock(_OnFloor):
         on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
             in x, y and torsion (in radians) of the node or rigid part that carries it.
         mass: the mass, in the structure's unit.
-        at: (x, y) from the floor's centre or from the node, in the structure's unit of length.
+        at: (x, y) of its centre from the floor's centre or from the node, in the structure's unit
+            of length.
+        radius: radius of gyration about its own centre; a point mass if None.
         label: names the element in messages and reports; made from its place if not given.
 
     Raises:
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    at: tuple[float, float]
+    on: RigidPart
+    mass: Value
+    at: tuple[float, float] = (0.0, 0.0)
+    radius: Value | None = None
     label: str = ""
 
     def __post_init__(self) -> None:
-        self._check(self._default_label("block"))
+        on = _rigid_part(self.on, f"{self.label or 'block'}: on")
+        object.__setattr__(self, "on", on)
+        self._check(f"block on {f'floor {on}' if isinstance(on, int) else on[0]}")
+        if self.radius is not None:
+            positive_product(self.radius, f"{self.label}: radius")
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
 
     def masses(self) -> Sequence[PointMass]:
         mass = as_product(self.mass)
-        return [
+        moving = [
             PointMass(mass, tuple(_motion_at(self.on, self.at, angle).items()))
             for angle in (0.0, 90.0)
         ]
+        if self.radius is None:
+            return moving
+        inertia = mass * as_product(self.radius) ** 2
+        return [*moving, PointMass.on(floor_label(self.on, "torsion"), inertia)]
 
 
 @checked
@@ -200,7 +172,7 @@ def floor_sensor(
     return Sensor(label, _motion_at(floor, _point(at, f"sensor {label!r}: at"), angle))
 
 
-def rigid_masses(floor: RigidPart, mass: Product, rotational_inertia: Product) -> list[PointMass]:
+def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list[PointMass]:
     """The inertia of a mass that moves with a floor about its centre."""
     inertias = zip((mass, mass, rotational_inertia), DIRECTIONS, strict=True)
     return [PointMass.on(floor_label(floor, direction), each) for each, direction in inertias]

@@ -286,7 +286,7 @@ def test_a_tank_that_resonates_is_found_in_the_basis_of_the_chain_alone(reduced)
         (bs.Pendulum("floor 9", 0.1, 1.0), r"pendulum floor 9: .* no degree of .* 'floor 9'; ch"),
         (bs.Pendulum(2, 0.1, 1.0), "pendulum 2: the structure has no degree of freedom .* 2; ch"),
         (bs.Pendulum("floor 1", 0.1, 1.0, label="floor 2"), "element 'floor 2': the structure has"),
-        (bs.FloorMass(1, 0.1, 1.0), "mass on floor 1: .* 'floor 1 x'"),
+        (bs.FloorBlock(1, 0.1), "block on floor 1: .* 'floor 1 x'"),
     ],
 )
 @pytest.mark.parametrize("make", [as_matrices, lambda: as_matrices().reduced()])
@@ -309,7 +309,7 @@ def test_a_block_off_a_node(reduced):
     at, block = (1.2, -0.7), bs.Parameter("m", bs.LogNormal(0.5, 0.1))
     expected, made = (
         structure.with_element(bs.FloorBlock(on, block, at)).with_element(
-            bs.FloorMass(on, 0.1, 0.8)
+            bs.FloorBlock(on, 0.1, radius=0.8)
         )
         for structure, on in ((floor, 1), (matrices.reduced() if reduced else matrices, node))
     )

@@ -64,7 +64,7 @@ def test_a_force_at_the_centre_of_mass_turns_the_floor_about_the_centre_of_stiff
 
 
 def test_a_mass_on_a_floor_counts_in_all_three_directions():
-    added = bs.FloorMass(on=1, mass=0.5, radius=0.8)
+    added = bs.FloorBlock(on=1, mass=0.5, radius=0.8)
     squared = [800.0 / 2.5, 1800.0 / 2.5, 5000.0 / (2.0 * 1.5**2 + 0.5 * 0.8**2)]
     expected = np.sqrt(np.sort(squared)) / (2.0 * math.pi)
     computed = frequencies(one_storey().with_element(added))[0]
@@ -90,7 +90,8 @@ def test_an_appendage_in_one_direction_is_that_of_the_planar_building():
 def test_parameters_stand_in_any_field():
     names = ("m", "r", "kx", "ky", "kt", "dm", "a")
     m, r, kx, ky, kt, dm, a = (multiplier(name) for name in names)
-    structure = bs.ShearBuilding3D([m], [r], [kx], [ky], [kt]).with_element(bs.FloorMass(1, dm, a))
+    added = bs.FloorBlock(1, dm, radius=a)
+    structure = bs.ShearBuilding3D([m], [r], [kx], [ky], [kt]).with_element(added)
     assert {p.name for p in structure.parameters} == set(names)
     values = np.array([[0.5 + 0.1 * names.index(p.name) for p in structure.parameters]])
     of = dict(zip((p.name for p in structure.parameters), values[0], strict=True))
@@ -111,10 +112,11 @@ def test_parameters_stand_in_any_field():
          "stiffnesses_y, number 1 from below, must be positive and finite, got -2.0"),
         (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [1.0], [1.0], [(0, 0), (0, 0)]),
          "1 torsional_stiffnesses, 2 eccentricities"),
-        (lambda: bs.FloorMass(0, 1.0, 1.0), "on must be a floor from 1 upwards, or three labels"),
-        (lambda: bs.FloorMass(1, 0.0, 1.0), "mass on floor 1: mass must be positive"),
-        (lambda: one_storey().with_element(bs.FloorMass(2, 1.0, 1.0)),
-         "mass on floor 2: the structure has no degree of freedom 'floor 2 x'; choose from "
+        (lambda: bs.FloorBlock(0, 1.0), "on must be a floor from 1 upwards, or three labels"),
+        (lambda: bs.FloorBlock(1, 0.0), "block on floor 1: mass must be positive"),
+        (lambda: bs.FloorBlock(1, 1.0, radius=0.0), "block on floor 1: radius must be positive"),
+        (lambda: one_storey().with_element(bs.FloorBlock(2, 1.0, radius=1.0)),
+         "block on floor 2: the structure has no degree of freedom 'floor 2 x'; choose from "
          "'floor 1 x', 'floor 1 y', 'floor 1 torsion'"),
         (lambda: one_storey().with_element(bs.Pendulum(1, 1.0, 1.0)),
          "pendulum 1: the structure has no degree of freedom 1; choose from"),
