@@ -89,8 +89,8 @@ class TestOpenSees:
         ("spoil", "message"),
         [
             (lambda text: text[: text.index("-746667 0 1.12")], r"K.out: 3 rows of 6 numbers: tr"),
-            (lambda text: text.replace("4.48e+06 ", ""), r"K.out: line 4: expected 6 finite"),
-            (lambda text: text.replace("-7e+08 0 0 7", "-7e+08 0 x 7"), r"line 6: .* no numbers"),
+            (lambda text: text.replace("4.48e+06 ", ""), r"K.out: line 4: expected 6 numbers"),
+            (lambda text: text.replace("-7e+08 0 0 7", "-7e+08 0 x 7"), r"line 6: expected 6 .* x"),
             (lambda text: text.rstrip(), r"K.out: ends within a line"),
         ],
     )  # fmt: skip

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 from bayes_ssi.structures.solver_files.formats import Matrices, Source
-from bayes_ssi.structures.solver_files.text_entries import require_whole_lines
+from bayes_ssi.structures.solver_files.text_entries import read_number_lines
 
 
 def recognises_rows(head: bytes) -> bool:
@@ -70,38 +70,14 @@ def _what_they_leave(stiffness: sp.csc_array, mass: sp.csc_array, digits: int) -
 
 def _printed(path: Path) -> tuple[sp.csc_array, int]:
     """The matrix, and the largest number of significant digits of an entry."""
-    require_whole_lines(path)
-    rows: list[sp.coo_array] = []
-    digits = 1
-    size = None
     with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            fields = line.split()
-            if not fields:
-                continue
-            size = size or len(fields)
-            try:
-                row = np.array(fields, dtype=float)
-            except ValueError:
-                raise ValueError(
-                    f"{path}: line {number}: {line.strip():.60} are no numbers"
-                ) from None
-            if len(row) != size or not np.isfinite(row).all():
-                raise ValueError(
-                    f"{path}: line {number}: expected {size} finite numbers, as in the first row, "
-                    f"got {len(row)}"
-                )
-            rows.append(sp.coo_array(row[None]))
-            digits = max(digits, *(_significant(each) for each in fields))
+        size = len(next((line.split() for line in file if line.strip()), []))
+    rows = read_number_lines(path, f"{size} numbers, as in the first row", width=size)
     if len(rows) != size:
         raise ValueError(f"{path}: {len(rows)} rows of {size} numbers: truncated?")
-    matrix = sp.csc_array(sp.vstack(rows))
-    return _rounded_alike(matrix, digits), digits
-
-
-def _significant(field: str) -> int:
-    mantissa = field.lower().partition("e")[0]
-    return len(mantissa.replace("-", "").replace(".", "").lstrip("0"))
+    mantissas = (repr(entry).partition("e")[0] for entry in np.unique(np.abs(rows)).tolist())
+    digits = max(len(mantissa.replace(".", "").strip("0")) for mantissa in mantissas)
+    return _rounded_alike(sp.csc_array(rows), digits), digits
 
 
 def _rounded_alike(matrix: sp.csc_array, digits: int) -> sp.csc_array:

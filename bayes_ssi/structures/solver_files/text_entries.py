@@ -16,18 +16,26 @@ Rows = NDArray[np.intp]
 
 
 def read_number_lines(
-    path: Path, columns: str, *, delimiter: str | None = None, skip: int = 0, comment: str = ""
+    path: Path,
+    columns: str,
+    *,
+    width: int | None = None,
+    delimiter: str | None = None,
+    skip: int = 0,
+    comment: str = "",
 ) -> FloatArray:
     """The numbers of a file that has the same columns in every line.
 
     Args:
+        columns: what they hold, for messages.
+        width: their number; that of the names between commas in ``columns`` if None.
         delimiter: between numbers; white space if None.
 
     Returns:
         (number of lines, number of columns).
     """
     require_whole_lines(path)
-    width = columns.count(",") + 1
+    width = width or columns.count(",") + 1
     load = partial(
         np.loadtxt, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
     )
