@@ -27,7 +27,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
 from bayes_ssi.plots.figure_style import STYLE, style
-from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion
 from bayes_ssi.structures.response.modal_response import time_histories
 from bayes_ssi.structures.response.output import Output
 
@@ -50,7 +50,8 @@ def chi_chi() -> GroundMotion:
     components = []
     for name in AZIMUTHS_DEG:
         record = groundmotions.get_ground_motion("nearfield_pulse", RECORD, name)
-        components.append(GroundMotion.of(record.RecordedAcceleration, "g", float(record.DT)))
+        samples = UNITS["g"] * np.array(record.RecordedAcceleration)
+        components.append(GroundMotion(samples, float(record.DT)))
     towards_north = np.cos(np.radians(list(AZIMUTHS_DEG.values())))
     acceleration = towards_north @ [each.acceleration for each in components]
     return GroundMotion(acceleration, components[0].dt, "Chi-Chi TCU102-N")

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.parameters.prior import Prior
 
@@ -205,28 +205,16 @@ class ProductTable:
     parameters: tuple[Parameter, ...]
 
     @cached_property
-    def _scales(self) -> FloatArray:
-        return np.array([product.scale for product in self.products])
-
-    @cached_property
-    def _rounds(self) -> list[tuple[Places, Places, FloatArray | None]]:
-        """Round r multiplies by the r-th factor of every product that has one."""
+    def _factors(self) -> list[tuple[float, list[tuple[int, float]]]]:
+        """Of each product its scale, and the column and power of every factor."""
         column = {parameter: i for i, parameter in enumerate(self.parameters)}
-        rounds: list[tuple[Places, Places, FloatArray | None]] = []
-        for r in range(max((len(product.powers) for product in self.products), default=0)):
-            targets = [t for t, product in enumerate(self.products) if len(product.powers) > r]
-            factors = [self.products[t].powers[r] for t in targets]
-            powers = np.array([power for _, power in factors])
-            columns = np.array([column[parameter] for parameter, _ in factors])
-            own = None if np.all(powers == 1.0) else powers[:, None]
-            rounds.append((as_slice(np.array(targets)), as_slice(columns), own))
-        return rounds
+        return [(each.scale, [(column[p], e) for p, e in each.powers]) for each in self.products]
 
     def evaluate(self, values: FloatArray) -> FloatArray:
         """The products at ``values`` (B, n_parameters), as an array (B, T)."""
         table = np.empty((len(self.products), len(values)))
-        table[:] = self._scales[:, None]
-        for targets, columns, powers in self._rounds:
-            factors = values.T[columns]
-            table[targets] *= factors if powers is None else factors**powers
+        for row, (scale, factors) in zip(table, self._factors, strict=True):
+            row[:] = scale
+            for column, power in factors:
+                row *= values[:, column] if power == 1.0 else values[:, column] ** power
         return table.T

@@ -137,12 +137,6 @@ def test_lognormal_by_median_and_cov():
     assert prior.quantile(0.5) == pytest.approx(3.0, rel=1e-12)
 
 
-def test_lognormal_from_its_logarithm():
-    prior = LogNormal.from_logarithm(mean=0.4, sd=0.5)
-    assert prior.log_sd == pytest.approx(0.5, rel=1e-12)
-    assert prior.median == pytest.approx(math.exp(0.4), rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -181,7 +175,7 @@ def test_a_widened_prior_moves_quantiles_along_the_normal_coordinate(case, facto
     ("prior", "wider"),
     [
         (Normal(2.0, 0.5), stats.norm(2.0, 1.0)),
-        (LogNormal.from_logarithm(math.log(3.0), 0.2), stats.lognorm(0.4, scale=3.0)),
+        (LogNormal(3.0, math.sqrt(math.expm1(0.04))), stats.lognorm(0.4, scale=3.0)),
         (HalfNormal(0.7).widened(0.5), stats.halfnorm(scale=0.7)),
         (Uniform(-1.0, 5.0).widened(0.5), stats.uniform(-1.0, 6.0)),
     ],

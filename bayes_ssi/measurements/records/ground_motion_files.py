@@ -66,7 +66,7 @@ def read_ground_motion(
         for step in steps:
             if not math.isclose(steps[0], step, rel_tol=1e-3):  # some round to three digits
                 raise ValueError(f"two values of dt are given: {steps[0]:g} and {step:g} s")
-        return GroundMotion.of(channels.samples[0], units[0], steps[0], path.stem)
+        return GroundMotion(UNITS[units[0]] * channels.samples[0], steps[0], path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 

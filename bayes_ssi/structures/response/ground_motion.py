@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,25 +74,6 @@ class GroundMotion:
         acceleration.setflags(write=False)
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "dt", float(self.dt))
-
-    @classmethod
-    def of(
-        cls, samples: Sequence[float] | FloatArray, unit: str, dt: float, name: str = ""
-    ) -> GroundMotion:
-        """From samples in any unit of acceleration.
-
-        Args:
-            samples: (n_samples,), accelerations.
-            unit: unit of the samples, ``"g"``, ``"m/s2"`` or ``"cm/s2"``.
-            dt: time between samples in s.
-            name: for titles and tables.
-
-        Raises:
-            ValueError: as for the class, or the unit is not known.
-        """
-        scale = UNITS[checked_unit(unit)]
-        plain = cls(samples, dt, name)  # type: ignore[arg-type]
-        return cls(scale * plain.acceleration, dt, name)
 
     def __len__(self) -> int:
         return len(self.acceleration)
