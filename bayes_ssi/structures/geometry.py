@@ -6,8 +6,8 @@ A place is a floor, a degree of freedom, a sensor, or a combination of these.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -204,48 +204,31 @@ class Candidate:
 
     name: str
     place: Place
-    to: Place | None
-    coordinates: Point | None
-    direction: Point | None
-    height: float | None
+    _: KW_ONLY
+    to: Place | None = None
+    coordinates: Point | None = None
+    direction: Point | None = None
+    height: float | None = None
 
-    def __init__(
-        self,
-        name: str,
-        place: Place | Mapping[Any, float],
-        *,
-        to: Place | Mapping[Any, float] | None = None,
-        coordinates: Sequence[float] | None = None,
-        direction: Sequence[float] | None = None,
-        height: float | None = None,
-    ) -> None:
-        if not isinstance(name, str) or not name.strip():
-            raise ValueError(f"Candidate: name must be text and not empty, got {name!r}")
-        require_printable(name, "Candidate")
-        where = f"candidate {name!r}"
-        own = checked_place(place, f"{where}: place")
-        other = None if to is None else checked_place(to, f"{where}: to")
-        if own == other:
-            raise ValueError(f"{where}: both ends are {place_name(own)!r}")
-        if other is None and own == 0:
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise ValueError(f"Candidate: name must be text and not empty, got {self.name!r}")
+        require_printable(self.name, "Candidate")
+        where = f"candidate {self.name!r}"
+        object.__setattr__(self, "place", checked_place(self.place, f"{where}: place"))
+        if self.to is not None:
+            object.__setattr__(self, "to", checked_place(self.to, f"{where}: to"))
+        if self.place == self.to:
+            raise ValueError(f"{where}: both ends are {place_name(self.place)!r}")
+        if self.to is None and self.place == 0:
             raise ValueError(f"{where}: place is the ground, on which nothing can hang; give to")
-        ends = [each for each in (own, other) if each is not None]
-        if height is None and all(isinstance(each, int) for each in ends):
-            height = sum(float(str(each)) for each in ends) / len(ends)
-        given = {"coordinates": coordinates, "direction": direction}
-        points = {
-            name: None if at is None else checked_point(at, f"{where}: {name}")
-            for name, at in given.items()
-        }
-        values = {
-            "name": name,
-            "place": own,
-            "to": other,
-            **points,
-            "height": height,
-        }
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        for name in ("coordinates", "direction"):
+            if getattr(self, name) is not None:
+                point = checked_point(getattr(self, name), f"{where}: {name}")
+                object.__setattr__(self, name, point)
+        floors = [end for end in self.ends if isinstance(end, int)]
+        if self.height is None and len(floors) == len(self.ends):
+            object.__setattr__(self, "height", float(sum(floors)) / len(floors))
 
     @property
     def ends(self) -> tuple[Place, ...]:

@@ -362,6 +362,11 @@ class CombinedSensors(Structure):
         return {"combined sensors": "; ".join(texts)}
 
 
+def _as_substituted(name: str) -> Any:
+    """An attribute or method of a substitute that is the other structure's."""
+    return property(lambda self: getattr(self.substituted, name))
+
+
 class SubstituteStructure(Structure):
     """A structure that stands for another one, and answers as that does but for its modes."""
 
@@ -370,48 +375,20 @@ class SubstituteStructure(Structure):
     def substituted(self) -> Structure:
         """The other one."""
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.substituted.parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self.substituted.degrees_of_freedom
-
-    @property
-    def n_modes(self) -> int:
-        return self.substituted.n_modes
-
-    @property
-    def n_rigid_modes(self) -> int:
-        return self.substituted.n_rigid_modes
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return tuple(self.substituted.sensors)
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self.substituted.appendages
-
-    @property
-    def geometry(self) -> Geometry | None:
-        return self.substituted.geometry
-
-    def heights(self) -> dict[str, float]:
-        return self.substituted.heights()
-
-    def description(self) -> Mapping[str, Any]:
-        return self.substituted.description()
+    parameters = _as_substituted("parameters")
+    degrees_of_freedom = _as_substituted("degrees_of_freedom")
+    n_modes = _as_substituted("n_modes")
+    n_rigid_modes = _as_substituted("n_rigid_modes")
+    sensors = _as_substituted("sensors")
+    appendages = _as_substituted("appendages")
+    geometry = _as_substituted("geometry")
+    heights = _as_substituted("heights")
+    description = _as_substituted("description")
+    labelled_modes = _as_substituted("labelled_modes")
+    location_of = _as_substituted("location_of")
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         return self.substituted.modal_model(values)
-
-    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-        return self.substituted.labelled_modes(values)
-
-    def location_of(self, place: Place) -> Location | None:
-        return self.substituted.location_of(place)
 
 
 class ApproximateStructure(SubstituteStructure):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.structures.geometry import Candidate, Place, motion_of
+from bayes_ssi.structures.geometry import Candidate, Place, Point, motion_of
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.search_settings import CRITERIA
 
@@ -144,15 +144,16 @@ def _columns(names: list[str], path: Path) -> list[str]:
 
 
 def _candidate(cells: Mapping[str, str]) -> Candidate:
-    place: Place | dict[str, float] = cells.get("place", "")
+    place: Place = cells.get("place", "")
     direction, coordinates = _numbers(cells, DIRECTION), _numbers(cells, COORDINATES)
     if direction is not None:
         length = math.hypot(*direction)
         if length == 0.0:
             raise ValueError("x, y, z: a direction of zeros")
-        direction = [cosine / length for cosine in direction]
+        x, y, z = (cosine / length for cosine in direction)
+        direction = (x, y, z)
         axes = zip(DIRECTION, direction, strict=True)
-        place = {f"{place} {axis}": cosine for axis, cosine in axes if cosine != 0.0}
+        place = tuple((f"{place} {axis}", cosine) for axis, cosine in axes if cosine != 0.0)
     if coordinates is not None and any(not cells.get(name) for name in COORDINATES):
         raise ValueError("x_coord, y_coord, z_coord: give all three, or none")
     to: Place | None = cells.get("to") or None
@@ -165,7 +166,7 @@ def _candidate(cells: Mapping[str, str]) -> Candidate:
     )
 
 
-def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> list[float] | None:
+def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | None:
     """Three numbers, zero where a cell is empty; None where all are."""
     if not any(cells.get(name) for name in names):
         return None
@@ -179,4 +180,5 @@ def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> list[floa
         if not math.isfinite(number):
             raise ValueError(f"{name}: {cell!r} is not a number")
         numbers.append(number)
-    return numbers
+    x, y, z = numbers
+    return x, y, z
