@@ -59,7 +59,8 @@ def structures():
 def test_every_structure_checks_its_values(values, error, message):
     for structure in structures():
         name = type(structure).__name__
-        for method in ("modes", "modal_model"):
+        has_masses = type(structure).modal_model is not bs.Structure.modal_model
+        for method in ("modes", "modal_model") if has_masses else ("modes",):
             with pytest.raises(error, match=rf"^{name}\.{method}: values must .*{message}") as said:
                 getattr(structure, method)(values)
             assert "\n" not in str(said.value)

@@ -21,7 +21,6 @@ from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
-from bayes_ssi.structures.finite_elements.matrix_files import Matrix
 from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix, System
 from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
@@ -282,17 +281,6 @@ class AssembledStructure(PointwiseStructure, CombinedSensors):
         system = self.system
         return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
-    def matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
-        """K and M at ``values`` (n_parameters,), rows as in :attr:`system`.
-
-        Raises:
-            NoModesError: a coefficient is not finite, or a mass on the diagonal is negative.
-        """
-        stiffness, mass = self.system.shifted_matrices(values)
-        if self.n_rigid_modes:
-            stiffness = stiffness - self.system.free_body.shift * mass
-        return stiffness, mass
-
     def full_modes(self, values: FloatArray) -> Eigenpairs:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
 
@@ -315,7 +303,7 @@ class AssembledStructure(PointwiseStructure, CombinedSensors):
         shapes, influence = modes.vectors[:, :n], self.system.influence
         if influence is None:
             return frequencies, shapes[rows]
-        _, mass = self.matrices(values)
+        _, mass = self.system.shifted_matrices(values)
         return frequencies, shapes[rows], shapes.T @ (mass @ influence)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ from bayes_ssi.structures.finite_elements.sparse_modes import (
     is_semidefinite,
     lowest_modes,
 )
-from bayes_ssi.structures.modal import ModalModel, Modes, NoModesError, frequencies_hz
+from bayes_ssi.structures.modal import Modes, NoModesError, frequencies_hz
 from bayes_ssi.structures.structure import CombinedSensors, Structure
 
 
@@ -198,12 +198,6 @@ class FunctionStructure(PointwiseStructure, CombinedSensors):
             "modes": f"the lowest {self._n_modes}",
             **self._described_sensors(),
         }
-
-    def modal_model(self, values: FloatArray) -> ModalModel:  # noqa: ARG002 - raises
-        raise TypeError(
-            f"FunctionStructure {_name(self.function)}: its masses are not known, so its response "
-            "cannot be computed; use a MatrixStructure with influence="
-        )
 
     def _called(self, values: FloatArray) -> tuple[Any, Any]:
         numbers = self._table.evaluate(values[None])[0].tolist()

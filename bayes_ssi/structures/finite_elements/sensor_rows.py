@@ -52,21 +52,14 @@ def sensor_rows(
 
 
 def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
-    if isinstance(place, str):
-        if place in row_of:
-            return row_of[place]
-        raise ValueError(
-            f"sensor {name!r}: no degree of freedom is labelled {place!r}; labels are "
-            f"{listed_choices(row_of) if row_of else 'none: no labels were given'}"
-        )
-    if isinstance(place, Integral) and not isinstance(place, bool):
-        if 0 <= int(place) < n:
-            return int(place)
-        raise ValueError(
-            f"sensor {name!r}: number {place} of a degree of freedom must be from 0 to {n - 1}"
-        )
-    raise TypeError(
-        f"sensor {name!r}: must be the label or the number of a degree of freedom, got {place!r}"
+    if isinstance(place, str) and place in row_of:
+        return row_of[place]
+    if isinstance(place, Integral) and not isinstance(place, bool) and 0 <= place < n:
+        return int(place)
+    labels = listed_choices(row_of) if row_of else "none was given"
+    raise ValueError(
+        f"sensor {name!r}: must be the number of a degree of freedom, from 0 to {n - 1}, or its "
+        f"label ({labels}), got {place!r}"
     )
 
 

@@ -56,8 +56,10 @@ class ExportedModel:
 
     @property
     def total_mass(self) -> Mapping[str, float]:
-        """Direction → the mass that moves when all nodes that can move by 1 in it."""
-        return total_mass(self.mass, self.labels)
+        """Direction → the mass that moves when all rows of it do by 1; nothing without labels."""
+        of_rows = [direction_of(name) for name in self.labels or ()]
+        moved = {each: np.equal(of_rows, each) * 1.0 for each in TRANSLATIONS if each in of_rows}
+        return {direction: float(r @ (self.mass @ r)) for direction, r in moved.items()}
 
     def with_rows(self, labels: Sequence[str], spring: float | None = None) -> ExportedModel:
         """The model with rows for displacements that constraints tie to others.
@@ -162,19 +164,6 @@ def exported_model(
         "as exported",
         tuple(notes),
     )
-
-
-def total_mass(mass: sp.csc_array, labels: Sequence[str] | None) -> dict[str, float]:
-    """Direction → rᵀMr, r being 1 in the rows of that direction; without labels, nothing."""
-    if labels is None:
-        return {}
-    of_rows = np.array([direction_of(name) for name in labels])
-    totals = {}
-    for direction in TRANSLATIONS:
-        r = (of_rows == direction).astype(float)
-        if r.any():
-            totals[direction] = float(r @ (mass @ r))
-    return totals
 
 
 def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:
