@@ -46,12 +46,11 @@ if TYPE_CHECKING:
 @path_option(
     "--points", metavar="FILE",
     text="Where sensors are, of which the nearest nodes are taken: CSV with columns sensor, "
-    "x_coord, y_coord, z_coord, direction, or a universal file.",
+    "x_coord, y_coord, z_coord, direction, or the universal file of the data.",
 )  # fmt: skip
 @click.option(
-    "--points-scale", type=float, metavar="FACTOR",
-    help="Factor of these coordinates, to those of the model after --units.  [default: 1, or by "
-    "the units that a universal file states]",
+    "--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
+    help="Factor of these coordinates, to those of the model after --units.",
 )  # fmt: skip
 @click.option("--band", type=(float, float), metavar="LOW HIGH",
               help="Band of the search in Hz, where the data are a universal file.")  # fmt: skip
@@ -72,7 +71,7 @@ def import_model(
     files: tuple[str, ...],
     sensors: tuple[str, ...],
     points: Path | None,
-    points_scale: float | None,
+    points_scale: float,
     band: tuple[float, float] | None,
     units: str | None,
     mass_kg: float | None,

@@ -179,53 +179,30 @@ def test_sensors_by_coordinates():
 
 
 @pytest.mark.usefixtures("tower")
-def test_sensors_by_the_headers_of_a_universal_file():
-    """Records of nodes 5 and 9 of the test, 1 cm from nodes 200 and 340, in mm."""
+def test_sensors_by_the_nodes_of_a_universal_file():
+    """Nodes 5 and 9 of the test, 1 cm from nodes 200 and 340, in mm."""
     pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
     nodes = bs.read_model("tower.sti").geometry.nodes
     x, y, z = 1000.0 * (np.array([nodes["200"], nodes["340"]]).T + 0.01)
-    headers = [
-        {
-            "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": code,
-            "ref_node": 0, "ref_dir": 0, "data": np.ones(4), "x": np.arange(4.0), "id1": "",
-            "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_spacing": 1,
-            "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 12,
-            "ordinate_axis_units_lab": "m/s2", "orddenom_spec_data_type": 0,
-        }
-        for node, code in ((5, 1), (9, -2), (9, 3), (9, 4))
-    ]  # fmt: skip
-    in_mm = {
-        "type": 164, "units_code": 5, "units_description": "mm", "temp_mode": 1, "length": 1000.0,
-        "force": 1000.0, "temp": 1.0, "temp_offset": 0.0,
-    }  # fmt: skip
-    at = {"type": 15, "node_nums": [5, 9], "x": x, "y": y, "z": z}
-    pyuff.UFF("test.uff").write_sets([in_mm, at, *headers], "add")
+    pyuff.UFF("test.uff").write_sets(
+        [{"type": 15, "node_nums": [5, 9], "x": x, "y": y, "z": z}], "add"
+    )
+    text = "# band_hz,0,18\nlabel,frequency_hz,5 x,9 y,9 z\n1,1.9,1,0.1,0.1\n"
+    Path("test.csv").write_text(text)
     arguments = ("--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
-    done = run("tower", *arguments, "--points", "test.uff", "--units", "N, m")
+    given = (*arguments, "--points", "test.uff")
+    done = run("tower", *given, "--data", "test.csv", "--points-scale", "0.001")
     assert done.exit_code == 0, done.output
-    lines = done.output.splitlines()
-    assert "test.uff: its coordinates are in units of 0.001 m" in lines
     away = f", {0.01 * np.sqrt(3.0):.3g} away"
     shown = [f"5 x: 200 x{away}", f"9 y: 340 y{away}", f"9 z: 340 z{away}"]
-    assert [line for line in lines if "away" in line] == shown
-    # Units that are not stated are refused with the factor.
-    refused = run("other", *arguments, "--points", "test.uff")
-    assert refused.exit_code == 2
-    assert "times 0.001 (mm to m): state the factor by --points-scale" in refused.output
-
-
-@pytest.mark.usefixtures("tower")
-def test_sensors_that_are_named_otherwise():
-    Path("modes.csv").write_text(Path("modes.csv").read_text().replace("100 x", "1 x"))
-    arguments = ("--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
-    done = run("tower", *arguments, "--data", "modes.csv", "--sensor", "1 x=100 x")
-    assert done.exit_code == 0, done.output
-    structure = load_study("tower.py").model_classes[0].structure
-    assert structure.degrees_of_freedom == ("1 x", "200 x", "340 x", "340 y")
-    Path("nodes.csv").write_text("node,model_node\n1,100\n")
-    refused = run("twice", *arguments, "--data", "modes.csv", "--points", "nodes.csv")
-    assert refused.exit_code == 2
-    assert "nodes.csv: must have the columns sensor, x_coord" in refused.output
+    assert [line for line in done.output.splitlines() if "away" in line] == shown
+    for options, words in (
+        (("--data", "test.csv"), "times 0.001 (mm to m): state the factor by --points-scale"),
+        ((), "test.uff: its nodes do not say which sensors there are; give --data"),
+    ):
+        refused = run("other", *given, *options)
+        assert refused.exit_code == 2
+        assert words in refused.output
 
 
 def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):

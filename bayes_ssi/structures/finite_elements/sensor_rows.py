@@ -54,8 +54,10 @@ def sensor_rows(
 def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
     if isinstance(place, str) and place in row_of:
         return row_of[place]
-    if isinstance(place, Integral) and not isinstance(place, bool) and 0 <= place < n:
-        return int(place)
+    # A whole number, of numpy perhaps, but not True.
+    row = int(place) if isinstance(place, Integral) and not isinstance(place, bool) else -1
+    if 0 <= row < n:
+        return row
     labels = listed_choices(row_of) if row_of else "none was given"
     raise ValueError(
         f"sensor {name!r}: must be the number of a degree of freedom, from 0 to {n - 1}, or its "

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.text_files import read_table
-from bayes_ssi.foundations.universal_files import read_data_sets
+from bayes_ssi.foundations.text_files import first_bytes, read_table
+from bayes_ssi.foundations.universal_files import begins_universal, read_data_sets
 from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
@@ -37,8 +37,16 @@ class MappedSensor:
     distance: float
 
 
-def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
-    """Sensors of a CSV file with columns sensor, x_coord, y_coord, z_coord and direction."""
+def read_sensor_points(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
+    """Where sensors are: by a table, or by the nodes of the test's own universal file.
+
+    Args:
+        path: a CSV file with columns sensor, x_coord, y_coord, z_coord and direction, or a
+            universal file that states nodes (data sets 15, 2411).
+        sensors: names "node direction" of those at the nodes of a universal file.
+    """
+    if begins_universal(first_bytes(path)):
+        return _at_nodes(path, sensors)
     names, rows = read_table(path)
     if sorted(names) != sorted(COLUMNS) or not rows:
         raise ValueError(f"{path}: must have the columns {', '.join(COLUMNS)}, and rows")
@@ -57,8 +65,9 @@ def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
     return tuple(points)
 
 
-def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
-    """Sensors "node direction" at the nodes that a universal file states (data sets 15, 2411)."""
+def _at_nodes(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
+    if not sensors:
+        raise ValueError(f"{path}: its nodes do not say which sensors there are; give --data")
     nodes: dict[str, Point] = {}
     for one in read_data_sets(path, 15, 2411):
         for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
@@ -73,14 +82,6 @@ def points_of_universal_file(path: Path, sensors: Sequence[str]) -> tuple[Sensor
             )
         points.append(SensorPoint(name, nodes[node], direction))
     return tuple(points)
-
-
-def metres_of_universal_file(path: Path) -> float | None:
-    """Metres in its unit of length (data set 164); None where it states no units."""
-    for one in read_data_sets(path, 164):
-        per_metre = float(one["length"])
-        return 1.0 / per_metre if per_metre > 0.0 else None
-    return None
 
 
 def exchanged(points: Sequence[SensorPoint], axes: Mapping[str, str]) -> tuple[SensorPoint, ...]:
