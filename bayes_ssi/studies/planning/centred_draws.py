@@ -33,6 +33,7 @@ class CentredDraws(NamedTuple):
     paired: NDArray[np.bool_]  # (N, K, J)
     shape_var: FloatArray  # (N, K), σ²
     z: FloatArray  # (N, K, n_parameters)
+    log_explained: FloatArray  # (N, K), weights with the shapes at all candidates
 
 
 def centred_draws(
@@ -53,7 +54,12 @@ def centred_draws(
         n_each = matched.shape[1] // PLANNING.n_starts
         z = pool_z[blocks + n_each * np.arange(PLANNING.n_starts)]
         mixture = _mixture(planned, some.frequencies_hz, seen, z, rng)
-        parts.append(_draws(planned, some.frequencies_hz, seen, mixture, n_draws, rng))
+        draws = _draws(planned, some.frequencies_hz, seen, mixture, n_draws, rng)
+        if planned.n_structural < pool_z.shape[1]:  # shapes tell how large errors are
+            errors = _error_sizes(draws, planned.n_structural)
+            mixture = mixture._replace(error_sizes=errors)
+            draws = _draws(planned, some.frequencies_hz, seen, mixture, n_draws, rng)
+        parts.append(draws)
     return joined(parts)
 
 
@@ -146,32 +152,56 @@ def _of_pairs(array: FloatArray, chosen: NDArray[np.intp]) -> FloatArray:
 
 
 class _Mixture(NamedTuple):
-    """Student-t densities about the points where searches of n tests ended, R each."""
+    """Student-t densities about the points where R searches for each of n tests ended.
 
-    means: FloatArray  # (n, R, n_parameters)
-    precisions: FloatArray  # (n, R, n_parameters, n_parameters)
+    Of the structure's d parameters, given the error sizes, which are normal about what is known.
+    """
+
+    planned: PlannedClass
+    centres: FloatArray  # (n, R, d), where modes are linear in the parameters
+    # (2, n, R, d, d) and (2, n, R, d), of frequencies and shapes: products of their derivatives
+    # with one another and with the residuals, for errors of 1.
+    squares: FloatArray
+    products: FloatArray
     log_shares: FloatArray  # (n, R)
+    error_sizes: FloatArray  # (2, n, 1, n_errors), mean and width of z of inferred error sizes
 
-    def log_density(self, z: FloatArray) -> FloatArray:
-        """Of draws (n, K, n_parameters), (n, K)."""
-        d = z.shape[2]
-        off = z[:, :, None] - self.means[:, None]
-        squares = (off[..., None, :] @ self.precisions[:, None] @ off[..., None])[..., 0, 0]
-        constant = gammaln(0.5 * (PLANNING.tail + d)) - gammaln(0.5 * PLANNING.tail)
-        constant = constant - 0.5 * d * math.log(PLANNING.tail * math.pi)
-        heights = self.log_shares + 0.5 * np.linalg.slogdet(self.precisions)[1] + constant
-        tails = -0.5 * (PLANNING.tail + d) * np.log1p(squares / PLANNING.tail)
-        return np.asarray(logsumexp(heights[:, None] + tails, axis=2))
+    def given(self, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Means (n, k, R, d) and precisions (n, k, R, d, d) at squared errors (n, k, 2)."""
+        d = self.centres.shape[2]
+        mean, covariance = self.planned.moments
+        before = np.linalg.inv(covariance[:d, :d])
+        inverse = 1.0 / np.moveaxis(variances, 2, 0)[..., None]
+        precisions = (inverse[..., None, None] * self.squares[:, :, None]).sum(axis=0) + before
+        towards = (inverse[..., None] * self.products[:, :, None]).sum(axis=0)
+        towards += ((mean[:d] - self.centres) @ before)[:, None]
+        change = np.linalg.solve(precisions, towards[..., None])[..., 0]
+        return np.asarray(self.centres[:, None] + change), precisions
 
-    def draw(self, k: int, rng: np.random.Generator) -> FloatArray:
-        """k draws (n, k, n_parameters) each."""
-        n, r, d = self.means.shape
+    def draw(self, k: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """k draws z (n, k, n_parameters) each, and the log of their density (n, k)."""
+        n, r, d = self.centres.shape
+        known = self.planned.moments[0]
+        means, widths = self.error_sizes
+        z = np.broadcast_to(known, (n, k, len(known))).copy()
+        z[..., d:] = means + widths * rng.standard_normal((n, k, means.shape[2]))
+        scaled = (z[..., d:] - means) / widths
+        log_density = -0.5 * (scaled**2 + np.log(2.0 * math.pi * widths**2)).sum(axis=2)
+        variances = self.planned.error_variances(z if d < len(known) else z[:, :1])
+        means, precisions = self.given(variances)
         picked = (self.log_shares[:, None] + rng.gumbel(size=(n, k, r))).argmax(axis=2)
-        roots = np.linalg.inv(np.linalg.cholesky(self.precisions)).swapaxes(-1, -2)
-        normals = rng.standard_normal((n, k, d, 1))
-        normals /= np.sqrt(rng.chisquare(PLANNING.tail, (n, k, 1, 1)) / PLANNING.tail)
-        at = np.arange(n)[:, None], picked
-        return np.asarray(self.means[at] + (roots[at] @ normals)[..., 0])
+        at = np.arange(n)[:, None], np.arange(k) % means.shape[1], picked
+        steps = rng.standard_normal((n, k, d, 1))
+        steps /= np.sqrt(rng.chisquare(PLANNING.tail, (n, k, 1, 1)) / PLANNING.tail)
+        roots = np.linalg.cholesky(precisions[at]).swapaxes(-1, -2)
+        z[..., :d] = means[at] + np.linalg.solve(roots, steps)[..., 0]
+        off = z[:, :, None, :d] - means
+        squares = (off[..., None, :] @ precisions @ off[..., None])[..., 0, 0]
+        heights = self.log_shares[:, None] + 0.5 * np.linalg.slogdet(precisions)[1]
+        tails = -0.5 * (PLANNING.tail + d) * np.log1p(squares / PLANNING.tail)
+        constant = gammaln(0.5 * (PLANNING.tail + d)) - gammaln(0.5 * PLANNING.tail)
+        log_density += logsumexp(heights + tails, axis=2) + constant
+        return z, log_density - 0.5 * d * math.log(PLANNING.tail * math.pi)
 
 
 def _mixture(
@@ -181,41 +211,36 @@ def _mixture(
     z: FloatArray,
     rng: np.random.Generator,
 ) -> _Mixture:
-    """Where searches from z (n, R, n_parameters) end, with the curvature there.
-
-    Error sizes stay those of the start; draws scatter about them.
-    """
-    d, (n, r, n_all) = planned.n_structural, z.shape
+    """About the points where searches from z (n, R, n_parameters) end, at known error sizes."""
+    d = planned.n_structural
     mean, covariance = planned.moments
-    before = np.linalg.inv(covariance)
-    shares = np.resize(PLANNING.shares_of_shapes, r)
-    precisions = np.broadcast_to(before, (n, r, n_all, n_all)).copy()
-    precisions[..., d:, :] = precisions[..., d:] = 0.0
-    for i in range(d, n_all):
-        precisions[..., i, i] = 1.0 / (PLANNING.error_width**2 * covariance[i, i])
+    shares = np.resize(PLANNING.shares_of_shapes, z.shape[1])
+    sizes = np.stack([mean, PLANNING.error_width * np.sqrt(np.diag(covariance))])[:, None, None, d:]
     for added in PLANNING.narrowing:
-        log_target, residuals, slopes = _expanded(planned, found_hz, seen, z, shares, added, rng)
-        own = before[:d, :d] + slopes @ slopes.swapaxes(-1, -2)
-        towards = (slopes @ residuals[..., None])[..., 0] + (mean - z)[..., :d] @ before[:d, :d]
-        change = np.linalg.solve(own, towards[..., None])[..., 0]
+        z = np.concatenate(
+            [z[..., :d], np.broadcast_to(mean[d:], (*z.shape[:2], len(mean) - d))], 2
+        )
+        log_target, *expanded = _expanded(planned, found_hz, seen, z, shares, added, rng)
+        mixture = _Mixture(planned, z[..., :d], *expanded, np.zeros(z.shape[:2]), sizes)
+        variances = planned.error_variances(z[:, :1]) + np.square(added * FIRST_ERRORS)
+        means, precisions = (each[:, 0] for each in mixture.given(variances))
         if added > 0.0:
+            change = means - z[..., :d]
             longest = np.abs(change).max(axis=2, keepdims=True)
-            change = change * np.minimum(1.0, PLANNING.most_step / np.maximum(longest, 1e-9))
-        z = np.concatenate([z[..., :d] + change, z[..., d:]], axis=2)
-    precisions[..., :d, :d] = own
-    off = z - mean
-    log_mass = log_target - 0.5 * (off @ before * off).sum(axis=2)
-    log_mass -= 0.5 * np.linalg.slogdet(own)[1]
+            z[..., :d] += change * np.minimum(1.0, PLANNING.most_step / np.maximum(longest, 1e-9))
+    off = z[..., :d] - mean[:d]
+    log_mass = log_target - 0.5 * (off @ np.linalg.inv(covariance[:d, :d]) * off).sum(axis=2)
+    log_mass -= 0.5 * np.linalg.slogdet(precisions)[1]
     # Searches that ended at one point share its mass.
-    apart = z[:, :, None] - z[:, None]
+    apart = means[:, :, None] - means[:, None]
     distance = (apart[..., None, :] @ precisions[:, :, None] @ apart[..., None])[..., 0, 0]
     log_mass -= np.log(((distance < 1.0) & (shares[:, None] == shares)).sum(axis=2))
     log_mass = np.nan_to_num(log_mass, nan=-1e9, neginf=-1e9)
     for share in PLANNING.shares_of_shapes:  # as many draws for either kind
         log_mass[:, shares == share] -= logsumexp(log_mass[:, shares == share], axis=1)[:, None]
     mass = np.exp(log_mass) / len(PLANNING.shares_of_shapes)
-    mixed = (1.0 - PLANNING.defensive) * mass + PLANNING.defensive / r
-    return _Mixture(z, precisions, np.log(mixed))
+    mixed = (1.0 - PLANNING.defensive) * mass + PLANNING.defensive / len(shares)
+    return mixture._replace(log_shares=np.log(mixed))
 
 
 def _expanded(
@@ -227,9 +252,7 @@ def _expanded(
     added: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of z (n, R, ·): log likelihood for sampled pairings (n, R), residuals of their frequencies
-    and shapes over their errors (n, R, m), and derivatives (n, R, n_structural, m).
-    """
+    """At z (n, R, ·), for sampled pairings: log likelihood (n, R), squares and products."""
     n, r, n_all = z.shape
     d, h = planned.n_structural, PLANNING.difference
     shifted = np.repeat(z[:, :, None], d + 1, axis=2)
@@ -246,13 +269,27 @@ def _expanded(
     length = np.sqrt(np.square(shapes).sum(axis=3, keepdims=True))
     wanted = seen[:, None, None]
     sign = np.sign((shapes * wanted).sum(axis=3, keepdims=True))
-    shapes = shapes * sign / np.where(length > 0.0, length, 1.0)
-    errors = np.sqrt(at.variances + np.square(added * FIRST_ERRORS))[:, :, None, None]
-    of_logs = (logs - np.log(found_hz)[:, None, None]) / errors[..., 0]
-    of_shapes = (shapes - wanted) * np.sqrt(shares)[:, None, None, None] / errors[..., 1:]
-    off = np.concatenate([of_logs[:, :, :, None], of_shapes], axis=3)
-    off = np.nan_to_num(np.where(used[:, :, :, None], off, 0.0)).reshape(n, r, d + 1, -1)
-    return log_target, -off[:, :, 0], (off[:, :, 1:] - off[:, :, :1]) / h
+    of_shapes = shapes * sign / np.where(length > 0.0, length, 1.0) - wanted
+    of_shapes *= np.sqrt(shares)[:, None, None, None]
+    squares, products = np.zeros((2, n, r, d, d)), np.zeros((2, n, r, d))
+    for kind, off in enumerate(
+        [(logs - np.log(found_hz)[:, None, None])[:, :, :, None], of_shapes]
+    ):
+        off = np.nan_to_num(np.where(used[:, :, :, None], off, 0.0)).reshape(n, r, d + 1, -1)
+        slopes = (off[:, :, 1:] - off[:, :, :1]) / h
+        squares[kind] = slopes @ slopes.swapaxes(-1, -2)
+        products[kind] = -(slopes @ off[:, :, 0, :, None])[..., 0]
+    return log_target, squares, products
+
+
+def _error_sizes(draws: CentredDraws, d: int) -> FloatArray:
+    """Mean and width of z of the error sizes, (2, n, 1, n_errors), after each test."""
+    shares = draws.log_explained - logsumexp(draws.log_explained, axis=1, keepdims=True)
+    shares = np.exp(np.minimum(shares, -0.5 * math.log(shares.shape[1])))[..., None]
+    shares /= shares.sum(axis=1, keepdims=True)  # truncated: none decides alone
+    mean = (shares * draws.z[..., d:]).sum(axis=1, keepdims=True)
+    variance = (shares * np.square(draws.z[..., d:] - mean)).sum(axis=1, keepdims=True)
+    return np.stack([mean, PLANNING.error_width * np.sqrt(variance) + 0.1])
 
 
 def _draws(
@@ -263,7 +300,7 @@ def _draws(
     k: int,
     rng: np.random.Generator,
 ) -> CentredDraws:
-    z = mixture.draw(k, rng)
+    z, log_density = mixture.draw(k, rng)
     flat = z.reshape(-1, z.shape[2])
     modes = _batched(planned.modes(flat), z.shape[:2])
     ratios = log_ratios(planned, found_hz, seen, modes, 0.0)
@@ -273,9 +310,10 @@ def _draws(
     shapes = np.take_along_axis(modes.shapes, np.maximum(chosen, 0)[:, :, None], axis=3)
     shapes = np.nan_to_num(np.where((chosen >= 0)[:, :, None], shapes, 0.0))
     return CentredDraws(
-        before + explained - mixture.log_density(z) - log_pairing,
+        before + explained - log_density - log_pairing,
         shapes.astype(np.float32),
         chosen >= 0,
         modes.variances[..., 1],
         z,
+        before + ratios.unpaired + _of_pairs(ratios.partly(1.0), chosen) - log_density,
     )

@@ -23,8 +23,8 @@ class PlanningNumbers:
     batch: int = 4_000_000  # numbers in the largest array of a batch: 32 MB
     n_for_moments: int = 2000  # draws of which moments are taken
     # Draws of a class, of which the best of every so many starts a search.
-    n_pool: int = 960
-    n_starts: int = 12
+    n_pool: int = 990
+    n_starts: int = 9
     # Errors of frequencies and shapes that are added at first, the distance between a test and the
     # nearest draws; and their share in every Gauss-Newton step, none at last.
     first_errors: tuple[float, float] = (0.05, 0.2)
@@ -32,10 +32,10 @@ class PlanningNumbers:
     most_step: float = 2.0  # of z, beyond which modes are not linear
     difference: float = 1e-3  # of z, for derivatives
     # Exponents of the shapes at all candidates, of every other search: layouts say less.
-    shares_of_shapes: tuple[float, float] = (0.5, 0.0)
+    shares_of_shapes: tuple[float, ...] = (1.0, 0.3, 0.0)
     tail: float = 6.0  # degrees of freedom of the Student-t densities of draws
     defensive: float = 0.1  # share of draws that does not follow the mass of the maxima
-    error_width: float = 0.8  # of draws of error sizes about each start, of the prior's
+    error_width: float = 1.3  # of draws of inferred error sizes, of the prior's
     # A check fails where evidences rest on fewer effective draws in more than this share of tests,
     # or few draws bias the gain by more nats.
     least_draws: float = 5.0

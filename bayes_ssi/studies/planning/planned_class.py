@@ -63,7 +63,7 @@ class PlannedClass:
         if not structure.is_approximate:
             return self
         z = self.drawn_before[:: PLANNING.n_for_moments // PLANNING.n_for_accuracy]
-        errors = np.sqrt(np.median(self.modes(z).variances, axis=0)) * PLANNING.approximation
+        errors = np.sqrt(np.median(self.error_variances(z), axis=0)) * PLANNING.approximation
         structure = structure.accurate_at(self.structural_values(z), *errors.tolist())
         return replace(self, configuration=replace(self.configuration, structure=structure))
 
@@ -112,13 +112,18 @@ class PlannedClass:
             shapes = np.einsum("ct,btm->bcm", shares, matrix.apply(modes.shapes))
             parts.append((modes.frequencies_hz, seen_shapes(shapes)))
         frequencies, shapes = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return SeenModes(frequencies, shapes, self.error_variances(z))
+
+    def error_variances(self, z: FloatArray) -> FloatArray:
+        """Squared errors (…, 2) of frequencies, as fractions, and shapes, at z (…, n)."""
         n_own = len(self._sizes.parameters)
-        of_errors = values_at(self.parameters[:n_own], z[:, :n_own])
-        prediction_var = self._sizes.evaluate(of_errors) ** 2
+        values = values_at(self.parameters[:n_own], z[..., :n_own].reshape(-1, n_own))
+        prediction_var = self._sizes.evaluate(values).reshape(*z.shape[:-1], 2) ** 2
         if not self.identification_errors.any():
-            return SeenModes(frequencies, shapes, prediction_var * self.error_factor**2)
-        own = np.square(self.identification_errors * self.error_factor)
-        return SeenModes(frequencies, shapes, prediction_var + own)
+            return np.asarray(prediction_var * self.error_factor**2)
+        return np.asarray(
+            prediction_var + np.square(self.identification_errors * self.error_factor)
+        )
 
     def log_missed(self, modes: SeenModes) -> FloatArray:
         """Log probability (B, n_modes) that a mode is not identified in the band."""

@@ -1,0 +1,286 @@
+"""Plans of tests against brute force, against all layouts, and against what tests then say.
+
+    python runs/benchmarks/planning.py oracle|exhaustive|forecasts|steel
+    python runs/benchmarks/planning.py frame concrete_frame_fe.mat
+
+oracle: gains of all layouts of the numerical study, and of a harder one, against evidences by four
+million prior draws of each class, on the same simulated tests and on others.
+exhaustive: all 495 layouts of 4 of 12 floors, and the greedy search.
+frame: 6 of 36 sensors of a finite-element model of 2302 degrees of freedom.
+forecasts: 200 tests are simulated with the best, an evenly spread and the worst layout, and ranked;
+the share in which the right class wins stands beside the share that was forecast.
+steel: what a sensor on a brace of the steel frame would have been worth.
+"""
+
+import argparse
+import itertools
+import math
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from unittest import mock
+
+import numpy as np
+from scipy.special import logsumexp
+
+import bayes_ssi as bs
+from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
+from bayes_ssi.structures.geometry import Candidate
+from bayes_ssi.studies.planning import layout_search
+from bayes_ssi.studies.planning.centred_draws import _batched, log_ratios
+from bayes_ssi.studies.planning.layout_values import SimulatedPlan, class_worth
+from bayes_ssi.studies.planning.planned_class import PlannedClass
+
+HERE = Path(__file__).parent
+CLASSES = HERE.parents[1] / "model_classes"
+STUDY = runpy.run_path(str(CLASSES / "shear_building.py"))
+FLOORS = ("floor 1", "floor 2", "floor 3")
+PLACES = (*FLOORS, "infill 1-2")
+
+
+def harder(mass=0.005, frequency_cov=0.02, shape_sd=0.1):
+    """The numerical study with a lighter infill, larger errors, and modes easily missed."""
+    infill = replace(STUDY["infill"], mass=3 * mass)
+    frame = STUDY["frame"]
+    error = bs.ErrorModel(frequency_cov, shape_sd)
+    missing = bs.IdentificationModel(detection_probability=0.8, expected_spurious_modes=0.5)
+    return bs.Study("lighter infill, larger errors", [
+        bs.ModelClass(name, frame.with_element(element), STUDY["modes"], error, pairing="any",
+                      identification=missing)
+        for name, element in (("as mass", infill.as_mass()), ("own freedom", infill))
+    ])  # fmt: skip
+
+
+def planned(study, names=PLACES):
+    places = tuple(Candidate(name, name) for name in names)
+    return [
+        PlannedClass(c, c.configurations[0], places, 1.0 / len(study.model_classes))
+        for c in study.model_classes
+    ]
+
+
+def layouts_of(n):
+    return [each for size in range(1, n + 1) for each in itertools.combinations(range(n), size)]
+
+
+def brute_force(classes, simulated, chosen, n_draws, rng, block=250_000):
+    """Log evidences (class, layout, test) of chosen tests by plain averages over prior draws."""
+    layouts = layouts_of(len(classes[0].candidates))
+    found = simulated.tests.frequencies_hz[chosen]
+    parts = np.full((len(classes), len(layouts), len(chosen), n_draws // block), -np.inf)
+    squares = parts.copy()
+    for c, each in enumerate(classes):
+        for b in range(parts.shape[3]):
+            modes = each.modes(each.draw(block, rng))
+            for t, n in enumerate(chosen):
+                # Draws whose frequencies pair badly weigh less than a millionth of the best.
+                alone = modes._replace(shapes=modes.shapes[:, :1])
+                ratios = log_ratios(each, found[t : t + 1], np.zeros((1, 1, found.shape[1])),
+                                    _batched(alone, (1, block)), 0.0)  # fmt: skip
+                bound = ratios.unpaired[0] + np.logaddexp(
+                    0.0, logsumexp(ratios.frequency[0], axis=2)
+                ).sum(axis=1)
+                kept = np.flatnonzero(bound > bound.max() - 30.0)
+                own = type(modes)(*(array[kept] for array in modes))
+                for i, layout in enumerate(layouts):
+                    seen = simulated.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))
+                    at = own._replace(shapes=own.shapes[:, list(layout)])
+                    ratios = log_ratios(each, found[t : t + 1], seen,
+                                        _batched(at, (1, len(kept))), 0.0)  # fmt: skip
+                    weights = ratios.partly(1.0)[0]
+                    pairs = PairingWeights(weights, np.zeros(weights.shape[1]),
+                                           np.zeros((1, weights.shape[2])))  # fmt: skip
+                    density = ratios.unpaired[0] + log_sum(pairs)
+                    parts[c, i, t, b] = logsumexp(density) - math.log(block)
+                    squares[c, i, t, b] = logsumexp(2.0 * density) - 2.0 * math.log(block)
+    total = logsumexp(parts, axis=3) - math.log(parts.shape[3])
+    spread = logsumexp(squares, axis=3) - 2.0 * math.log(parts.shape[3])
+    return layouts, total, np.exp(2.0 * total - spread)
+
+
+def oracle(given):
+    studies = {"numerical study": STUDY["study"].with_any_pairing(), "harder": harder()}
+    for name, study in studies.items():
+        classes = planned(study)
+        started = perf_counter()
+        simulated = SimulatedPlan.of(classes, given.tests, 200, given.seed)
+        took = perf_counter() - started
+        step = max(1, given.tests // given.oracle_tests)
+        chosen = np.arange(0, len(simulated.true_class), step)
+        rng = np.random.default_rng(given.seed + 1)
+        layouts, exact, effective = brute_force(classes, simulated, chosen, given.draws, rng)
+        print(f"\n{name}: {given.tests} tests in {took:.0f} s; {len(chosen)} of them by "
+              f"{given.draws} prior draws of each class, of which a median of "
+              f"{np.median(effective):.0f} count")  # fmt: skip
+        own = simulated.true_class[chosen], np.arange(len(chosen))
+        for i, layout in enumerate(layouts):
+            worth = class_worth(simulated, layout)
+            gain, error = simulated.mean(worth.values)
+            evidences = exact[:, i]
+            values = evidences[own] - logsumexp(evidences + math.log(0.5), axis=0)
+            off = worth.values[chosen] - values
+            print(f"{', '.join(PLACES[j] for j in layout):42s} gain {gain:.4f} ± {error:.4f}; "
+                  f"same tests {worth.values[chosen].mean():.4f}, brute force "
+                  f"{values.mean():.4f}, difference {off.mean():+.4f} ± "
+                  f"{off.std() / math.sqrt(len(off)):.4f}", flush=True)  # fmt: skip
+
+
+def twelve_floors():
+    """Twelve storeys in three groups, with a mass on floor 8 or a pendulum in its place."""
+    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, cov=0.2)) for i in (1, 2, 3)]
+    stiffness = 4000.0
+    frame = bs.ShearBuilding((1.0,) * 12, tuple(stiffness * factors[i // 4] for i in range(12)))
+    tuned = bs.Parameter("f", bs.LogNormal(1.0, cov=0.1))
+    pendulum = bs.Pendulum(on=8, mass=0.05, frequency=6.3 * tuned)
+    floors = tuple(f"floor {i}" for i in range(1, 13))
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, np.ones(12)),), (0.0, 9.0), floors)
+    error = bs.ErrorModel(0.01, 0.05)
+    missing = bs.IdentificationModel(detection_probability=0.8, expected_spurious_modes=0.5)
+    return bs.Study("twelve floors", [
+        bs.ModelClass(name, frame.with_element(element), data, error, pairing="any",
+                      identification=missing)
+        for name, element in (("mass", pendulum.as_mass()), ("pendulum", pendulum))
+    ]), floors  # fmt: skip
+
+
+def exhaustive(given):
+    study, floors = twelve_floors()
+    classes = planned(study, floors)
+    simulated = SimulatedPlan.of(classes, given.tests, 200, given.seed)
+    some = simulated.part(300, 100)
+
+    def gain(layout):
+        return some.mean(class_worth(some, layout).values)[0]
+
+    best = {}
+    for most in (1000, 0):
+        with mock.patch.object(layout_search, "PLANNING") as numbers:
+            numbers.most_exhaustive = most
+            started = perf_counter()
+            search = layout_search.LayoutSearch(gain, (), tuple(range(12)))
+            layout = ()
+            for number in (4,) if most else (2, 3, 4):
+                layout = search.best(number, layout)
+            took = perf_counter() - started
+        value, error = simulated.mean(class_worth(simulated, layout).values)
+        best[most] = search.tried[layout]
+        print(f"{'all' if most else 'greedy'}: {len(search.tried)} layouts in {took:.1f} s: "
+              f"{', '.join(floors[i] for i in layout)}; gain in the search {best[most]:.4f}, with "
+              f"all tests {value:.4f} ± {error:.4f}", flush=True)  # fmt: skip
+        if most:
+            values = np.array(list(search.tried.values()))
+            print(f"gains of all layouts: {values.min():.4f} to {values.max():.4f}")
+    print(f"greedy / best = {best[0] / best[1000]:.4f}")
+
+
+def frame(given):
+    study = runpy.run_path(str(HERE.parent / "concrete_frame.py"))
+    rng = np.random.default_rng(1)
+    frames = {n: study["structure"](given.file, groups) for n, groups in study["GROUPS"].items()}
+    true_frame = frames["columns by storey"]
+    truth = np.array([study["TRUTH"][p.name] for p in true_frame.parameters])
+    modes = study["simulated_modes"](true_frame, truth, rng)
+    error = bs.ErrorModel(study["FREQUENCY_COV"], study["SHAPE_SD"])
+    whole = bs.Study("concrete frame", [
+        bs.ModelClass(name, each.reduced(), modes, error, pairing="any")
+        for name, each in frames.items()
+    ])  # fmt: skip
+    started = perf_counter()
+    times = {}
+    of = SimulatedPlan.of
+
+    def timed(*arguments):
+        begun = perf_counter()
+        made = of(*arguments)
+        times.setdefault("draws", []).append(perf_counter() - begun)
+        return made
+
+    with mock.patch.object(SimulatedPlan, "of", timed):
+        plan = bs.plan(whole, 6, candidates=modes.sensors[:36],
+                       settings=bs.PlanSettings(given.tests, given.inner))  # fmt: skip
+    took = perf_counter() - started
+    print(f"{took:.0f} s, of which draws {times['draws']}; the rest "
+          f"{took - sum(times['draws']):.0f} s; {plan.n_tried} layouts")  # fmt: skip
+    print(plan, plan.by_number, plan.compared, plan.changes, plan.other_start, sep="\n")
+    print(f"effective draws {plan.effective_draws:.0f}, bias {plan.bias:+.4f}; "
+          f"{plan.failed_checks}")  # fmt: skip
+
+
+def forecasts(given):
+    """The ranking is that of rank, with coarse settings; evidences are within 0.1 nats."""
+    study = harder(given.mass)
+    classes = planned(study)
+    simulated = SimulatedPlan.of(classes, 2000, 200, given.seed)
+    worths = {each: class_worth(simulated, each) for each in layouts_of(4) if len(each) == 2}
+    by_gain = sorted(worths, key=lambda each: simulated.mean(worths[each].values)[0])
+    kinds = {"best": by_gain[-1], "evenly spread": (0, 2), "worst": by_gain[0]}
+    coarse = bs.SamplingSettings(particles=100, searches=1, max_steps=400)
+    fresh = SimulatedPlan.of(classes, 200, 50, given.seed + 99)
+    for kind, layout in kinds.items():
+        forecast, error = simulated.mean(worths[layout].named)
+        gain, _ = simulated.mean(worths[layout].values)
+        right, empty = [], 0
+        names = tuple(PLACES[i] for i in layout)
+        for n, true in enumerate(fresh.true_class):
+            found = fresh.tests.frequencies_hz[n]
+            shapes = fresh.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))[0]
+            modes = tuple(bs.IdentifiedMode(str(j), found[j], shapes[:, j])
+                          for j in np.flatnonzero(np.isfinite(found)))  # fmt: skip
+            if not modes:
+                empty += 1
+                continue
+            data = bs.ModalData(modes, classes[0].configuration.data.band_hz, names)
+            own = bs.Study(str(n), [
+                bs.ModelClass(c.name, c.structure, data, c.error, pairing="any",
+                              identification=c.identification) for c in study.model_classes
+            ])  # fmt: skip
+            ranking = bs.rank(own, settings=coarse)
+            right.append(ranking.comparison.best.name == study.names[true])
+        share = np.mean(right)
+        print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast "
+              f"{forecast:.3f} ± {error:.3f}, came out in {share:.3f} ± "
+              f"{math.sqrt(share * (1 - share) / len(right)):.3f} of {len(right)} "
+              f"({empty} without modes)", flush=True)  # fmt: skip
+
+
+def steel(given):
+    of_study = runpy.run_path(str(CLASSES / "steel_frame.py"))
+    study = of_study["study"].only(["1-a M3", "3 M3+"])
+    brace = bs.Sensor("braces", {"floor 1 y": 1.0})
+
+    def with_brace(structure, _):
+        known = "braces" in structure.degrees_of_freedom
+        return structure if known else structure.with_sensors([brace])
+
+    study = bs.Study("steel frame", [c.with_structures(with_brace) for c in study.model_classes])
+    corners = [sensor.label for sensor in of_study["SENSORS"]]
+    settings = bs.PlanSettings(given.tests, given.inner)
+    for configuration in ("BC", "SC"):
+        started = perf_counter()
+        plan = bs.plan(study, 8, candidates=[*corners, "braces"], fixed=corners,
+                       configurations=[configuration], settings=settings)  # fmt: skip
+        print(f"{configuration}, 8 sensors at the corners ({perf_counter() - started:.0f} s): gain "
+              f"{plan.best.gain:.3f} ± {plan.best.error:.3f} of {plan.greatest:.3f}, right class "
+              f"named {plan.best.naming:.3f}; effective draws {plan.effective_draws:.0f}, bias "
+              f"{plan.bias:+.4f} {plan.failed_checks}")  # fmt: skip
+        for change in plan.changes:
+            print(f"  {change.what}: {change.gain:+.3f} ± {change.error:.3f}", flush=True)
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("what", choices=("oracle", "exhaustive", "frame", "forecasts", "steel"))
+    arguments.add_argument("file", nargs="?", help="concrete_frame_fe.mat")
+    arguments.add_argument("--tests", type=int, default=1000)
+    arguments.add_argument("--inner", type=int, default=200)
+    arguments.add_argument("--oracle-tests", type=int, default=100)
+    arguments.add_argument("--draws", type=int, default=4_000_000)
+    arguments.add_argument("--mass", type=float, default=0.005)
+    arguments.add_argument("--seed", type=int, default=0)
+    given = arguments.parse_args()
+    globals()[given.what](given)
+
+
+if __name__ == "__main__":
+    main()
