@@ -2,11 +2,13 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from bayes_ssi.commands.options import (
     default_option,
+    flag,
     load,
     named_values,
     only_option,
@@ -59,11 +61,7 @@ GROUP = "NAME=PARAMETER,…"
     text="CSV file of tests and degrees, say, that the common share is proportional to; --common "
     "is then its standard deviation at the test that differs most from those before.",
 )
-@click.option(
-    "--independent",
-    is_flag=True,
-    help="Tests share no prediction errors, where the study does not say so.",
-)
+@flag("--independent", text="Tests share no prediction errors, unless the study says so.")
 @default_option("--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20))
 @partial(run_options, error=0.05)
 def changes(
@@ -89,15 +87,14 @@ def changes(
     from bayes_ssi.studies.changes.changes_family import choose_changes
 
     loaded = load(study, only)
-    more = {"shared": None} if independent else {}
     settings = ChangeSettings(
         loss=Uniform(*loss),
         common_sd=common,
         covariate=None if covariate is None else read_covariate(covariate)[1],
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
-        **more,
+        shared=None if independent else Uniform(0.0, 1.0),
     )
-    grouping = {
+    grouping: dict[str, Any] = {
         "joined": named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),
         "places": named_values("--place", places, GROUP, r"([^=]+)=(.+)", _names),
         "left_out": left_out,

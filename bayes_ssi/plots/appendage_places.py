@@ -120,10 +120,12 @@ def _draw(ax: Any, place: _Located, colour: Any) -> Any:
 Kind = tuple[type[AppendagePlace], Point | None]
 
 
-def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = None) -> Axes:
-    """The building, and in colour the probability of an appendage at each place of a search.
+def plot_places_on_building(
+    places: Sequence[Any], ax: Axes | None = None, what: str = "an appendage"
+) -> Axes:
+    """The building, and in colour the probability of ``what`` at each place of a search.
 
-    Each kind of appendage has its own marker, next to its floor or in its storey, and the
+    Each kind of place has its own marker, next to its floor or in its storey, and the
     probability is written next to it.
     """
     heights = [each.place.height or 0.0 for each in places]
@@ -164,7 +166,7 @@ def plot_places_on_building(places: Sequence[PlaceRecord], ax: Axes | None = Non
         ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
                 markerfacecolor="none", label=kind.title)  # fmt: skip
     legend_below(ax, 2)
-    _colour_bar(ax, scale)
+    _colour_bar(ax, scale, what=what)
     return ax
 
 
@@ -213,9 +215,13 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     Places on floors are drawn on the building, places with coordinates in space, and others as
     bars. Axes that are given must have three dimensions for a drawing in space.
     """
-    heights = [each.place.height for each in search.places]
-    if all(height is not None and height <= STYLE.most_floors for height in heights):
-        return plot_places_on_building(search.places, ax)
+    places = [each for each in search.places if not getattr(each.place, "is_common", False)]
+    heights = [each.place.height for each in places]
+    drawn = {(_kind(each.place), each.place.height) for each in places}
+    if len(drawn) == len(places) and all(
+        height is not None and height <= STYLE.most_floors for height in heights
+    ):
+        return plot_places_on_building(places, ax, search.a_feature)
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search.places, search.geometry, ax)
     return plot_place_bars(search.places_by_probability, ax, search.a_feature)
@@ -231,7 +237,7 @@ def _colour_scale(highest: float) -> Any:
     return ScalarMappable(Normalize(0.0, highest or 1.0), "YlOrRd")
 
 
-def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None) -> None:
+def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None, what: str = "an appendage") -> None:
     """A colour bar, below ``ax`` or in axes of its own."""
     from matplotlib.ticker import MaxNLocator
 
@@ -239,5 +245,5 @@ def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None) -> None:
     if cax is None:
         room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
     bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
-    bar.set_label("probability of an appendage", fontsize=STYLE.small)
+    bar.set_label(f"probability of {what}", fontsize=STYLE.small)
     bar.ax.tick_params(labelsize=STYLE.small)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from bayes_ssi.results.search_answer import main_structure, unsampled
+from bayes_ssi.results.search_answer import unsampled
 from bayes_ssi.results.wording import (
     likelihood_in_words,
     listed,
@@ -10,7 +10,7 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
-from bayes_ssi.studies.changes.change_result import ChangeRecord, ChangeSummary
+from bayes_ssi.studies.changes.change_result import ChangeRecord, ChangeSummary, Quantiles
 from bayes_ssi.studies.ranking.comparison import RANKING
 
 
@@ -30,29 +30,33 @@ def change_verdict(record: ChangeRecord) -> str:
 
 
 def lost(change: ChangeSummary) -> str:
-    """What one place lost, in per cent: medians and 90 % intervals."""
+    """What one place lost: medians and 90 % intervals."""
     several = len(change.losses) > 1
     shares = [
-        (f"of {name.removeprefix('loss, ')} " if several else "")
-        + quantity(*(100.0 * share for share in shares), "%")
-        for name, shares in change.losses.items()
+        (f"of {name.removeprefix('loss, ')} " if several else "") + _percent(share)
+        for name, share in change.losses.items()
     ]
     return listed(shares)
 
 
+def _percent(share: Quantiles) -> str:
+    low, middle, high = (100.0 * each for each in share)
+    return quantity(low, middle, high, "%")
+
+
 def change_sentences(record: ChangeRecord) -> Iterator[str]:
     """Where it changed and by how much, what would have been seen, and what it rests on."""
-    yield from _places(record)
-    yield from _common(record)
+    if record.probability_of_change >= RANKING.probable:
+        yield from _places(record)
     yield from _visible(record)
+    yield from _common(record)
     if record.shared is not None:
         yield (
-            f"The tests share {quantity(*(100.0 * share for share in record.shared), '%')} of the "
+            f"The tests share {_percent(record.shared)} of the "
             "errors of the model, which is wrong in the same way before and after: their "
             f"correlation is inferred, with the prior {record.settings.shared}."
         )
     yield from unsampled(record)
-    yield from main_structure(record)
 
 
 def _places(record: ChangeRecord) -> Iterator[str]:
@@ -109,9 +113,12 @@ def _visible(record: ChangeRecord) -> Iterator[str]:
     if not record.has_visible:
         return
     places = [each for each in record.places if each.is_observed and not each.place.is_common]
-    seen = [each for each in places if each.smallest_visible is not None]
-    if seen:
-        shown = [f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}" for each in seen]
+    shown = [
+        f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
+        for each in places
+        if each.smallest_visible is not None
+    ]
+    if shown:
         yield (
             "Had nothing else changed, the smallest losses that these tests would have shown with "
             f"probability 0.9 are {shortened(shown)}; smaller ones may be there unseen."

@@ -70,16 +70,11 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
         ]
         others = shortened(shown)
         yield f"The data do not distinguish {comparison.best.name!r} from {others}."
-    yield from main_structure(search)
-
-
-def main_structure(record: FamilyRecord) -> Iterator[str]:
-    """The parameters of the baselines, averaged over all hypotheses."""
-    averages = record.averaged_parameters
+    averages = search.averaged_parameters
     if averages:
         averaged = "; ".join(
-            f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, "
-            f"{record.nothing_in_words} {row.naive_mean:.3g}"
+            f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
+            f"appendages {row.naive_mean:.3g}"
             for row in averages[: WORDING.most_listed]
         )
         more = " The others are in the tables." if len(averages) > WORDING.most_listed else ""

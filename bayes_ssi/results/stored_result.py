@@ -125,7 +125,9 @@ class StoredResult(InWords):
         if not path.is_file():
             return None
         check_digests(self.directory, SEARCH)
-        return read_record(FamilyRecord, path)
+        kind: Any = FamilyRecord  # its record says which
+        found: FamilyRecord = read_record(kind, path)
+        return found
 
     @property
     def class_records(self) -> tuple[ClassRecord, ...]:

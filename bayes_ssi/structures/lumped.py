@@ -155,6 +155,18 @@ class LumpedStructure(Structure):
     def appendages(self) -> tuple[str, ...]:
         return self._carried.labels
 
+    def height_of(self, parameter: str) -> float | None:
+        labels = self.main_degrees_of_freedom()
+        floors: dict[SinglePlace, int] = {0: 0}
+        for i, label in enumerate(labels):
+            floors[label] = floors[i + 1] = 1 + i * self.n_floors // len(labels)
+        middles = []
+        for spring in self.main_springs():
+            if parameter in [each.name for each in spring.stiffness.parameters]:
+                ends = {floors[place] for place, _ in spring.direction}
+                middles.append(0.5 * (max(ends) + (min(ends) if len(ends) > 1 else 0)))
+        return sum(middles) / len(middles) if middles else None
+
     def heights(self) -> dict[str, float]:
         """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
         main, labels = self.main_degrees_of_freedom(), self.degrees_of_freedom

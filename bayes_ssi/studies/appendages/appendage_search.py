@@ -34,7 +34,7 @@ from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
-from bayes_ssi.studies.search.search_record import records_by_probability
+from bayes_ssi.studies.search.search_record import of_every_search, records_by_probability
 
 
 @checked
@@ -108,15 +108,12 @@ def _record(
         present_in=baselines.present_in,
         search_settings=baselines.options,
         probability_of_any=sum(each.probability for each in rows if each.appendages),
-        most_probability_unsampled=found.most_probability_unsampled,
         places=place_records(draws, found.probabilities, baselines),
         geometry=baselines.geometry,
         hypotheses=rows,
-        averaged_parameters=tuple(found.averaged_parameters()),
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
-        n_not_tried=found.n_not_tried,
-        expected_not_tried=found.expected_not_tried,
         mass_unit=baselines.study.mass_unit,
+        **of_every_search(found),
     )
 
 

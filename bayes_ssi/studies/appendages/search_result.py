@@ -152,7 +152,6 @@ class SearchRecord(FamilyRecord):
 
     feature, a_feature = "appendage", "an appendage"
     nothing = "without any appendage"
-    nothing_in_words = "without appendages"
     why_unseen = "which move in no mode that a sensor sees"
 
     baselines: tuple[BaselineRecord, ...]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.families import TruncatedNormal
 from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
 
 
@@ -20,15 +21,18 @@ class ChangePlace:
         parameters: their names.
         is_joined: whether all of them lose one share; else each of them loses one of its own.
         is_common: whether this is a common factor of all places, which is no change.
+        height: in storeys above the ground; None where it is not known.
     """
 
     name: str
     parameters: tuple[str, ...]
     is_joined: bool = True
     is_common: bool = False
+    height: float | None = None
 
-    height = None
-    coordinates = None
+    # How drawings show it: in its storey.
+    title, marker, is_outside = "change", "s", False
+    direction = coordinates = None
 
     @property
     def description(self) -> str:
@@ -52,6 +56,7 @@ def places_of(
     joined: Mapping[str, Sequence[str]],
     places: Mapping[str, Sequence[str]],
     left_out: Sequence[str],
+    structure: Structure,
     where: str,
 ) -> tuple[ChangePlace, ...]:
     """The places of change of a class: those that are given, then every other parameter alone.
@@ -61,6 +66,7 @@ def places_of(
         joined: name of a place → parameters that lose one share.
         places: name of a place → parameters of which each loses a share of its own.
         left_out: parameters that do not change.
+        structure: which says how high parameters are.
         where: begins messages.
 
     Raises:
@@ -80,4 +86,11 @@ def places_of(
                 raise ValueError(f"{where}: {what} {name!r} is named twice")
     if not made:
         raise ValueError(f"{where}: every parameter is left out; leave one in")
-    return tuple(made)
+    return tuple(replace(place, height=_height(place, structure)) for place in made)
+
+
+def _height(place: ChangePlace, structure: Structure) -> float | None:
+    """The mean of those of its parameters."""
+    heights = [structure.height_of(name) for name in place.parameters]
+    known = [height for height in heights if height is not None]
+    return sum(known) / len(known) if known else None

@@ -57,7 +57,7 @@ class PlaceOfChange:
     probability: float
     is_observed: bool
     alike: tuple[str, ...]
-    smallest_visible: float | None
+    smallest_visible: float | None = None
 
     @property
     def place(self) -> ChangePlace:
@@ -79,7 +79,6 @@ class ChangeRecord(FamilyRecord):
 
     feature, a_feature = "change", "a change"
     nothing = "nothing changed"
-    nothing_in_words = "if nothing changed"
     why_unseen = "whose parameters move no mode that is compared"
 
     before: tuple[str, ...]

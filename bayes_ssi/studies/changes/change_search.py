@@ -37,6 +37,7 @@ from bayes_ssi.studies.search.family_search import FamilySearch, search_family
 from bayes_ssi.studies.search.search_record import (
     Draws,
     averaged_features,
+    of_every_search,
     records_by_probability,
 )
 
@@ -113,16 +114,10 @@ def with_visible_losses(
 
 
 class LossDraws(NamedTuple):
-    """Posterior draws of the losses of one place, one column for each, and their weights (n,)."""
+    """Posterior draws of the losses of one place (n, n_losses), and their weights (n,)."""
 
     losses: FloatArray
     weights: FloatArray
-
-    def summary(self, place: ChangePlace, names: Sequence[str]) -> ChangeSummary:
-        columns = zip(names, self.losses.T, strict=True)
-        return ChangeSummary(
-            place, {name: weighted_quantiles(own, self.weights) for name, own in columns}
-        )
 
 
 def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRecord:
@@ -144,37 +139,36 @@ def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRe
         if SHARED in own.names:
             shared.append((own.column(SHARED), found.probabilities[name] * own.weights))
 
+    def summary(place: ChangePlace, own: LossDraws) -> ChangeSummary:
+        columns = zip(names[place], own.losses.T, strict=True)
+        losses = {name: weighted_quantiles(each, own.weights) for name, each in columns}
+        return ChangeSummary(place, losses)
+
     def record(name: str, **fields: Any) -> ChangesRecord:
-        made = tuple(own.summary(place, names[place]) for place, own in draws[name].items())
-        return ChangesRecord(name=name, changes=made, **fields)
+        changed = tuple(summary(*item) for item in draws[name].items())
+        return ChangesRecord(name=name, changes=changed, **fields)
 
     rows = records_by_probability(found, record)
-    alike = _alike(rows)
-    unseen = without_influence(family)
+    alike, unseen = _alike(rows), without_influence(family)
+    of_shared = [np.concatenate(each) for each in zip(*shared, strict=True)]
     return ChangeRecord(
         before=family.before,
         after=family.after,
         settings=family.options,
         probability_of_change=min(1.0, sum(r.probability for r in rows if r.claims_change)),
-        most_probability_unsampled=found.most_probability_unsampled,
-        shared=weighted_quantiles(*map(np.concatenate, zip(*shared, strict=True)))
-        if shared
-        else None,
+        shared=weighted_quantiles(*of_shared) if shared else None,
         places=tuple(
             PlaceOfChange(
-                mixed.summary(place, names[place]),
+                summary(place, mixed),
                 probability,
-                place not in unseen,
-                alike.get(place, ()),
-                None,
+                is_observed=place not in unseen,
+                alike=alike.get(place, ()),
             )
             for place, probability, mixed in averaged_features(draws, found.probabilities)
         ),
         geometry=None,
         hypotheses=rows,
-        averaged_parameters=tuple(found.averaged_parameters()),
-        n_not_tried=found.n_not_tried,
-        expected_not_tried=found.expected_not_tried,
+        **of_every_search(found),
     )
 
 

@@ -13,6 +13,7 @@ from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.required_accuracy import (
     RefinementSettings,
+    Requirement,
     is_approximate,
     requirements,
 )
@@ -79,33 +80,26 @@ class Changes(Family[ChangePlace]):
     def most_sampled(self) -> int | None:
         most = super().most_sampled
         if self.options.most_sampled is None and any(map(is_approximate, self.classes)):
-            assert most is not None
-            # Each takes full solutions of two tests and more; nothing changed is one of them.
-            return max(2, most // 2)
+            return (most or 0) // 2  # each takes full solutions of two tests
         return most
 
     def projected(self, baseline: str, draws: Draws) -> ModelClass:
         chosen = self[baseline]
-        if not is_approximate(chosen):
-            return chosen
         own = draws(chosen.parameter_names, EFFORTS.basis_draws)
-        rng = np.random.default_rng(0)
-        made, z = [], []
+        rng, at = np.random.default_rng(0), []
         for place in self.features[baseline]:
-            made.append(self.hypothesis(chosen, (place,), place.name))
+            made = self.hypothesis(chosen, (place,), place.name)
             # Losses between 2 and 98 % if they are uniform.
-            free = np.clip(rng.standard_normal((len(own), len(made[-1].parameters))), -2.0, 2.0)
-            free[:, [made[-1].parameter_names.index(name) for name in chosen.parameter_names]] = own
-            z.append(free)
-        return _sharing_a_basis(chosen, made, z, RefinementSettings(error_share=1.0))
+            z = np.clip(rng.standard_normal((len(own), len(made.parameters))), -2.0, 2.0)
+            z[:, [made.parameter_names.index(name) for name in chosen.parameter_names]] = own
+            at.append((made, z))
+        return _sharing_a_basis(chosen, at, RefinementSettings(error_share=1.0))
 
     def accurate(self, best: Hypothesis[ChangePlace]) -> ModelClass:
         chosen = self[best.key.baseline]
-        if not is_approximate(chosen):
-            return chosen
         z = best.screened.posterior_draws(best.model_class.parameter_names, EFFORTS.basis_draws)
         made = self.hypothesis(chosen, best.key.features, best.model_class.name)
-        return _sharing_a_basis(chosen, [made], [z], RefinementSettings())
+        return _sharing_a_basis(chosen, [(made, z)], RefinementSettings())
 
     def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[ChangePlace]) -> ModelClass:
         name = hypothesis.model_class.name
@@ -116,34 +110,32 @@ class Changes(Family[ChangePlace]):
 
 def _sharing_a_basis(
     baseline: ModelClass,
-    made: Sequence[ModelClass],
-    z: Sequence[FloatArray],
+    hypotheses: Sequence[tuple[ModelClass, FloatArray]],
     settings: RefinementSettings,
 ) -> ModelClass:
     """The baseline, its structures accurate where hypotheses lie: one for all its tests.
 
     Args:
-        made: hypotheses on it, and ``z`` (n, d) where each lies, in standard-normal coordinates.
+        hypotheses: classes on it, and where each lies (n, d), in standard-normal coordinates.
     """
-    rows: dict[int, list[FloatArray]] = {}
-    needed: dict[int, list[tuple[float, float, int]]] = {}
-    for hypothesis, at in zip(made, z, strict=True):
-        of_tests = requirements(hypothesis, hypothesis.values(at), settings)
-        tests = zip(baseline.configurations, hypothesis.configurations, of_tests, strict=True)
+    if not is_approximate(baseline):
+        return baseline
+    needed: dict[int, list[Requirement]] = {}
+    for made, z in hypotheses:
+        of_tests = requirements(made, made.values(z), settings)
+        tests = zip(baseline.configurations, made.configurations, of_tests, strict=True)
         for own, test, required in tests:
-            values, changed = required.values, test.structure
-            if isinstance(changed, ChangedStructure):
-                values = changed.left(values)
-            rows.setdefault(id(own.structure), []).append(values)
-            needed.setdefault(id(own.structure), []).append(required[1:])
+            if isinstance(test.structure, ChangedStructure):
+                required = required._replace(values=test.structure.left(required.values))
+            needed.setdefault(id(own.structure), []).append(required)
     better: dict[int, Structure] = {}
 
     def shared(structure: Structure, _: int) -> Structure:
         key = id(structure)
         if key not in better:
-            frequency, shape, n_modes = zip(*needed[key], strict=True)
-            values = np.concatenate(rows[key])
-            better[key] = structure.accurate_at(values, min(frequency), min(shape), max(n_modes))
+            values, frequency, shape, n_modes = zip(*needed[key], strict=True)
+            limits = min(frequency), min(shape), max(n_modes)
+            better[key] = structure.accurate_at(np.concatenate(values), *limits)
         return better[key]
 
     return baseline.with_structures(shared)
@@ -169,9 +161,8 @@ def choose_changes(
     """
     options = options or ChangeSettings()
     before, after = tuple(dict.fromkeys(before)), tuple(dict.fromkeys(after))
-    for names, what in ((before, "before"), (after, "after")):
-        if not names:
-            raise ValueError(f"changes: no configuration {what}; give one or more")
+    if not (before and after):
+        raise ValueError("changes: give one configuration or more before, and one or more after")
     if both := [name for name in before if name in after]:
         raise ValueError(f"changes: configuration {both[0]!r} cannot be both before and after")
     classes = [_of_tests(each, before, after, options) for each in study.model_classes]
@@ -179,14 +170,11 @@ def choose_changes(
     chosen.require_same_data()
     features = {}
     for each in classes:
-        own = [
-            {p.name for p in test.structure.parameters}
-            for test in each.configurations
-            if test.name in after
-        ]
-        names = [p.name for p in each.structural_parameters if all(p.name in one for one in own)]
-        grouping = (joined or {}, places or {}, left_out)
-        found = places_of(names, *grouping, f"model class {each.name!r}")
+        changed = [test.structure for test in each.configurations if test.name in after]
+        own = [{p.name for p in structure.parameters} for structure in changed]
+        able = [p.name for p in each.structural_parameters if all(p.name in n for n in own)]
+        where = f"model class {each.name!r}"
+        found = places_of(able, joined or {}, places or {}, left_out, changed[0], where)
         if options.common_sd is not None:
             of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
             found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)

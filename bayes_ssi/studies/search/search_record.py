@@ -74,8 +74,7 @@ class FamilyRecord(Displayed):
     record_tag = "search"
     feature: ClassVar[str]  # what hypotheses add to a baseline, and with its article
     a_feature: ClassVar[str]
-    nothing: ClassVar[str]  # what a hypothesis without any feature claims,
-    nothing_in_words: ClassVar[str]  # and how a sentence says so
+    nothing: ClassVar[str]  # what a hypothesis without any feature claims
     why_unseen: ClassVar[str]  # why a test says nothing about a place
 
     most_probability_unsampled: float
@@ -181,6 +180,16 @@ def records_by_probability(found: FamilySearch[Feature], record: Callable[..., T
             )
         )
     return tuple(rows)
+
+
+def of_every_search(found: FamilySearch[Any]) -> dict[str, Any]:
+    """Fields of a :class:`FamilyRecord`, whatever was searched for."""
+    return {
+        "most_probability_unsampled": found.most_probability_unsampled,
+        "averaged_parameters": tuple(found.averaged_parameters()),
+        "n_not_tried": found.n_not_tried,
+        "expected_not_tried": found.expected_not_tried,
+    }
 
 
 class Draws(NamedTuple):

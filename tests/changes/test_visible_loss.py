@@ -1,0 +1,80 @@
+"""The smallest loss that two tests would have shown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_changes import BUILDING, ERROR, model_class
+
+import bayes_ssi as bs
+from bayes_ssi.studies.changes.changes_family import choose_changes
+from bayes_ssi.studies.changes.visible_loss import (
+    _where_most_are_above,
+    simulated_tests,
+    smallest_visible,
+)
+from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.family_search import screened_hypotheses
+
+
+def test_nine_in_ten_are_above_where_the_normal_distribution_has_them():
+    """Log odds of 1/2 (x/s + n)^2 - 8 with standard-normal n: nine in ten exceed 2 from
+    x = s (sqrt(20) + 1.2816) on.
+    """
+    s, rng = 0.05, np.random.default_rng(0)
+    losses = np.geomspace(0.15, 0.5, 4000)
+    log_odds = 0.5 * (losses / s + rng.standard_normal(4000)) ** 2 - 8.0
+    found = _where_most_are_above(losses, log_odds, 2.0, -8.0)
+    assert found == pytest.approx(s * (np.sqrt(20.0) + 1.2816), rel=0.01)
+
+
+def test_a_loss_that_no_test_would_show_has_no_smallest():
+    losses, rng = np.linspace(0.1, 0.9, 50), np.random.default_rng(0)
+    assert _where_most_are_above(losses, rng.normal(-3.0, 0.5, 50), 2.0, -5.0) is None
+
+
+def test_simulated_tests_share_the_errors_that_the_class_says():
+    """Frequencies of 10 % error, of which 96 % is shared: 2 % differences times the root of two."""
+    same = model_class(a=_modes(), b=_modes())
+    error = replace(ERROR, frequency_cov=0.1, shape_sd=0.1, between_tests=0.96)
+    same = replace(same, error=error)
+    z, rng = np.zeros(3), np.random.default_rng(1)
+    hz, shapes = [], []
+    for _ in range(400):
+        before, after = simulated_tests(same, z, rng)
+        hz.append([test.data.mode("1").frequency_hz for test in (before, after)])
+        shapes.append([test.data.mode("1").shape for test in (before, after)])
+    logs = np.log(hz)
+    spread = np.sqrt(0.1**2 + 0.002**2)
+    assert logs.std() == pytest.approx(spread, rel=0.1)
+    apart = np.sqrt(2.0 * (0.04 * 0.1**2 + 0.002**2))
+    assert np.diff(logs, axis=1).std() == pytest.approx(apart, rel=0.1)
+    of_shapes = np.sqrt(2.0 * (0.04 * 0.1**2 + 0.01**2))
+    assert np.diff(shapes, axis=1).std() == pytest.approx(of_shapes, rel=0.1)
+
+
+def _modes():
+    """The building's modes at the prior medians, in a band that holds them with large errors."""
+    modes = BUILDING.modes(np.ones((1, 3)))
+    return bs.ModalData(
+        tuple(
+            bs.IdentifiedMode(
+                str(j + 1), float(hz), modes.shapes[0, :, j], frequency_cov=0.002, shape_sd=0.01
+            )
+            for j, hz in enumerate(modes.frequencies_hz[0])
+        ),
+        (0.0, 9.0),
+        BUILDING.degrees_of_freedom,
+    )
+
+
+def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
+    """Half of it is within the errors, twice of it far beyond: what one test says at random."""
+    tests = model_class(a=_modes(), b=_modes())
+    family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"])
+    quick = replace(EFFORTS, most_full=0)
+    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), quick)
+    (nothing,) = [each for key, each in hypotheses.items() if not key.features]
+    visible = smallest_visible(family, nothing, 0, bs.Run())
+    assert len(visible) == 3
+    assert all(0.01 < loss < 0.2 for loss in visible.values())
