@@ -7,7 +7,6 @@ throughout.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.class_record import ClassRecord
@@ -21,7 +20,7 @@ from bayes_ssi.results.search_answer import (
     search_sentences,
     search_verdict,
 )
-from bayes_ssi.results.stored_result import StoredResult, result_record
+from bayes_ssi.results.stored_result import StoredResult, as_stored
 from bayes_ssi.results.wording import (
     WORDING,
     data_warnings,
@@ -66,18 +65,13 @@ def answer(result: StoredResult) -> Answer:
 
 def first_screen(result: StoredResult | Ranking | SearchResult) -> str:
     """Warnings, then the answer, a paragraph each."""
-    words = answer(result if isinstance(result, StoredResult) else _as_if_stored(result))
+    if isinstance(result, SearchResult):
+        stored = as_stored(result.ranking)
+        vars(stored)["search"] = result.record
+        result = stored
+    words = answer(as_stored(result))
     warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
     return "\n\n".join([*warnings, *words.paragraphs])
-
-
-def _as_if_stored(result: Ranking | SearchResult) -> StoredResult:
-    ranking = result.ranking if isinstance(result, SearchResult) else result
-    tests = {test.name: test.data for test in ranking.study.model_classes[0].configurations}
-    record = result_record(ranking, {}, {}, "", "", accept_failed_checks=False)
-    made = StoredResult(Path(), record, tests, ranking.posteriors, ranking.comparison)
-    vars(made)["search"] = result.record if isinstance(result, SearchResult) else None
-    return made
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:

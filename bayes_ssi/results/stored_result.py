@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_names
-from bayes_ssi.inference.model_class.class_record import ClassRecord
+from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
     failed_data_checks,
@@ -130,11 +131,6 @@ class StoredResult(InWords):
         return found
 
     @property
-    def class_records(self) -> tuple[ClassRecord, ...]:
-        """What is recorded of the model classes."""
-        return self.record.model_classes
-
-    @property
     def ranked_posteriors(self) -> tuple[Posterior, ...]:
         """The posteriors in the order of the ranking, the best first."""
         return tuple(self.posterior(row.name) for row in self.comparison.classes)
@@ -154,6 +150,10 @@ class StoredResult(InWords):
 
     def _rows(self) -> list[dict[str, Any]]:
         return self.comparison._rows()
+
+
+# A ranking, as it was made or read, or the directory that holds it.
+AnyResult = Ranking | StoredResult | str | PathLike[str]
 
 
 @checked
@@ -177,6 +177,19 @@ def load_result(directory: str | Path) -> StoredResult:
     posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
     return StoredResult(directory, record, tests, with_draws, comparison)
+
+
+def as_stored(result: AnyResult) -> StoredResult:
+    """A result as it is read from its directory, or would be if it were saved."""
+    if isinstance(result, StoredResult):
+        return result
+    if not isinstance(result, Ranking):
+        return load_result(Path(result))
+    tests = {test.name: test.data for test in result.study.model_classes[0].configurations}
+    record = result_record(result, {}, {}, "", "", accept_failed_checks=False)
+    made = StoredResult(Path(), record, tests, result.posteriors, result.comparison)
+    vars(made)["search"] = None
+    return made
 
 
 @checked
@@ -293,7 +306,7 @@ def result_record(
         prior_weights=study.prior_weights,
         data_digest=ranking.comparison.data_digest,
         versions=versions(),
-        model_classes=ranking.class_records,
+        model_classes=tuple(map(class_record, study.model_classes)),
         stands_for=study.stands_for,
         posteriors=tuple(
             to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))

@@ -40,7 +40,7 @@ def known(tiny_ranking):
 @pytest.fixture(scope="module")
 def answers(tiny_ranking, known):
     """Name of a variation → model class → what its draws say."""
-    sampled = SampledClasses({p.name: p for p in tiny_ranking.posteriors}, known, known)
+    sampled = SampledClasses({p.name: p for p in tiny_ranking.posteriors}, known)
     return {each.name: sampled.varied(each) for each in default_variations()}
 
 

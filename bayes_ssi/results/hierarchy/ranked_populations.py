@@ -31,12 +31,12 @@ from bayes_ssi.results.hierarchy.populations import (
 )
 from bayes_ssi.results.hierarchy.single_tests import (
     SingleTest,
-    TestResult,
     failed_tests,
     repeated_errors,
     single_tests,
     unusual_tests,
 )
+from bayes_ssi.results.stored_result import AnyResult
 from bayes_ssi.studies.ranking.comparison import (
     RANKING,
     bayes_factor_scale,
@@ -52,7 +52,7 @@ Report = Callable[[str, str, float], None]
 
 @checked
 def hierarchy(
-    results: Mapping[str, TestResult],
+    results: Mapping[str, AnyResult],
     covariate: Mapping[str, float] | None = None,
     *,
     covariate_name: str = "covariate",

@@ -5,7 +5,6 @@ What tests that the model class does not explain say of a population means nothi
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
-from bayes_ssi.results.stored_result import StoredResult, load_result
-from bayes_ssi.studies.ranking.study import Ranking
-
-# A ranking of one test, as it was made or read, or the directory that holds it.
-TestResult = Ranking | StoredResult | str | PathLike[str]
+from bayes_ssi.results.stored_result import AnyResult, as_stored
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +48,7 @@ class SingleTest:
 
 
 def single_tests(
-    results: Mapping[str, TestResult], class_name: str | None = None
+    results: Mapping[str, AnyResult], class_name: str | None = None
 ) -> tuple[str, tuple[SingleTest, ...]]:
     """The name of the model class, and its posterior in every test."""
     if len(results) < SETTINGS.fewest_tests:
@@ -71,20 +66,19 @@ def single_tests(
 
 
 def _chosen(
-    test: str, result: TestResult, class_name: str | None
+    test: str, result: AnyResult, class_name: str | None
 ) -> tuple[str, Posterior, ClassRecord, tuple[str, ...]]:
     """Name, posterior and record of the model class in one result, and its data's failed checks."""
-    if isinstance(result, (str, PathLike)):
-        result = load_result(Path(result))
-    records = result.class_records
+    stored = as_stored(result)
+    records = stored.record.model_classes
     names = [each.name for each in records]
     chosen = names[0] if class_name is None and len(names) == 1 else class_name
     if chosen not in names:
         listed = ", ".join(map(repr, names))
         problem = "which model class?" if chosen is None else f"no model class {chosen!r};"
         raise ValueError(f"hierarchy: test {test!r}: {problem} Choose from {listed}")
-    posterior = next(each for each in result.posteriors if each.name == chosen)
-    failed = result.comparison.failed_data_checks
+    posterior = next(each for each in stored.posteriors if each.name == chosen)
+    failed = stored.comparison.failed_data_checks
     return chosen, posterior, records[names.index(chosen)], failed
 
 

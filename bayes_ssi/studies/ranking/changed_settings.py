@@ -250,7 +250,7 @@ def with_changed_settings(
     settings.check([known[name] for name in names])
     before = checked_weights(names, prior_weights)
     after = checked_weights(names, {**before, **settings.prior_weights})
-    answers = SampledClasses(by_name, known, known).varied(Variation("", settings.applied_to))
+    answers = SampledClasses(by_name, known).varied(Variation("", settings.applied_to))
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
     log_evidences = {name: each.log_evidence.log_evidence for name, each in answers.items()}
     estimated = class_probabilities(log_evidences, after)

@@ -82,7 +82,7 @@ def sensitivity(
     rows = [SensitivityRow("unchanged", shares)]
     # The others are too improbable for a setting to bring them back.
     relevant = {each.name: each for each in posteriors if can_matter(shares[each.name])}
-    sampled = SampledClasses(relevant, known, {name: known[name] for name in relevant})
+    sampled = SampledClasses(relevant, {name: known[name] for name in relevant})
     for variation in default_variations():
         answers = sampled.varied(variation)
         changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}

@@ -15,7 +15,6 @@ from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.criticism.adequacy import Hint
-from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -191,11 +190,6 @@ class Ranking(InWords):
     comparison: Comparison
     seed: int
     settings: SamplingSettings
-
-    @property
-    def class_records(self) -> tuple[ClassRecord, ...]:
-        """What is recorded of the model classes."""
-        return tuple(map(class_record, self.study.model_classes))
 
     def _line(self) -> str:
         return f"of {self.study.name!r}: {self.comparison._line()}"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -126,7 +126,6 @@ class Varied:
     log_ratio: Estimate  # the same less that of the class as sampled at first
     pareto_k: float  # shape of the weights' tail; -inf where they have none
     problem: str  # why this cannot be trusted; empty where it can
-    is_sampled_again: bool = False  # whether the draws are of the varied class itself
 
     @cached_property
     def parameters(self) -> tuple[ParameterSpread, ...]:
@@ -138,12 +137,11 @@ class SampledClasses:
     """Model classes that were sampled, and can be varied."""
 
     posteriors: Mapping[str, Posterior]  # by the names of the classes
-    # As they were sampled; those of a stored result are known at its draws alone.
-    classes: Mapping[str, ModelClass]
-    # The same with modes known at draws, from
+    # With modes known at draws, from
     # :func:`~bayes_ssi.inference.posterior.known_modes.known_at_draws`.
     known: Mapping[str, ModelClass]
-    # Samples varied classes, where draws of the given ones do not cover them.
+    # As they were sampled, and how varied ones are sampled where draws do not cover them.
+    classes: Mapping[str, ModelClass] = field(default_factory=dict)
     sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
 
     @classmethod
@@ -156,29 +154,24 @@ class SampledClasses:
         """Those of the classes that have a posterior."""
         by_name = {each.name: each for each in classes}
         known = {each.name: known_at_draws(by_name[each.name], each) for each in posteriors}
-        return cls({each.name: each for each in posteriors}, by_name, known, sample)
+        return cls({each.name: each for each in posteriors}, known, by_name, sample)
 
     def varied(
         self, variation: Variation, must_sample: Callable[[Varied], bool] = lambda _: False
     ) -> dict[str, Varied]:
-        """Every class under a variation; ``must_sample`` says which ones are sampled again."""
-        answers = {}
-        for name, known in self.known.items():
-            original = self.classes[name]
-            changed = _known_where_same(variation.change(original), original, known)
-            answers[name] = reweighted(self.posteriors[name], known, changed)
+        """Every class under a variation of anything but its structures.
+
+        ``must_sample`` says which ones are sampled again.
+        """
+        answers = {
+            name: reweighted(self.posteriors[name], known, variation.change(known))
+            for name, known in self.known.items()
+        }
         again = [name for name, answer in answers.items() if must_sample(answer)]
         sampled = self.sample([variation.change(self.classes[name]) for name in again])
         for name, posterior in zip(again, sampled, strict=True):
             answers[name] = _sampled_again(answers[name], self.posteriors[name], posterior)
         return answers
-
-
-def _known_where_same(changed: ModelClass, original: ModelClass, known: ModelClass) -> ModelClass:
-    """The changed class with modes known at draws; those of another structure are solved for."""
-    before = [test.structure for test in original.configurations]
-    at_draws = [test.structure for test in known.configurations]
-    return changed.with_structures(lambda s, i: at_draws[i] if s is before[i] else s)
 
 
 def _sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varied:
@@ -193,7 +186,6 @@ def _sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varie
         Estimate(new.log_evidence - old.log_evidence, error),
         -math.inf,
         "; ".join(again.failed_checks),
-        is_sampled_again=True,
     )
 
 
