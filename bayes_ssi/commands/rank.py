@@ -36,7 +36,6 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
         records = {"averaged_parameters.json": averages}
         result = options.save(ranking, records, place, run)
 
-    # Imported by now if there are workers, while they were sampling.
     from bayes_ssi.report.tables.ranking_tables import (
         averages_table,
         evidence_table,

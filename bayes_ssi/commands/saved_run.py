@@ -128,7 +128,7 @@ class RunOptions:
         if self.dask is not None:
             return DaskWorkers(self.dask)
         if self.workers is None:
-            return automatic_workers(candidates, n_classes, _prepare_the_end)
+            return automatic_workers(candidates, n_classes)
         if self.workers == 1:
             return None
         n_cores = usable_cores()
@@ -138,7 +138,7 @@ class RunOptions:
                 "used; more processes would only wait for one another.",
                 err=True,
             )
-        return chosen_workers(candidates, self.workers, _prepare_the_end)
+        return chosen_workers(candidates, self.workers)
 
     def save(
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
@@ -160,7 +160,6 @@ class RunOptions:
             command=command_line(),
             extra=records,
             figures=_figures(ranking, records),
-            run=run,
         )
         run.report("saving", "result and figures", 1.0)
         place.checkpoint.remove(ranking.study.names)
@@ -249,13 +248,6 @@ def _recorded(place: ResultPlace) -> Path:
     here = Path.cwd()
     below = place.directory.absolute().is_relative_to(here)
     return place.study_file if below else place.study_file.absolute()
-
-
-def _prepare_the_end() -> None:
-    """Import what the end of a run needs, while workers are still sampling."""
-    from bayes_ssi.plots.result_figures import prepare
-
-    prepare()
 
 
 def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]:

@@ -116,7 +116,6 @@ def search(
         result = options.save(appendages.ranking, records, place, run)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
-    # Imported by now if there are workers, while they were sampling.
     from bayes_ssi.report.tables.search_tables import (
         appendage_table,
         averaged_table,

@@ -16,7 +16,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files, save_figure
 from bayes_ssi.plots.identified_modes import has_errors_on, plot_identified_shapes
-from bayes_ssi.plots.parameter_plots import import_corner, plot_corner
+from bayes_ssi.plots.parameter_plots import plot_corner
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.space import DrawnMode, can_be_drawn, plot_modes_in_space
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
@@ -47,7 +47,7 @@ def result_figures(
     comparison: Comparison,
     search: FamilyRecord | None = None,
 ) -> list[ResultFigure]:
-    """The figures of a result, of its best classes, the one that takes longest first."""
+    """The figures of a result, of its best classes."""
     figures = [ResultFigure("corner", partial(plot_corner, ranked[0]))]
     most = STYLE.most_classes
     for i, (configuration, modes) in enumerate(tests.items(), 1):
@@ -92,10 +92,3 @@ def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[ResultFigu
         if has_errors_on(test.structure, test.data):
             draw = partial(plot_identified_shapes, test.data, test.structure)
             yield ResultFigure(f"{IDENTIFIED_SHAPES}_{i}", draw)
-
-
-def prepare() -> None:
-    """Import what takes long to import, in the process that is to draw the first figure."""
-    import matplotlib.figure  # noqa: F401
-
-    import_corner()

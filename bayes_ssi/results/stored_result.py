@@ -31,10 +31,8 @@ from bayes_ssi.inference.model_class.configuration import (
     choose_configuration,
     failed_data_checks,
 )
-from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_csv, write_modal_data
 from bayes_ssi.results.draws import load_draws, save_draws
@@ -203,7 +201,6 @@ def save_result(
     command: str = "",
     extra: Mapping[str, Any] | None = None,
     figures: Sequence[Callable[[Path], object]] = (),
-    run: Run | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
 
@@ -216,9 +213,7 @@ def save_result(
         command: the command that reproduces the result, for the record.
         extra: name of a further JSON file → the object whose record it holds.
         figures: functions that write figures into the directory that they are called with, which
-            becomes ``figures`` of the result; this process draws the first one, which should be
-            the one that takes longest.
-        run: processes that write files side by side.
+            becomes ``figures`` of the result.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
@@ -231,33 +226,20 @@ def save_result(
         files = file_names([row.name for row in ranking.posteriors], "nc")
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
         classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
-        with (run or Run()).side_by_side() as begin:
-            if figures:
-                (partial / FIGURES).mkdir()
-                # By one process: to import matplotlib takes longer than to draw most of them.
-                begin(_draw, (figures[1:], partial / FIGURES))
-            for posterior in ranking.posteriors:
-                name = posterior.name
-                begin(_save_draws, (partial / draws[name], posterior, classes[name]))
-            record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
-            write_json(partial / MARKER, record)
-            write_json(partial / COMPARISON, ranking.comparison)
-            for name, further in (extra or {}).items():
-                write_json(partial / name, further)
-            _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-            _draw((figures[:1], partial / FIGURES))
+        for posterior in ranking.posteriors:
+            save_draws(partial / draws[posterior.name], posterior, classes[posterior.name])
+        record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
+        write_json(partial / MARKER, record)
+        write_json(partial / COMPARISON, ranking.comparison)
+        for name, further in (extra or {}).items():
+            write_json(partial / name, further)
+        _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
+        if figures:
+            (partial / FIGURES).mkdir()
+        for figure in figures:
+            figure(partial / FIGURES)
         write_digests(partial)
     return load_result(directory)
-
-
-def _draw(arguments: tuple[Sequence[Callable[[Path], object]], Path]) -> None:
-    figures, directory = arguments
-    for figure in figures:
-        figure(directory)
-
-
-def _save_draws(arguments: tuple[Path, Posterior, ModelClass]) -> None:
-    save_draws(*arguments)
 
 
 def _save_tests(study: Study, directory: Path) -> dict[str, str]:

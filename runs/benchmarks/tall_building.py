@@ -52,7 +52,7 @@ def main() -> None:
     begun = perf_counter()
     bare = baseline()
     # Copies of this process, as commands have them.
-    workers = chosen_workers([bare], options.workers, lambda: None)
+    workers = chosen_workers([bare], options.workers)
     result = search(bare, SearchSettings(number_weights=weights), run=bs.Run(workers))
     seconds = perf_counter() - begun
     rows = result.record.hypotheses

@@ -28,7 +28,7 @@ def n_workers():
     """The number of workers for some classes; 0 for none."""
 
     def number(classes, n_classes=None):
-        workers = automatic_workers(classes, n_classes or len(classes), lambda: None)
+        workers = automatic_workers(classes, n_classes or len(classes))
         return workers.n_workers if workers else 0
 
     return number
@@ -69,10 +69,10 @@ def test_a_users_own_code_stays_in_this_process(model_classes, of_a_function, n_
     own = replace(classes[0], name="own", structure=DelegatingStructure(classes[0].structure))
     assert n_workers([*classes, own]) == 0
     # Unless workers are asked for; these are no copies of a process that ran the user's code.
-    chosen = chosen_workers([*classes, own], 2, lambda: None)
+    chosen = chosen_workers([*classes, own], 2)
     assert (chosen.n_workers, chosen.copies) == (2, False)
-    assert chosen_workers(classes, 99, lambda: None).n_workers == 4
-    assert chosen_workers(classes, 2, lambda: None).copies
+    assert chosen_workers(classes, 99).n_workers == 4
+    assert chosen_workers(classes, 2).copies
 
 
 @pytest.mark.parametrize(

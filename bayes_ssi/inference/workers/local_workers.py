@@ -1,48 +1,36 @@
 """Worker processes on this machine, and the choice of workers."""
 
 import multiprocessing
-import os
 import sys
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from concurrent.futures import BrokenExecutor, Executor, Future
 from numbers import Integral
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
 from bayes_ssi.inference.workers.remote import (
-    PackedFunction,
-    call_packed,
-    digest_of,
     end_with_parent,
-    pickled,
 )
 from bayes_ssi.inference.workers.workers import Workers
-
-R = TypeVar("R")
-T = TypeVar("T")
 
 
 class LocalWorkers(Workers):
     """Processes on this machine; they start at the first call and are replaced if they die."""
 
-    def __init__(
-        self, n: int, *, copies: bool = False, while_busy: Callable[[], object] | None = None
-    ) -> None:
+    def __init__(self, n: int, *, copies: bool = False) -> None:
         """Prepare ``n`` processes.
 
         Args:
             copies: whether to start them as copies of this process, where that is possible: at
                 once, while a new process imports the package for about a second. There must be no
                 state of other threads and libraries that a copy could stumble over.
-            while_busy: called once by this process, while it would only wait for them.
         """
         if n < 1:
             raise ValueError(f"workers must be at least 1, got {n!r}")
         super().__init__(None, n)
         self.copies = copies
-        self.while_busy = while_busy
         self._file: IO[bytes] | None = None
 
     def _start(self) -> None:
@@ -54,12 +42,6 @@ class LocalWorkers(Workers):
         if self._executor is None:
             self._executor = self._new_executor(None)
         return self._executor
-
-    def begin(self, function: Callable[[T], R], item: T) -> Future[R]:
-        """Begin ``function(item)`` as soon as a process is free."""
-        data = pickled(function)
-        packed = PackedFunction(digest_of(data), os.getpid(), data)
-        return self._running().submit(call_packed, packed, pickled(item))
 
     def _new_executor(self, context: Any) -> Executor:
         from loky import ProcessPoolExecutor
@@ -101,11 +83,6 @@ class LocalWorkers(Workers):
                 # Loky does not wait for the thread that feeds its queue. If this process ends while
                 # that thread gives a semaphore back, it is half removed, which loky then reports.
                 feeder.join()
-
-    def _while_busy(self) -> None:
-        while_busy, self.while_busy = self.while_busy, None
-        if while_busy is not None:
-            while_busy()
 
     def _replace(self, death: BrokenExecutor) -> None:
         del death

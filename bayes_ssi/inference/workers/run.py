@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor
-from contextlib import contextmanager, nullcontext, suppress
+from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bayes_ssi.foundations.notebook import notebook_progress
 from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
+from bayes_ssi.inference.workers.local_workers import as_workers
 from bayes_ssi.inference.workers.workers import Workers
 
 LOG = logging.getLogger("bayes_ssi")
@@ -21,8 +20,6 @@ LOG.addHandler(logging.NullHandler())
 # Called with the name of what is computed (usually a model class), the name of the step, and the
 # completed share of that step.
 Progress = Callable[[str, str, float], None]
-# Called with a function and its argument.
-Begin = Callable[[Callable[[Any], object], Any], None]
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -80,35 +77,3 @@ class Run:
         LOG.log(level, "%s: %s %.0f %%", name, step, 100.0 * done)
         if self.progress is not None:
             self.progress(name, step, done)
-
-    @contextmanager
-    def side_by_side(self) -> Iterator[Begin]:
-        """Within this block, a function begins calls, and the end of the block waits for them.
-
-        The calls are made by processes of this machine, if there are any, while this process goes
-        on; at the end of the block by this one if there are none, or if one died. After an error,
-        of a call or within the block, nothing is left under way.
-        """
-        begun: list[Callable[[], object]] = []
-        try:
-            yield lambda function, item: begun.append(self._begin(function, item))
-            for value in begun:
-                value()
-        except BaseException:
-            if isinstance(self.workers, LocalWorkers):
-                self.workers.abandon()
-            raise
-
-    def _begin(self, function: Callable[[Any], object], item: object) -> Callable[[], object]:
-        """A function that waits for ``function(item)``, which is begun if processes are there."""
-        workers = self.workers
-        begun = workers.begin(function, item) if isinstance(workers, LocalWorkers) else None
-
-        def value() -> object:
-            if begun is not None:
-                # Errors of an executor that broke or was shut down.
-                with suppress(RuntimeError, CancelledError):
-                    return begun.result()
-            return function(item)
-
-        return value

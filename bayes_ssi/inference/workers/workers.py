@@ -172,15 +172,8 @@ class Workers:
         items: Sequence[T],
         done: Callable[[int], object] | None = None,
         meanwhile: Callable[[], object] | None = None,
-        *,
-        are_brief: bool = False,
     ) -> dict[int, R]:
-        """``function`` of every item, each in one worker; items whose worker died are left out.
-
-        Args:
-            are_brief: whether calls take no longer than what this process could do in the
-                meantime, so that workers would wait for it.
-        """
+        """``function`` of every item, each in one worker; items whose worker died are left out."""
         answers: dict[int, R] = {}
         waiting: dict[Future[R], int] = {}
         death: BaseException | None = None
@@ -189,8 +182,6 @@ class Workers:
             executor = self._running()
             for i, item in enumerate(items):
                 waiting[_submitted(executor, packed, pickled(item))] = i
-            if waiting and not are_brief:
-                self._while_busy()
             while waiting:
                 if meanwhile is not None:
                     meanwhile()
@@ -254,9 +245,6 @@ class Workers:
         """The futures that are ready, of which there may be none yet."""
         # Between two looks at the progress of calls.
         return wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED).done
-
-    def _while_busy(self) -> None:
-        """Called in this process when its workers have something to do."""
 
     def _is_death(self, error: BaseException) -> bool:
         """Whether an error means that a worker died, rather than that the function failed."""

@@ -4,7 +4,7 @@ Whether an object can be used in any process: it holds data, and no code of a us
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from types import FunctionType
 from typing import Any
@@ -49,14 +49,11 @@ def holds_user_code(what: object) -> bool:
 CLASSES_FOR_NEW_PROCESSES = 4
 
 
-def automatic_workers(
-    candidates: Sequence[ModelClass], n_classes: int, while_busy: Callable[[], object]
-) -> LocalWorkers | None:
+def automatic_workers(candidates: Sequence[ModelClass], n_classes: int) -> LocalWorkers | None:
     """One process for each core that can be used, as far as they are busy; None if one is enough.
 
-    None, too, where models hold a user's own code (see
-    :func:`holds_user_code`), or classes are few and every
-    process would have to import the package anew.
+    None, too, where models hold a user's own code (see :func:`holds_user_code`), or classes are
+    few and every process would have to import the package anew.
     """
     n = usable_cores()
     if all(map(is_cheap, candidates)):
@@ -65,24 +62,19 @@ def automatic_workers(
             return None
     if n == 1 or holds_user_code(list(candidates)):
         return None
-    return _copies(n, while_busy)
+    return _copies(n)
 
 
-def chosen_workers(
-    candidates: Sequence[ModelClass], n: int, while_busy: Callable[[], object]
-) -> LocalWorkers:
-    """As many processes, but no more than cores that can be used.
-
-    Arguments are as in :func:`automatic_workers`.
-    """
+def chosen_workers(candidates: Sequence[ModelClass], n: int) -> LocalWorkers:
+    """As many processes, but no more than cores that can be used."""
     n = min(n, usable_cores())
     if holds_user_code(list(candidates)):
-        return LocalWorkers(n, while_busy=while_busy)
-    return _copies(n, while_busy)
+        return LocalWorkers(n)
+    return _copies(n)
 
 
-def _copies(n: int, while_busy: Callable[[], object]) -> LocalWorkers:
+def _copies(n: int) -> LocalWorkers:
     """Processes that are copies of this one, where that is possible, with all that they need."""
     if can_copy():
         import bayes_ssi.inference.sampling.moves  # noqa: F401 - once here, not in every copy
-    return LocalWorkers(n, copies=True, while_busy=while_busy)
+    return LocalWorkers(n, copies=True)

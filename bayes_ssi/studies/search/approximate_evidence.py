@@ -112,7 +112,7 @@ def each_in_workers(
     """
     results: dict[int, R] = {}
     if run.workers is not None:
-        results = run.workers.try_each(function, items, done, are_brief=True)
+        results = run.workers.try_each(function, items, done)
     for i, item in enumerate(items):
         if i not in results:
             results[i] = function(item)
