@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +150,7 @@ class StoredResult(InWords):
 
 
 # A ranking, as it was made or read, or the directory that holds it.
-AnyResult = Ranking | StoredResult | str | PathLike[str]
+AnyResult = Ranking | StoredResult | str | Path
 
 
 @checked
