@@ -163,7 +163,7 @@ def test_tables_fit_a_terminal(predicted, responses):
     peaks = printed(peak_table(responses))
     table = shape_table(predicted.data, responses[0])
     assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
-    median = predicted.of().frequencies_hz("1").quantile(0.5)
+    median = predicted.of().frequencies_hz("1").band().median
     assert f"{median:.4g}" in frequencies
     assert "0.618" in frequencies  # before
     assert peaks.count("floor 2") == 2 * 3

@@ -32,10 +32,6 @@ class Prediction(Displayed):
     draws: FloatArray
     share: float = 1.0
 
-    def quantile(self, level: float) -> FloatArray:
-        """The quantile at every point; the draws' shape without the first dimension."""
-        return np.quantile(self.draws, level, axis=0)
-
     def band(self, level: float = 0.95) -> Band:
         """The central interval that holds ``level`` of the draws, point by point.
 

@@ -270,7 +270,7 @@ def predicted_modes(
     """Frequencies of all identified modes that a prediction explains."""
     for label in _explained(data, predictions):
         after = predictions.frequencies_hz(label)
-        before = float(predictions.frequencies_before_hz(label).quantile(0.5))
+        before = float(predictions.frequencies_before_hz(label).band().median)
         identified = data.mode(label).frequency_hz
         yield PredictedMode(label, identified, before, after.band(level), after.share)
 
