@@ -28,6 +28,7 @@ from bayes_ssi.results.wording import (
     listed,
     probability_in_words,
     quantity,
+    shortened,
     with_error,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
@@ -120,12 +121,11 @@ def _verdict(result: StoredResult) -> str:
     alike = _alike(result)
     if alike:
         tied = [best, *alike]
-        shown = [_title_and_probability(result, row) for row in tied[: WORDING.most_listed]]
-        shown += [f"{len(tied) - len(shown)} others"] if len(tied) > len(shown) else []
+        titles = [_title_and_probability(result, row) for row in tied]
         together = probability_in_words(min(1.0, sum(row.probability for row in tied)))
         return (
             f"Among {len(rows)} model classes the data do not distinguish between "
-            f"{listed(shown)}. Their probability together is {together}: keep them all, and "
+            f"{shortened(titles)}. Their probability together is {together}: keep them all, and "
             "predict with their average."
         )
     sure = likelihood_in_words(best.probability)
@@ -268,10 +268,7 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
         row.name for row in posterior.summary if row.relative_spread >= WORDING.undetermined_spread
     ]
     if vague:
-        shown_names = vague[: WORDING.most_listed]
-        more = f" and {len(vague) - len(shown_names)} others" if vague[len(shown_names) :] else ""
-        names = ", ".join(shown_names) if more else listed(vague)
-        sentences.append(f"The data say next to nothing about {names}{more}.")
+        sentences.append(f"The data say next to nothing about {shortened(vague)}.")
     return sentences
 
 
