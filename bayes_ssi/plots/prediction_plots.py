@@ -189,7 +189,7 @@ def _mode_figures(
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:
         identified = np.stack([np.asarray(mode.unit_shape) for mode in measured], axis=1)
-        model = [own.shapes(label, data.sensors).quantile(0.5) for label in paired]
+        model = [own.shapes(label, data.sensors).band().median for label in paired]
         matrix = mac(identified, np.stack(model, axis=1))
         names = ("identified mode", f"median mode of {own.name!r}")
         yield "mac", plot_mac(matrix, [mode.label for mode in measured], paired, of=names)

@@ -165,6 +165,7 @@ def test_a_robust_ranking_is_reported_as_such():
 def test_a_class_alone_leads_by_infinity():
     row = SensitivityRow("unchanged", {"a": 1.0})
     assert row.lead == math.inf
+    assert math.isnan(SensitivityRow("x", {"a": 1.0 - 1e-9, "b": 1e-9}, unsaid=("b",)).lead)
     assert sensitivity_table(Sensitivity((row,))).row_count == 1
 
 

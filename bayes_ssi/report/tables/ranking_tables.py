@@ -174,7 +174,7 @@ def sensitivity_table(sensitivity: Sensitivity) -> Table:
         known = row.probabilities and (
             row.best,
             probability_text(row.probabilities[row.best]),
-            "-" if math.isinf(row.lead) else f"{row.lead:.2f}",
+            f"{row.lead:.2f}" if math.isfinite(row.lead) else "-",
             probability_text(row.probabilities[first]),
         )
         add_row(table, marked(row.name, row.problem), *(known or unknown))

@@ -369,11 +369,9 @@ def _row(
     )
 
 
-def can_matter(probability: float) -> bool:
-    """Whether a class of this probability would be probable if its evidence were far too low."""
-    return probability > 0.0 and math.log(probability) + RANKING.wrong_by >= math.log(
-        RANKING.probable
-    )
+def can_matter(probability: float, too_low_by: float = RANKING.wrong_by) -> bool:
+    """Whether a class would be probable if its log evidence were too low by this."""
+    return probability > 0.0 and math.log(probability) + too_low_by >= math.log(RANKING.probable)
 
 
 def _without_consequence(failed_check: str) -> str:

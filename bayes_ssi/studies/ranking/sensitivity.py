@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.studies.ranking.comparison import can_matter, class_probabilities
+from bayes_ssi.studies.ranking.comparison import RANKING, can_matter, class_probabilities
 from bayes_ssi.studies.ranking.variations import SampledClasses, default_variations
 
 
@@ -21,6 +21,8 @@ class SensitivityRow:
     name: str
     probabilities: Mapping[str, float]  # of every model class; none where the draws do not say
     problem: str = ""  # why the draws do not say, class by class
+    # Classes of which the draws say nothing reliable, but that are too improbable to matter.
+    unsaid: tuple[str, ...] = ()
 
     @property
     def ranked(self) -> tuple[str, ...]:
@@ -33,11 +35,16 @@ class SensitivityRow:
 
     @property
     def lead(self) -> float:
-        """Log of the probability ratio of the two best classes, in nats; inf for a single class."""
-        shares = sorted(self.probabilities.values(), reverse=True)
-        if len(shares) < 2 or shares[1] == 0.0:
+        """Log of the probability ratio of the two best classes, in nats.
+
+        Infinite for a single class; NaN where the draws of the second do not say.
+        """
+        best, *others = self.ranked
+        if not others or self.probabilities[others[0]] == 0.0:
             return math.inf
-        return math.log(shares[0] / shares[1])
+        if others[0] in self.unsaid:
+            return math.nan
+        return math.log(self.probabilities[best] / self.probabilities[others[0]])
 
 
 @dataclass(frozen=True)
@@ -80,13 +87,20 @@ def sensitivity(
     log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
     shares = class_probabilities(log_evidences, prior_weights)
     rows = [SensitivityRow("unchanged", shares)]
-    # The others are too improbable for a setting to bring them back.
-    relevant = {each.name: each for each in posteriors if can_matter(shares[each.name])}
-    sampled = SampledClasses(relevant, {name: known[name] for name in relevant})
+    sampled = SampledClasses({each.name: each for each in posteriors}, known)
     for variation in default_variations():
         answers = sampled.varied(variation)
         changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
-        problem = "; ".join(f"{n!r}: {each.problem}" for n, each in answers.items() if each.problem)
-        after = {} if problem else class_probabilities(log_evidences | changed, prior_weights)
-        rows.append(SensitivityRow(variation.name, after, problem))
+        after = class_probabilities(changed, prior_weights)
+        unsaid = [name for name, each in answers.items() if each.problem]
+        errors = {name: RANKING.standard_errors * answers[name].log_ratio.error for name in unsaid}
+        problem = "; ".join(
+            f"{name!r}: {answers[name].problem}"
+            for name in unsaid
+            if can_matter(shares[name])
+            or can_matter(after[name], min(errors[name], RANKING.wrong_by))
+        )
+        rows.append(
+            SensitivityRow(variation.name, {} if problem else after, problem, tuple(unsaid))
+        )
     return Sensitivity(tuple(rows))
