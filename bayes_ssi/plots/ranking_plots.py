@@ -156,7 +156,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
             ax.axhspan(y - 0.5, y + 0.5, color=STYLE.vermilion, alpha=0.12, linewidth=0)
         for name, colour, marker in looks:
             probability, of_first = row.probabilities[name], row.probabilities[first]
-            if probability <= 0.0 or of_first <= 0.0:
+            if probability <= 0.0 or of_first <= 0.0 or name in row.unsaid:
                 continue
             (point,) = ax.plot(np.log(probability / of_first), y, marker, color=colour,
                                markersize=5, linestyle="none",
