@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.model_class.class_record import ClassRecord, ConfigurationRecord
+from bayes_ssi.inference.model_class.class_record import ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
@@ -55,24 +54,13 @@ def page_content(
     record, comparison = stored.record, stored.comparison
     appendages = stored.search if isinstance(stored.search, SearchRecord) else None
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
-    classes = [
-        # A hypothesis of a search carries the description of the class that it was built on.
-        _class(row, posterior, stored, described=stored.search is None)
-        for row, posterior in ranked[: LIMITS.classes]
-    ]
+    classes = [_class(row, posterior, stored) for row, posterior in ranked[: LIMITS.classes]]
     return {
-        "title": record.study,
-        "question": record.description,
         "record": record,
-        "rows": comparison.classes,
-        "best": comparison.best,
-        "equal_priors": comparison.has_equal_priors,
+        "comparison": comparison,
         "answer": answer(stored),
         # A search has a table of its own.
         "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
-        "failed": comparison.failed_checks,
-        "remarks": comparison.remarks,
-        "scale": comparison.scale,
         "limit_sds": CRITICISM.limit_sds,
         "tests": [
             # Where no shape was measured at all, that is said once.
@@ -106,18 +94,15 @@ def page_content(
     }
 
 
-def _class(
-    row: RankedClass, posterior: Posterior, stored: StoredResult, *, described: bool
-) -> dict[str, Any]:
+def _class(row: RankedClass, posterior: Posterior, stored: StoredResult) -> dict[str, Any]:
     record = stored.record.model_class(row.name)
     records = {configuration.name: configuration for configuration in record.configurations}
     return {
         "row": row,
-        "description": record.description if described else "",
-        "error_sizes": record.error_sizes,
-        "detection_probability": record.detection_probability,
-        "expected_spurious_modes": record.expected_spurious_modes,
-        "parameters": _parameters(posterior, record),
+        "record": record,
+        "parameters": list(
+            zip(posterior.summary, posterior.prior_quantiles, record.parameters, strict=True)
+        ),
         "configurations": [
             {
                 **_of_configuration(modes, stored.tests[modes.name], posterior),
@@ -128,20 +113,6 @@ def _class(
         "pairings": pairing_notes(posterior),
         "regions": region_notes(posterior),
     }
-
-
-def _parameters(posterior: Posterior, record: ClassRecord) -> list[dict[str, Any]]:
-    parameters = {each.name: each for each in record.parameters}
-    return [
-        {
-            **asdict(row),
-            "unit": parameters[row.name].unit,
-            "prior": parameters[row.name].prior,
-            "before": before,
-            "after": (row.quantile_05, row.median, row.quantile_95),
-        }
-        for row, before in zip(posterior.summary, posterior.prior_quantiles, strict=True)
-    ]
 
 
 def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:
