@@ -184,8 +184,8 @@ def test_what_is_refused(rankings):
     for problem, tests, options in (
         ("at least 2 tests are needed, got 1", {"a": january}, {}),
         ("tests 'a' and 'b' have the same data", {"a": january, "b": january}, {}),
-        ("the priors of 'k2' differ", {"a": january, "b": other}, {}),
-        ("2 and 3 parameters", {"a": january, "b": free}, {}),
+        ("has the parameter ParameterRecord(name='k2'", {"a": january, "b": other}, {}),
+        ("in test 'a' and ParameterRecord(", {"a": january, "b": free}, {}),
         ("'b': no model class 'x'; Choose from 'frame', 'other'", {"b": two},
          {"class_name": "x"}),
         ("'a': which model class? Choose from", {"a": two, "b": april}, {}),

@@ -215,10 +215,10 @@ def test_configurations_that_have_changed(of_two_tests):
     path = directory.with_suffix(".py")
     text = path.read_text("utf-8")
     path.write_text(text.replace('"bare"', '"empty"'), "utf-8")
-    with pytest.raises(ValueError, match=r"a configuration 'empty', but .* of 'bare', 'heavy'"):
+    with pytest.raises(ValueError, match="no configuration 'empty'; choose from 'bare', 'heavy'"):
         load_predictions(directory, configuration="empty")
     (model_class,) = load_study(path).model_classes
-    with pytest.raises(ValueError, match="a configuration 'empty', the stored ones are 'bare'"):
+    with pytest.raises(ValueError, match="no stored configuration 'empty'; choose from 'bare'"):
         thinned_draws(ranking.posteriors[0], model_class, configuration="empty")
 
 

@@ -5,6 +5,7 @@ What tests that the model class does not explain say of a population means nothi
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -113,24 +114,16 @@ def _check_alike(tests: Sequence[SingleTest], class_name: str) -> None:
     first = tests[0]
     by_digest: dict[str, str] = {}
     for test in tests:
-        where = f"hierarchy: model class {class_name!r} in tests {first.name!r} and {test.name!r}"
         same = by_digest.setdefault(test.data_digest, test.name)
         if same != test.name:
             raise ValueError(f"hierarchy: tests {same!r} and {test.name!r} have the same data")
-        for ours, theirs in zip(first.parameters, test.parameters, strict=False):
-            if ours.name != theirs.name:
-                raise ValueError(
-                    f"{where}: the parameters differ, {ours.name!r} and {theirs.name!r}"
-                )
+        for ours, theirs in zip_longest(first.parameters, test.parameters):
             if ours != theirs:
                 raise ValueError(
-                    f"{where}: the priors of {ours.name!r} differ, {ours.prior!r} and "
-                    f"{theirs.prior!r}; rank all tests with the same prior"
+                    f"hierarchy: model class {class_name!r} has the parameter {ours} in test "
+                    f"{first.name!r} and {theirs} in test {test.name!r}; rank all tests with the "
+                    "same parameters and priors"
                 )
-        if len(first.parameters) != len(test.parameters):
-            raise ValueError(
-                f"{where}: {len(first.parameters)} and {len(test.parameters)} parameters"
-            )
 
 
 def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:

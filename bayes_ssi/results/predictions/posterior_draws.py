@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -100,14 +101,9 @@ def thinned_draws(
     structure = test.structure
     names = [parameter.name for parameter in structure.parameters]
     changed = f"model class {posterior.name!r} is not the one that was sampled"
-    for kind, expected, stored in (
-        ("its structure has a parameter", names, posterior.parameter_names),
-        ("it has a configuration", [test.name], posterior.configuration_names),
-    ):
-        for name in expected:
-            if name not in stored:
-                listed = ", ".join(map(repr, stored))
-                raise ValueError(f"{changed}: {kind} {name!r}, the stored ones are {listed}")
+    require_known(f"{changed}: no stored parameter", names, posterior.parameter_names)
+    known = posterior.configuration_names
+    require_known(f"{changed}: no stored configuration", [test.name], known)
     columns = [posterior.parameter_names.index(name) for name in names]
     rows = thinned_rows(len(posterior.values), n_draws)
     values = posterior.values[rows][:, columns]

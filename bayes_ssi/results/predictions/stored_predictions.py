@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
@@ -124,11 +125,7 @@ def load_predictions(
     classes = stored_classes(stored, study, path)
     for each in classes.values():
         name = each.configuration(configuration).name
-        if name not in stored.tests:
-            raise ValueError(
-                f"{path}: model class {each.name!r} has a configuration {name!r}, but "
-                f"{directory} is of {', '.join(map(repr, stored.tests))}"
-            )
+        require_known(f"{directory}: it has no configuration", [name], stored.tests)
     n_stored = max(len(posterior.values) for posterior in stored.posteriors)
     return StoredPredictions(stored, classes, min(n_draws, n_stored), name)
 
