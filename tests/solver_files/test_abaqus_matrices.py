@@ -119,7 +119,7 @@ def test_a_substructure_holds_both_matrices(tmp_path):
     with pytest.raises(ValueError, match=r"MASS: 19 entries, but 6 .* have 21 .*: truncated\?"):
         bs.read_model(path)
     path.write_text("\n".join(lines).replace("LINEAR", "LINEAR, UNSYM"))
-    with pytest.raises(ValueError, match=r"line 3: the substructure is not symmetric"):
+    with pytest.raises(ValueError, match=r"line 6: the substructure is not symmetric"):
         bs.read_model(path)
     path.write_text("\n".join(lines).replace("*MATRIX,TYPE=MASS", "*MATRIX,TYPE=DAMPING"))
     with pytest.raises(ValueError, match=r"no \*MATRIX, TYPE=MASS; was it requested\?"):

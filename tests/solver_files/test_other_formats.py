@@ -177,9 +177,7 @@ class TestHarwellBoeing:
 
     def test_truncated(self, tmp_path):
         lines = harwell_boeing(portal()[0]).splitlines()
-        with pytest.raises(
-            ValueError, match=r"expected 15 finite numbers in 5 lines, got 9: trunc"
-        ):
+        with pytest.raises(ValueError, match=r"expected \d+ finite numbers, got \d+: trunc"):
             bs.read_model(*self.write(tmp_path, "\n".join([*lines[:-2], ""])))
         files = self.write(tmp_path, harwell_boeing(portal()[0]))
         (tmp_path / "K.mapping").write_text("1 2 UX\n3 2 UY\n")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.solver_files.formats import Matrices, Source, file_named
-from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
+from bayes_ssi.structures.solver_files.input_decks import data_lines, geometry_of_deck
 from bayes_ssi.structures.solver_files.row_labels import INTERNAL, numbered_label
 from bayes_ssi.structures.solver_files.text_entries import (
     from_triangle,
@@ -159,25 +159,21 @@ def _restrained(stiffness: sp.csc_array) -> Any:
 def _substructure(path: Path) -> Matrices:
     """Stiffness, mass and retained degrees of freedom."""
     require_whole_lines(path)
-    nodes: list[int] = []
     freedoms: list[list[int]] = []
-    numbers: dict[str, list[str]] = {}
-    section = ""
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.strip().rstrip(",")
-            try:
-                if text.startswith("**"):
-                    if section == "*USER ELEMENT":
-                        nodes += _whole(text.lstrip("*"))
-                elif text.startswith("*"):
-                    section = _section(text)
-                elif section == "*USER ELEMENT":
-                    freedoms.append(_whole(text))
-                elif section:
-                    numbers.setdefault(section, []).extend(text.split(","))
-            except ValueError as error:
-                raise ValueError(f"{path}: line {number}: {error}") from None
+    numbers: dict[str, list[float]] = {}
+    for place, keyword, options, fields in data_lines(path):
+        try:
+            if keyword == "*USER ELEMENT":
+                if "UNSYM" in options:
+                    raise ValueError("the substructure is not symmetric")
+                freedoms.append([int(each) for each in fields])
+            elif keyword == "*MATRIX":
+                numbers.setdefault(options.get("TYPE", "").upper(), []).extend(map(float, fields))
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from None
+    head = path.read_text(encoding="ascii", errors="replace").upper().partition("*USER ELEMENT")[2]
+    comments = re.findall(r"^[*]{2}([ \d,]*)$", head.partition("\n*MATRIX")[0], re.MULTILINE)
+    nodes = [int(each) for each in re.findall(r"\d+", " ".join(comments))]
     labels = _labels(path, nodes, freedoms)
     stiffness, mass = (
         _retained(path, kind, numbers, len(labels)) for kind in ("STIFFNESS", "MASS")
@@ -190,21 +186,6 @@ def _substructure(path: Path) -> Matrices:
         labels=labels,
         notes=("the retained degrees of freedom of a substructure, the others condensed",),
     )
-
-
-def _section(text: str) -> str:
-    keyword, *options = (each.strip().upper() for each in text.split(","))
-    if keyword == "*USER ELEMENT" and "UNSYM" in options:
-        raise ValueError("the substructure is not symmetric")
-    if keyword == "*MATRIX":
-        return next((each[5:].strip() for each in options if each.startswith("TYPE=")), "")
-    return keyword
-
-
-def _whole(text: str) -> list[int]:
-    """Whole numbers between commas; none in a comment of words."""
-    fields = [each.strip() for each in text.split(",") if each.strip()]
-    return [int(each) for each in fields] if all(each.isdigit() for each in fields) else []
 
 
 def _labels(path: Path, nodes: list[int], freedoms: list[list[int]]) -> list[str]:
@@ -222,17 +203,13 @@ def _labels(path: Path, nodes: list[int], freedoms: list[list[int]]) -> list[str
     return labels
 
 
-def _retained(path: Path, kind: str, numbers: dict[str, list[str]], size: int) -> sp.csc_array:
+def _retained(path: Path, kind: str, numbers: dict[str, list[float]], size: int) -> sp.csc_array:
     if kind not in numbers:
         raise ValueError(f"{path}: no *MATRIX, TYPE={kind}; was it requested?")
-    try:
-        entries: FloatArray = np.array(numbers[kind], dtype=float)
-    except ValueError as error:
-        raise ValueError(f"{path}: {kind}: {error}") from None
-    rows, columns = np.tril_indices(size)
-    if len(entries) != len(rows):
+    entries, places = numbers[kind], np.tril_indices(size)
+    if len(entries) != len(places[0]):
         raise ValueError(
             f"{path}: {kind}: {len(entries)} entries, but {size} degrees of freedom have "
-            f"{len(rows)} in the lower triangle: truncated?"
+            f"{len(places[0])} in the lower triangle: truncated?"
         )
-    return from_triangle(sp.coo_array((entries, (rows, columns)), shape=(size, size)).tocsc())
+    return from_triangle(sp.coo_array((entries, places), shape=(size, size)).tocsc())

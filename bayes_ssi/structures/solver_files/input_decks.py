@@ -6,9 +6,10 @@ the middle of sides follow the corners, and are not drawn.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
 from bayes_ssi.structures.geometry import Geometry, Point
 
@@ -47,7 +48,9 @@ def geometry_of_deck(path: Path) -> Geometry | None:
     solids: dict[frozenset[str], tuple[str, ...]] = {}
     shells: dict[frozenset[str], tuple[str, ...]] = {}
     begun: list[int] = []  # the element and nodes of a shell or solid, which may take two lines
-    for place, keyword, options, fields in _data_lines(path, "", {}):
+    for place, keyword, options, fields in data_lines(path):
+        if keyword not in ("*NODE", "*ELEMENT"):
+            continue
         try:
             kind = options.get("TYPE", "").upper()
             count, faces = _faces(kind)
@@ -93,24 +96,22 @@ def _faces(kind: str) -> tuple[int, Faces]:
     return count, (SOLIDS if match[1] == "C3D" else SHELLS).get(count, ())
 
 
-def _data_lines(
-    path: Path, keyword: str, options: dict[str, str]
-) -> Iterator[tuple[str, str, dict[str, str], list[str]]]:
-    """File and line, keyword, its options and the fields of each line of nodes and elements."""
+def data_lines(
+    path: Path, keyword: str = "", options: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[tuple[str, str, Mapping[str, str], list[str]]]:
+    """File and line, keyword, its options and the fields of each line of data."""
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.strip().rstrip(",")
             if not text or text.startswith("**"):
                 continue
-            if not text.startswith("*"):
-                if keyword in ("*NODE", "*ELEMENT"):
-                    fields = [each.strip() for each in text.split(",")]
-                    yield f"{path}: line {number}", keyword, options, fields
-                continue
             first, *others = (each.strip() for each in text.split(","))
+            if not text.startswith("*"):
+                yield f"{path}: line {number}", keyword, options, [first, *others]
+                continue
             keyword = first.upper()
             pairs = (each.partition("=") for each in others)
             options = {name.strip().upper(): value.strip() for name, _, value in pairs}
             if keyword in WITH_INPUT and "INPUT" in options:
                 inside = "" if keyword == "*INCLUDE" else keyword
-                yield from _data_lines(path.parent / options["INPUT"], inside, options)
+                yield from data_lines(path.parent / options["INPUT"], inside, options)
