@@ -13,7 +13,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.measurements.records.channels import Channels
-from bayes_ssi.measurements.records.record_files import read_file_of_record
+from bayes_ssi.measurements.records.record_files import agreed, agreed_rate, read_file_of_record
 from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion, checked_unit
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
@@ -60,13 +60,11 @@ def read_ground_motion(
             raise ValueError(f"the unit of the acceleration is not given; give one of {choices}")
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt must be positive and finite (s), got {dt!r}")
-        steps = [*([] if dt is None else [dt]), *(1.0 / rate for rate in channels.rates_hz)]
-        if not steps:
+        rates = (*([] if dt is None else [1.0 / dt]), *channels.rates_hz)
+        if not rates:
             raise ValueError("dt, the time between samples, is not given; give it in s")
-        for step in steps:
-            if not math.isclose(steps[0], step, rel_tol=1e-3):  # some round to three digits
-                raise ValueError(f"two values of dt are given: {steps[0]:g} and {step:g} s")
-        return GroundMotion(UNITS[units[0]] * channels.samples[0], steps[0], path.stem)
+        acceleration = UNITS[agreed(units, "unit")] * channels.samples[0]
+        return GroundMotion(acceleration, 1.0 / agreed_rate(rates), path.stem)
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 

@@ -87,13 +87,13 @@ def read_record(
     units = (*([unit] if unit else []), *channels.units)
     try:
         _require(rates, quantities, units, names, len(channels.samples))
-        kind = _one(quantities, "quantity")
+        kind = agreed(quantities, "quantity")
         return Record(
             channels.samples,
-            _one_rate(rates),
+            agreed_rate(rates),
             names,
             kind,
-            _one([checked_unit_of(kind, stated) for stated in units], "unit"),
+            agreed([checked_unit_of(kind, stated) for stated in units], "unit"),
             ", ".join(path.name for path in files),
         )
     except ValueError as error:
@@ -147,7 +147,8 @@ def read_file_of_record(path: Path, keys: Sequence[str], quantity: str | None) -
     return read_universal(path) if universal else read_columns_of_record(path)
 
 
-def _one_rate(rates: Sequence[float]) -> float:
+def agreed_rate(rates: Sequence[float]) -> float:
+    """The rate that is stated, once or more often."""
     for rate in rates:
         # Files state a rate or its inverse, some to three digits.
         if not math.isclose(checked_rate(rate), rates[0], rel_tol=1e-3):
@@ -155,7 +156,8 @@ def _one_rate(rates: Sequence[float]) -> float:
     return rates[0]
 
 
-def _one(stated: Sequence[str], what: str) -> str:
+def agreed(stated: Sequence[str], what: str) -> str:
+    """The one text that is stated, once or more often."""
     for other in stated:
         if other != stated[0]:
             raise ValueError(f"two of {what} are given: {stated[0]!r} and {other!r}")
