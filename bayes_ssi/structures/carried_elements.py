@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, Product
-from bayes_ssi.structures.elements import Element
-from bayes_ssi.structures.geometry import Motion, SinglePlace
+from bayes_ssi.structures.elements import Contribution, Element
+from bayes_ssi.structures.geometry import SinglePlace
 
 # The rows of a place, and their shares, as pairs: none of the ground. Other places are refused with
 # a message that begins with the element's label.
@@ -31,13 +31,14 @@ class AddedTerm(NamedTuple):
     on_ground: float = 0.0  # component by the motion of the ground
 
     @classmethod
-    def of(cls, coefficient: Product, motion: Motion, rows_of: RowsOf, label: str) -> AddedTerm:
+    def of(cls, term: Contribution, rows_of: RowsOf, label: str) -> AddedTerm:
         vector: dict[int, float] = {}
-        for place, component in motion:
+        for place, component in term.direction:
             for row, share in rows_of(place, label):
                 vector[row] = vector.get(row, 0.0) + component * share
         moving = {row: component for row, component in vector.items() if component != 0.0}
-        return cls(coefficient, moving, sum(share for place, share in motion if place == 0))
+        on_ground = sum(share for place, share in term.direction if place == 0)
+        return cls(term.coefficient, moving, on_ground)
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,8 @@ class CarriedElements:
         def rows(place: SinglePlace, label: str) -> Iterable[tuple[int, float]]:
             return [(added[str(place)], 1.0)] if place in added else rows_of(place, label)
 
-        springs = [
-            AddedTerm.of(spring.stiffness, spring.direction, rows, element.label)
-            for element in elements
-            for spring in element.springs()
-        ]
-        masses = [
-            AddedTerm.of(mass.mass, mass.direction, rows, element.label)
-            for element in elements
-            for mass in element.masses()
-        ]
+        springs = [AddedTerm.of(term, rows, e.label) for e in elements for term in e.springs()]
+        masses = [AddedTerm.of(term, rows, e.label) for e in elements for term in e.masses()]
         if shift:
             springs += [term._replace(coefficient=shift * term.coefficient) for term in masses]
         return cls(labels, tuple(springs), tuple(masses), size)

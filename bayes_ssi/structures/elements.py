@@ -19,24 +19,16 @@ from bayes_ssi.structures.geometry import Motion, Place, checked_place, motion_o
 
 
 @dataclass(frozen=True)
-class Spring:
-    """Stiffness ``k v vᵀ``: a spring that resists the displacement ``Σ component · x(place)``."""
+class Contribution:
+    """``c v vᵀ`` of a spring or a mass c, for the displacement ``v·x = Σ component · x(place)``."""
 
-    stiffness: Product
-    direction: Motion
-
-
-@dataclass(frozen=True)
-class PointMass:
-    """Inertia ``m v vᵀ`` of a mass whose displacement is ``Σ component · x(place)``."""
-
-    mass: Product
+    coefficient: Product
     direction: Motion
 
     @classmethod
-    def on(cls, place: Place, mass: Product) -> PointMass:
-        """A mass that moves with one place."""
-        return cls(mass, motion_of(place))
+    def on(cls, place: Place, coefficient: Product) -> Contribution:
+        """Of the displacement of one place."""
+        return cls(coefficient, motion_of(place))
 
 
 class Element(ABC):
@@ -57,12 +49,12 @@ class Element(ABC):
         """Label of the degree of freedom that the element adds; None if it adds none."""
         return None
 
-    def springs(self) -> Sequence[Spring]:
+    def springs(self) -> Sequence[Contribution]:
         """What the element adds to the stiffness matrix."""
         return ()
 
     @abstractmethod
-    def masses(self) -> Sequence[PointMass]:
+    def masses(self) -> Sequence[Contribution]:
         """What the element adds to the mass matrix."""
 
     def as_mass(self) -> Element:
@@ -110,9 +102,9 @@ class AddedMass(Element):
             )
         object.__setattr__(self, "shares", tuple(zip(places, shares, strict=True)))
 
-    def masses(self) -> Sequence[PointMass]:
+    def masses(self) -> Sequence[Contribution]:
         mass = as_product(self.mass)
-        return [PointMass.on(place, mass * share) for place, share in self.shares]
+        return [Contribution.on(place, mass * share) for place, share in self.shares]
 
 
 class _InSeries(Element):
@@ -163,12 +155,12 @@ class Pendulum(_InSeries):
                 f"got on={self.on!r}"
             )
 
-    def springs(self) -> Sequence[Spring]:
+    def springs(self) -> Sequence[Contribution]:
         stiffness = self._stiffness(as_product(self.mass))
-        return [Spring(stiffness, (*motion_of(self.on, -1.0), (self.label, 1.0)))]
+        return [Contribution(stiffness, (*motion_of(self.on, -1.0), (self.label, 1.0)))]
 
-    def masses(self) -> Sequence[PointMass]:
-        return [PointMass.on(self.label, as_product(self.mass))]
+    def masses(self) -> Sequence[Contribution]:
+        return [Contribution.on(self.label, as_product(self.mass))]
 
     def as_mass(self) -> AddedMass:
         return AddedMass(self.mass, ((self.on, 1.0),), f"{self.label}, as mass", self.label)
@@ -223,11 +215,11 @@ class InPlaneInfill(_Infill):
     label: str = ""
     kind: ClassVar[str] = "in-plane infill"
 
-    def springs(self) -> Sequence[Spring]:
+    def springs(self) -> Sequence[Contribution]:
         low, high = self.between
-        return [Spring(as_product(self.stiffness), (*motion_of(low, -1.0), *motion_of(high)))]
+        return [Contribution(as_product(self.stiffness), (*motion_of(low, -1.0), *motion_of(high)))]
 
-    def masses(self) -> Sequence[PointMass]:
+    def masses(self) -> Sequence[Contribution]:
         return self.as_mass().masses()
 
 
@@ -250,17 +242,17 @@ class OutOfPlaneInfill(_Infill, _InSeries):
     stiffness_factor: Value = 1.0
     label: str = ""
 
-    def springs(self) -> Sequence[Spring]:
+    def springs(self) -> Sequence[Contribution]:
         low, high = self.between
         stiffness = self._stiffness(as_product(self.mass) * 0.5)
         direction = (*motion_of(low, -0.5), *motion_of(high, -0.5), (self.label, 1.0))
-        return [Spring(stiffness, direction)]
+        return [Contribution(stiffness, direction)]
 
-    def masses(self) -> Sequence[PointMass]:
+    def masses(self) -> Sequence[Contribution]:
         low, high = self.between
         mass = as_product(self.mass)
         return [
-            PointMass.on(low, mass * 0.25),
-            PointMass.on(high, mass * 0.25),
-            PointMass.on(self.label, mass * 0.5),
+            Contribution.on(low, mass * 0.25),
+            Contribution.on(high, mass * 0.25),
+            Contribution.on(self.label, mass * 0.5),
         ]

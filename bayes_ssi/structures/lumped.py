@@ -25,7 +25,7 @@ from bayes_ssi.structures.carried_elements import (
     own_labels,
     parameters_of,
 )
-from bayes_ssi.structures.elements import AddedMass, Element, PointMass, Spring
+from bayes_ssi.structures.elements import AddedMass, Contribution, Element
 from bayes_ssi.structures.geometry import Candidate, Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.structures.sensors import Sensor
@@ -46,11 +46,11 @@ class LumpedStructure(Structure):
         """Labels of the main structure's degrees of freedom; place ``i`` is the i-th from 1."""
 
     @abstractmethod
-    def main_springs(self) -> Sequence[Spring]:
+    def main_springs(self) -> Sequence[Contribution]:
         """Springs of the main structure."""
 
     @abstractmethod
-    def main_masses(self) -> Sequence[PointMass]:
+    def main_masses(self) -> Sequence[Contribution]:
         """Masses of the main structure."""
 
     is_cheap = True
@@ -90,7 +90,7 @@ class LumpedStructure(Structure):
         total = 0.0
         for mass in self.main_masses():
             moves = sum(share * moved[place] for place, share in mass.direction)
-            total += mass.mass.median * moves**2
+            total += mass.coefficient.median * moves**2
         return total / self.n_floors
 
     @checked
@@ -214,14 +214,12 @@ class LumpedStructure(Structure):
 
     @cached_property
     def _springs(self) -> list[AddedTerm]:
-        springs = self.main_springs()
-        main = [AddedTerm.of(s.stiffness, s.direction, self._rows_of, "spring") for s in springs]
+        main = [AddedTerm.of(term, self._rows_of, "spring") for term in self.main_springs()]
         return [*main, *self._carried.springs]
 
     @cached_property
     def _masses(self) -> list[AddedTerm]:
-        masses = self.main_masses()
-        main = [AddedTerm.of(m.mass, m.direction, self._rows_of, "mass") for m in masses]
+        main = [AddedTerm.of(term, self._rows_of, "mass") for term in self.main_masses()]
         return [*main, *self._carried.masses]
 
     @cached_property

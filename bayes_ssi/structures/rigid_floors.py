@@ -11,7 +11,7 @@ from typing import Any
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
-from bayes_ssi.structures.elements import Element, PointMass
+from bayes_ssi.structures.elements import Contribution, Element
 from bayes_ssi.structures.geometry import Candidate, SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.sensors import Sensor
@@ -68,25 +68,18 @@ class RigidFloors(LumpedStructure):
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
         """Its floors, and its storeys, in x and y each."""
-        floors = range(1, self.n_floors + 1)
-        axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
-        on_floors = [
-            Candidate(label, label, direction=axis, height=float(floor))
-            for floor in floors
-            for direction, axis in axes.items()
-            for label in [floor_label(floor, direction)]
-        ]
-        in_storeys = [
-            Candidate(
-                f"{floor - 1}-{floor} {direction}",
-                floor_label(floor - 1, direction) if floor > 1 else 0,
-                to=floor_label(floor, direction),
-                direction=axis,
-                height=floor - 0.5,
+        axes = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)))
+        each = [(floor, *axis) for floor in range(1, self.n_floors + 1) for axis in axes]
+        on_floors: list[Candidate] = []
+        in_storeys: list[Candidate] = []
+        for floor, direction, axis in each:
+            label = floor_label(floor, direction)
+            below: SinglePlace = floor_label(floor - 1, direction) if floor > 1 else 0
+            on_floors.append(Candidate(label, label, direction=axis, height=float(floor)))
+            storey = f"{floor - 1}-{floor} {direction}"
+            in_storeys.append(
+                Candidate(storey, below, to=label, direction=axis, height=floor - 0.5)
             )
-            for floor in floors
-            for direction, axis in axes.items()
-        ]
         return (*on_floors, *in_storeys)
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:
@@ -134,16 +127,14 @@ class FloorBlock(Element):
             positive_product(self.radius, f"{self.label}: radius")
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
 
-    def masses(self) -> Sequence[PointMass]:
+    def masses(self) -> Sequence[Contribution]:
         mass = as_product(self.mass)
-        moving = [
-            PointMass(mass, tuple(_motion_at(self.on, self.at, angle).items()))
-            for angle in (0.0, 90.0)
-        ]
+        motions = (_motion_at(self.on, self.at, angle) for angle in (0.0, 90.0))
+        moving = [Contribution(mass, tuple(motion.items())) for motion in motions]
         if self.radius is None:
             return moving
         inertia = mass * as_product(self.radius) ** 2
-        return [*moving, PointMass.on(floor_label(self.on, "torsion"), inertia)]
+        return [*moving, Contribution.on(floor_label(self.on, "torsion"), inertia)]
 
 
 @checked
@@ -172,10 +163,10 @@ def floor_sensor(
     return Sensor(label, _motion_at(floor, _point(at, f"sensor {label!r}: at"), angle))
 
 
-def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list[PointMass]:
+def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list[Contribution]:
     """The inertia of a mass that moves with a floor about its centre."""
     inertias = zip((mass, mass, rotational_inertia), DIRECTIONS, strict=True)
-    return [PointMass.on(floor_label(floor, direction), each) for each, direction in inertias]
+    return [Contribution.on(floor_label(floor, direction), each) for each, direction in inertias]
 
 
 def _motion_at(floor: RigidPart, at: tuple[float, float], angle: float) -> dict[str, float]:

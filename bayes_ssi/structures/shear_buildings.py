@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_ssi.parameters.parameters import Value, as_product
-from bayes_ssi.structures.elements import PointMass, Spring
+from bayes_ssi.structures.elements import Contribution
 from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
 from bayes_ssi.structures.rigid_floors import RigidFloors, floor_label, rigid_masses
@@ -40,14 +40,15 @@ class ShearBuilding(LumpedStructure):
     def main_degrees_of_freedom(self) -> Sequence[str]:
         return [f"floor {i}" for i in range(1, len(self.masses) + 1)]
 
-    def main_springs(self) -> Sequence[Spring]:
+    def main_springs(self) -> Sequence[Contribution]:
         return [
-            Spring(as_product(stiffness), ((floor - 1, -1.0), (floor, 1.0)))
+            Contribution(as_product(stiffness), ((floor - 1, -1.0), (floor, 1.0)))
             for floor, stiffness in enumerate(self.stiffnesses, 1)
         ]
 
-    def main_masses(self) -> Sequence[PointMass]:
-        return [PointMass.on(floor, as_product(mass)) for floor, mass in enumerate(self.masses, 1)]
+    def main_masses(self) -> Sequence[Contribution]:
+        masses = map(as_product, self.masses)
+        return [Contribution.on(floor, mass) for floor, mass in enumerate(masses, 1)]
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class ShearBuilding3D(RigidFloors):
     def n_floors(self) -> int:
         return len(self.masses)
 
-    def main_springs(self) -> Sequence[Spring]:
+    def main_springs(self) -> Sequence[Contribution]:
         springs = []
         for storey, (x, y) in enumerate(self.eccentricities, 1):
             # The centre of stiffness moves with its floor by (u_x - y θ, u_y + x θ, θ).
@@ -112,10 +113,10 @@ class ShearBuilding3D(RigidFloors):
                     for direction, component in motion.items()
                     if floor
                 ]
-                springs.append(Spring(as_product(stiffnesses[storey - 1]), tuple(drift)))
+                springs.append(Contribution(as_product(stiffnesses[storey - 1]), tuple(drift)))
         return springs
 
-    def main_masses(self) -> Sequence[PointMass]:
+    def main_masses(self) -> Sequence[Contribution]:
         masses = []
         each = zip(self.masses, self.radii_of_gyration, strict=True)
         for floor, (mass, radius) in enumerate(each, 1):

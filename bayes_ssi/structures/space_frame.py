@@ -25,7 +25,7 @@ from bayes_ssi.parameters.parameters import (
 )
 from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.carried_elements import parameters_of
-from bayes_ssi.structures.elements import PointMass, Spring
+from bayes_ssi.structures.elements import Contribution
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
 
@@ -103,10 +103,10 @@ class SpaceFrame(RigidFloors):
         own = (p for value in values for p in as_product(value).parameters)
         return collect_parameters((*own, *parameters_of((*self._springs, *self._masses))))
 
-    def main_springs(self) -> Sequence[Spring]:
+    def main_springs(self) -> Sequence[Contribution]:
         return ()  # the frame's stiffness, condensed, is not a sum of springs
 
-    def main_masses(self) -> Sequence[PointMass]:
+    def main_masses(self) -> Sequence[Contribution]:
         floors = zip(self.masses, self.rotational_inertias, strict=True)
         return [
             point_mass

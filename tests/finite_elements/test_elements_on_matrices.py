@@ -193,10 +193,10 @@ def test_a_large_model_is_that_of_dense_matrices(element):
 
     for spring in element.springs():
         v = vector(spring.direction)
-        stiffness += value(spring.stiffness) * np.outer(v, v)
+        stiffness += value(spring.coefficient) * np.outer(v, v)
     for each in element.masses():
         v = vector(each.direction)
-        mass += value(each.mass) * np.outer(v, v)
+        mass += value(each.coefficient) * np.outer(v, v)
     n = whole.n_modes
     assert n == 4 + len(own)
     squares, vectors = eigh(stiffness, mass, subset_by_index=[0, n - 1])

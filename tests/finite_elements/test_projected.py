@@ -85,7 +85,7 @@ def test_an_element_on_it_has_the_modes_of_the_full_model(chain, projected, elem
         [rng.lognormal(0.0, 0.05, 20), rng.uniform(0.5, 3.0, 20), rng.uniform(0.2, 1.5, 20)]
     )
     (spring,) = element.springs()
-    stiffness = spring.stiffness.scale * values[:, 1] * values[:, 2] ** 2
+    stiffness = spring.coefficient.scale * values[:, 1] * values[:, 2] ** 2
     own = stiffness * light.vectors.flexibilities[0, 0]
     tolerance = 1e-3 + 0.5 * 4.0 * math.sqrt(2.0 / 160) * own / (1.0 + own)
     order = [["k", "m", "f"].index(p.name) for p in light.parameters]

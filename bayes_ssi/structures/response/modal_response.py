@@ -22,8 +22,7 @@ denominator times 1 - E* q make it a filter of second order, whose coefficients 
 imaginary part of a multiple of s.
 """
 
-from collections.abc import Iterable, Iterator
-from itertools import repeat
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,8 +179,9 @@ def time_histories(
         (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
     """
     histories = np.empty((len(values), len(output.places), len(motion)))
-    for _ in _each_history(structure, values, motion, output, damping, histories):
-        pass
+    each = _each_history(structure, values, motion, output, damping)
+    for own, history in zip(histories, each, strict=True):
+        own[:] = history
     return histories
 
 
@@ -197,8 +197,7 @@ def peak_responses(
     Arguments, units and errors are as in :func:`time_histories`.
     """
     peaks = np.empty((len(values), len(output.places)))
-    again = repeat(np.empty((len(output.places), len(motion))))
-    each = _each_history(structure, values, motion, output, damping, again)
+    each = _each_history(structure, values, motion, output, damping)
     for own, history in zip(peaks, each, strict=True):
         np.maximum(history.max(-1), -history.min(-1), out=own)
     return peaks
@@ -210,12 +209,8 @@ def _each_history(
     motion: GroundMotion,
     output: Output,
     damping: Damping,
-    arrays: Iterable[FloatArray],
 ) -> Iterator[FloatArray]:
-    """The response for each row of ``values`` in turn.
-
-    Each is written to the next of ``arrays``, (n_places, n_samples), and yielded.
-    """
+    """The response (n_places, n_samples) for each row of ``values``, in an array that is reused."""
     output.require_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
@@ -232,5 +227,6 @@ def _each_history(
         of_ground[:, :, 0] = moved - (at_places * model.participation[:, None, :]).sum(-1)
     weights = np.concatenate([at_places, of_ground], axis=2)
     modes_and_ground = modal_histories(poles, factors, motion.acceleration, motion.dt)
-    for own, rows, array in zip(weights, modes_and_ground, arrays, strict=False):
-        yield np.matmul(own, rows, out=array)
+    history = np.empty((len(output.places), len(motion)))
+    for own, rows in zip(weights, modes_and_ground, strict=True):
+        yield np.matmul(own, rows, out=history)
