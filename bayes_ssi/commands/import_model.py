@@ -157,16 +157,9 @@ def _model_files(text: str) -> tuple[Path, Path | None]:
 
 def _data(files: tuple[str, ...]) -> dict[str, Path]:
     """Name of the test ("" where there is one without a name) → file of its modes."""
-    data: dict[str, Path] = {}
-    for text in files:
-        test, equals, path = text.partition("=")
-        test, path = ("", text) if not equals or Path(text).exists() else (test.strip(), path)
-        if not path or test in data or (not test and len(files) > 1):
-            raise ValueError(
-                f"--data: expected TEST=CSV, a name of its own for each of several tests, "
-                f"got {text!r}"
-            )
-        data[test] = Path(path)
+    data = named_values("--data", files, "[TEST=]CSV", r"(?:([^=]+)=)?([^=]+)", Path)
+    if len(files) > 1 and "" in data:
+        raise ValueError(f"--data: must be TEST=CSV where there are several, got {str(data[''])!r}")
     return data
 
 

@@ -62,11 +62,7 @@ def page_content(
         # A search has a table of its own.
         "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
         "limit_sds": CRITICISM.limit_sds,
-        "tests": [
-            # Where no shape was measured at all, that is said once.
-            {"name": name, "data": data, "warnings": data.warnings() if data.sensors else []}
-            for name, data in stored.tests.items()
-        ],
+        "tests": stored.tests,
         "several": len(stored.tests) > 1,
         "identifications": _identifications(stored.tests, classes),
         "shortest": IDENTIFICATION.shortest_decays,

@@ -124,8 +124,11 @@ def test_several_tests_are_configurations(folder):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((*FRAME, "--data", "modes.csv", "--data", "b=modes.csv"), "--data: expected TEST=CSV, a"),
-        ((*FRAME, "--data", "a=modes.csv", "--data", "a=modes.csv"), "got 'a=modes.csv'"),
+        (
+            (*FRAME, "--data", "modes.csv", "--data", "b=modes.csv"),
+            "--data: must be TEST=CSV where there are",
+        ),
+        ((*FRAME, "--data", "a=modes.csv", "--data", "a=modes.csv"), "--data: 'a' is given twice"),
         ((*FRAME, "--check", "lower=1.1,upper=1.3:both.sti"), "both.sti: its stiffness is missed"),
         (
             (*FRAME, "--check", "foot=1.1:both.sti"),

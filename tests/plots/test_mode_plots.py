@@ -123,8 +123,6 @@ def test_sensitivity():
     actual = points(ax)
     assert actual["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
     assert actual["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
-    with pytest.raises(ValueError, match="no ranking"):
-        Sensitivity(())
 
 
 def test_classes_far_behind_do_not_hide_a_close_one():

@@ -53,10 +53,6 @@ class Sensitivity:
 
     rows: tuple[SensitivityRow, ...]
 
-    def __post_init__(self) -> None:
-        if not self.rows or not self.rows[0].probabilities:
-            raise ValueError("Sensitivity: no ranking")
-
     @property
     def known(self) -> tuple[SensitivityRow, ...]:
         """The rows of which the draws say something."""
