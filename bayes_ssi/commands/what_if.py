@@ -8,12 +8,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import named_values, repeated_option, result_argument
+from bayes_ssi.commands.options import (
+    flag,
+    named_values,
+    repeated_option,
+    result_argument,
+    study_option,
+)
 from bayes_ssi.commands.terminal import (
     console,
     exit_if_failed,
     json_option,
     print_record,
+    progress_bars,
     say,
     say_in_paragraphs,
     say_warnings,
@@ -22,6 +29,7 @@ from bayes_ssi.commands.terminal import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.results.stored_result import StoredResult
 
 PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
@@ -67,11 +75,14 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
     "NAME=WEIGHT",
     "Prior weight of a model class; may be repeated.",
 )
+@flag("--sample-again", text="Without other options: sample classes again where their draws do not "
+      "cover a setting, which takes as long as a ranking.")  # fmt: skip
+@study_option
 @json_option
 def what_if(
     result: Path, priors: tuple[str, ...], bands: tuple[str, ...], weights: tuple[str, ...],
     frequency_cov: float | None, shape_sd: float | None, detection: float | None,
-    spurious: float | None,
+    spurious: float | None, sample_again: bool, study: Path | None,
 ) -> None:  # fmt: skip
     """Show how RESULT, a directory that rank or search saved, changes with its settings.
 
@@ -96,8 +107,10 @@ def what_if(
     stored, where = load_result(result), console()
     given = (priors, bands, weights, frequency_cov, shape_sd, detection, spurious)
     if all(each in (None, ()) for each in given):
-        _show_every_setting(where, stored)
+        _show_every_setting(where, stored, sample_again, study)
         return
+    if sample_again:
+        raise ValueError("--sample-again: applies where no setting is given")
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
         priors=named_values(
@@ -133,14 +146,22 @@ def what_if(
     exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
 
 
-def _show_every_setting(where: Console, stored: StoredResult) -> None:
+def _show_every_setting(
+    where: Console, stored: StoredResult, sample_again: bool, study: Path | None
+) -> None:
+    from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
+    from bayes_ssi.results.predictions.stored_predictions import load_predictions
     from bayes_ssi.results.stored_what_if import every_setting
 
-    found = every_setting(stored)
+    classes: list[ModelClass] = []
+    if sample_again:
+        classes = [*load_predictions(stored.directory, study).model_classes.values()]
+    with progress_bars() as progress:
+        found = every_setting(stored, classes, Run(progress=progress))
     where.print(sensitivity_table(found))
-    again = [_how_to_sample_again(stored)] if found.problems else []
-    say(where, *sensitivity_notes(found), *again)
+    again = "Sample again where the draws do not say: --sample-again."
+    say(where, *sensitivity_notes(found), *([again] if found.problems and not classes else []))
     print_record(lambda: {"directory": str(stored.directory), "sensitivity": found})
     exit_if_failed(found.problems)
 

@@ -5,6 +5,7 @@ Model classes of a stored result without its study: their modes are known at sto
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from bayes_ssi.foundations.argument_types import checked
@@ -12,6 +13,8 @@ from bayes_ssi.inference.likelihood.error_model import IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.known_modes import known_structures
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
@@ -20,7 +23,9 @@ from bayes_ssi.studies.ranking.changed_settings import (
     WhatIf,
     with_changed_settings,
 )
+from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity, sensitivity
+from bayes_ssi.studies.ranking.variations import SampledClasses
 
 
 def recorded_class(stored: StoredResult, name: str) -> ModelClass:
@@ -76,14 +81,28 @@ def what_if(result: AnyResult, settings: ChangedSettings) -> WhatIf:
     return replace(answer, failed_data_checks=stored.comparison.failed_data_checks)
 
 
-def every_setting(result: AnyResult) -> Sensitivity:
+def every_setting(
+    result: AnyResult, classes: Sequence[ModelClass] = (), run: Run | None = None
+) -> Sensitivity:
     """The ranking with every setting halved and doubled, in seconds.
+
+    Args:
+        classes: the model classes of the study, if they are to be sampled again where their draws
+            do not cover a setting.
+        run: how to sample them.
 
     Raises:
         ValueError: a posterior keeps no mode shapes at its draws.
     """
     stored = as_stored(result)
-    return sensitivity(stored.posteriors, _recorded(stored), stored.record.prior_weights)
+    seed, settings = stored.record.seed, SamplingSettings(log_evidence_error=0.03)
+    sampled = SampledClasses(
+        {each.name: each for each in stored.posteriors},
+        _recorded(stored),
+        {each.name: each for each in classes},
+        lambda changed: sample_all(changed, seed, settings, run),
+    )
+    return sensitivity(sampled, stored.record.prior_weights)
 
 
 def _recorded(stored: StoredResult) -> dict[str, ModelClass]:

@@ -107,11 +107,17 @@ def test_widths_of_priors_by_quadrature(answers, tiny_ranking, factor):
     assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
 
 
-def test_draws_that_do_not_cover_the_changed_class_are_not_used(tiny_ranking, known, monkeypatch):
+@pytest.fixture
+def far_wider(monkeypatch):
     """Ten times the error size makes a posterior far wider than the draws."""
     wide = Variation("far wider", lambda c: with_errors(10.0, 10.0, c))
     monkeypatch.setattr("bayes_ssi.studies.ranking.sensitivity.default_variations", lambda: (wide,))
-    found = sensitivity(tiny_ranking.posteriors, known, None)
+    return wide
+
+
+@pytest.mark.usefixtures("far_wider")
+def test_draws_that_do_not_cover_the_changed_class_are_not_used(tiny_ranking):
+    found = every_setting(tiny_ranking)
     assert found.rows[1].probabilities == {}
     (problem,) = found.problems
     for name in tiny_ranking.study.names:
@@ -120,9 +126,20 @@ def test_draws_that_do_not_cover_the_changed_class_are_not_used(tiny_ranking, kn
     assert sensitivity_table(found).row_count == 2
 
 
+def test_what_the_draws_do_not_cover_is_sampled_again(tiny_ranking, far_wider):
+    classes = tiny_ranking.study.model_classes
+    found = every_setting(tiny_ranking, classes)
+    assert found.problems == ()
+    evidences = [bs.sample(far_wider.change(each), seed=1).evidence for each in classes]
+    expected = abs(evidences[0].log_evidence - evidences[1].log_evidence)
+    tolerance = 4.0 * math.hypot(0.03, 0.03, *(each.error for each in evidences))
+    assert found.rows[1].lead == pytest.approx(expected, abs=tolerance)
+
+
 def test_prior_weights_count(tiny_ranking, known):
     weights = {"one k": 1.0, "each k": 1e6}
-    first = sensitivity(tiny_ranking.posteriors, known, weights).rows[0]
+    posteriors = {each.name: each for each in tiny_ranking.posteriors}
+    first = sensitivity(SampledClasses(posteriors, known), weights).rows[0]
     best = bs.compare(tiny_ranking.posteriors, weights).best
     assert (first.best, first.probabilities[first.best]) == (
         best.name, pytest.approx(best.probability, rel=1e-12)
@@ -178,3 +195,18 @@ def test_from_the_command_line(tmp_path, run, tiny_ranking, moved):
     record = json.loads(run("what-if", out, "--json").stdout)["sensitivity"]
     for stored, row in zip(record["rows"], moved.rows, strict=True):
         assert stored["probabilities"] == pytest.approx(row.probabilities, rel=1e-9)
+
+
+def test_classes_are_sampled_again_from_the_command_line(
+    tmp_path, run, tiny_ranking, tiny_study_file, far_wider, monkeypatch
+):
+    coarse = bs.SamplingSettings(log_evidence_error=0.2)
+    monkeypatch.setattr("bayes_ssi.results.stored_what_if.SamplingSettings", lambda **_: coarse)
+    out = save_result(tiny_ranking, tmp_path / "r", study_file=str(tiny_study_file)).directory
+    assert run("what-if", out).exit_code == 3
+    done = run("what-if", out, "--sample-again")
+    assert done.exit_code == 0, done.output
+    assert far_wider.name in done.stdout
+    assert "not known" not in done.stdout
+    refused = run("what-if", out, "--sample-again", "--spurious", "1")
+    assert "--sample-again: applies where no setting is given" in refused.stderr

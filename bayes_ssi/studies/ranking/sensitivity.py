@@ -5,11 +5,9 @@ the widths of the priors. Each is halved and doubled in turn, and all classes ar
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.studies.ranking.comparison import RANKING, can_matter, class_probabilities
 from bayes_ssi.studies.ranking.variations import SampledClasses, default_variations
 
@@ -69,23 +67,19 @@ class Sensitivity:
         return tuple(f"{row.name}: {row.problem}" for row in self.rows if row.problem)
 
 
-def sensitivity(
-    posteriors: Sequence[Posterior],
-    known: Mapping[str, ModelClass],
-    prior_weights: Mapping[str, float] | None,
-) -> Sensitivity:
+def sensitivity(sampled: SampledClasses, prior_weights: Mapping[str, float] | None) -> Sensitivity:
     """Rank model classes again under every setting, by reweighting their draws.
 
+    Where these do not cover it, a class is sampled again if it is known as it was sampled.
+
     Args:
-        known: the classes by name, with modes known at their draws.
         prior_weights: name → prior weight; equal if None.
     """
-    log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
+    log_evidences = {name: p.evidence.log_evidence for name, p in sampled.posteriors.items()}
     shares = class_probabilities(log_evidences, prior_weights)
     rows = [SensitivityRow("unchanged", shares)]
-    sampled = SampledClasses({each.name: each for each in posteriors}, known)
     for variation in default_variations():
-        answers = sampled.varied(variation)
+        answers = sampled.varied(variation, lambda one: bool(sampled.classes and one.problem))
         changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
         after = class_probabilities(changed, prior_weights)
         unsaid = [name for name, each in answers.items() if each.problem]
