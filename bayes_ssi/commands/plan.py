@@ -63,7 +63,11 @@ from bayes_ssi.commands.terminal import (
 @default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
 @default_option("--draws", 200, "Draws of a class about each test.", click.IntRange(min=50))
 @seed_option("Seed of the simulation.")
-@path_option("--out", text="Directory for the plan and the form for its modes, a new one.")
+@path_option(
+    "--out",
+    text="Directory for the plan and the form for its modes, a new one; RESULT/plan for the "
+    "report of RESULT.",
+)
 @json_option
 def plan(
     study: Path,
@@ -98,6 +102,7 @@ def plan(
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.studies.appendages.candidates import read_candidates
     from bayes_ssi.studies.planning.layout_plans import plan as plan_study
+    from bayes_ssi.studies.planning.plan_record import SAVED
     from bayes_ssi.studies.planning.plan_settings import PlanSettings
 
     loaded = load(study, only)
@@ -125,9 +130,15 @@ def plan(
     say_in_paragraphs(where, plan_answer(planned))
     say_warnings(where, [(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
+        from bayes_ssi.plots.figure_style import save_figure, style
+        from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
+
         out.mkdir(parents=True)
-        write_json(out / "plan.json", planned)
+        write_json(out / SAVED.name, planned)
         planned.best.write_template(out / "modes.csv")
-        say(where, "", f"Wrote {out}: plan.json, and modes.csv, the form for the modes.")
+        with style():
+            save_figure(plot_layout(planned), out / "layout.png")
+            save_figure(plot_gains(planned), out / "gains.png")
+        say(where, "", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
     print_record(lambda: {"plan": planned})
     exit_if_failed(planned.failed_checks)

@@ -6,6 +6,7 @@ Every function draws on given axes, or on those of a new figure, and returns the
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_identified_shapes
+from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
 from bayes_ssi.plots.mode_plots import (
     plot_frequency_change,
     plot_mac,
@@ -31,8 +32,10 @@ __all__ = [
     "plot_evidence",
     "plot_frequencies",
     "plot_frequency_change",
+    "plot_gains",
     "plot_identified_modes",
     "plot_identified_shapes",
+    "plot_layout",
     "plot_mac",
     "plot_mac_change",
     "plot_modal_sensitivities",

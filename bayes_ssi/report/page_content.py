@@ -24,6 +24,7 @@ from bayes_ssi.report.report_figures import (
     ReportFigures,
     embedded_file,
 )
+from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.report.tables.ranking_tables import (
     pairing_notes,
     region_notes,
@@ -39,6 +40,7 @@ from bayes_ssi.results.answer import answer
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import RankedClass
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
@@ -49,6 +51,7 @@ def page_content(
     predictions: SavedPredictions | None,
     sensitivity: Sensitivity | None,
     figures: ReportFigures,
+    plan: Plan | None = None,
 ) -> dict[str, Any]:
     """The variables of the template."""
     record, comparison = stored.record, stored.comparison
@@ -80,6 +83,7 @@ def page_content(
         "sensitivity": sensitivity,
         "sensitivity_notes": sensitivity_notes(sensitivity) if sensitivity else (),
         "predictions": predictions,
+        "plan": [plan_answer(plan), layout_rows(plan)] if plan else None,
         "figures": figures,
         "limits": LIMITS,
         # As far as the record says.

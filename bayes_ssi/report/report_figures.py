@@ -21,6 +21,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import HOVER, RC, STYLE, figures_for_files, whole_figure
 from bayes_ssi.plots.identified_modes import plot_identified_modes
+from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
 from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
 from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
@@ -29,6 +30,7 @@ from bayes_ssi.plots.shape_plots import plot_mode_shapes
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
+from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
@@ -118,6 +120,7 @@ class ReportFigures:
     classes: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
     sensitivity: list[EmbeddedFigure] = field(default_factory=list)
     predictions: list[EmbeddedFigure] = field(default_factory=list)
+    plan: list[EmbeddedFigure] = field(default_factory=list)
 
 
 def draw_figures(
@@ -125,6 +128,7 @@ def draw_figures(
     predictions: SavedPredictions | None,
     sensitivity: Sensitivity | None = None,
     progress: Callable[[float], object] = float,
+    plan: Plan | None = None,
 ) -> ReportFigures:
     """Every figure of a report; ``progress`` is called with the fraction drawn so far."""
     figures = ReportFigures()
@@ -138,6 +142,9 @@ def draw_figures(
     if sensitivity is not None:
         changes = partial(plot_sensitivity, sensitivity)
         planned.append((figures.sensitivity, ("How the ranking changes with settings", changes)))
+    if plan is not None:
+        planned.append((figures.plan, ("Sensors of the next test", partial(plot_layout, plan))))
+        planned.append((figures.plan, ("What they are worth", partial(plot_gains, plan))))
     for name, data in stored.tests.items():
         section = figures.tests.setdefault(name, [])
         planned += [(section, plot) for plot in _of_test(name, data, stored.ranked_posteriors)]

@@ -11,9 +11,10 @@ from typing import Any
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.results.result_files import new_directory, require_new
+from bayes_ssi.results.result_files import new_directory, read_record, require_new
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.results.wording import listed
+from bayes_ssi.studies.planning.plan_record import SAVED, Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 MISSING = "-"
@@ -135,6 +136,8 @@ def write_report(
     report("reading", 0.0)
     stored = load_result(result)
     predictions = load_saved_predictions(stored.directory)
+    saved = stored.directory / SAVED
+    plan = read_record(Plan, saved) if saved.is_file() else None
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
     environment = jinja2.Environment(
@@ -152,11 +155,11 @@ def write_report(
         several = len(stored.posteriors) > 1
         sensitivity = every_setting(stored) if several and can_be_varied else None
         figures = draw_figures(
-            stored, predictions, sensitivity, lambda done: report("figures", 0.1 + 0.8 * done)
+            stored, predictions, sensitivity, lambda done: report("figures", 0.1 + 0.8 * done), plan
         )
         report("page", 0.9)
         page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, predictions, sensitivity, figures),
+            page_content(stored, predictions, sensitivity, figures, plan),
             page_versions=versions(),
             result=str(stored.directory),
         )

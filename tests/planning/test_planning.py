@@ -11,6 +11,8 @@ import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log_sphere_area
+from bayes_ssi.plots.figure_style import figures_for_files
+from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import _batched, log_ratios
 from bayes_ssi.studies.planning.layout_search import effective_independence
@@ -222,3 +224,18 @@ def test_classes_with_correlated_errors_are_refused():
     own = bs.ModelClass("own", building(3, (factor("k"),) * 3), any_data(), error, pairing={"1": 1})
     with pytest.raises(ValueError, match="correlated"):
         bs.plan(bs.Study("one", [own]), 2, aim="k")
+
+
+def test_layouts_are_drawn_by_height_and_in_space(two_classes):
+    plan = bs.plan(two_classes, 2, settings=SETTINGS)
+    with figures_for_files():
+        drawn = plot_layout(plan)
+        assert {text.get_text() for text in drawn.texts} == set(FLOORS)
+        assert [tick.get_text() for tick in plot_gains(plan).get_xticklabels()] == ["1", "2"]
+        places = [
+            bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))
+            for i, name in enumerate(FLOORS)
+        ]
+        in_space = bs.plan(two_classes, 2, candidates=places, settings=SETTINGS)
+        assert in_space.best == plan.best
+        assert plot_layout(in_space).name == "3d"

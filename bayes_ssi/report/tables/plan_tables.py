@@ -38,23 +38,33 @@ def plan_answer(plan: Plan) -> str:
     )
 
 
-def layout_table(plan: Plan) -> Table:
-    """The best layouts, others beside them, and those of other configurations."""
+def layout_rows(plan: Plan) -> list[list[str]]:
+    """Headings, and the best layouts, others beside them, and those of other configurations."""
     rows = [("best" if i == 0 else "", layout) for i, layout in enumerate(plan.layouts)]
     rows += plan.compared.items()
     rows += [(f"best in {name}", each) for name, each in plan.alternatives.items()]
-    naming = ["right class named"] if plan.aim == CLASS else []
-    table = new_table(
-        f"Layouts of {counted(len(plan.best.sensors), 'sensor')}",
-        ["layout", "sensors"],
-        ["gain (nats)", *naming, "largest MAC"],
-    )
+    naming = plan.aim == CLASS
+    texts = [["layout", "sensors", "gain (nats)", *["right class named"] * naming, "largest MAC"]]
     for name, layout in rows:
         shown = ", ".join(layout.sensors[: TABLES.most_places])
         more = len(layout.sensors) - TABLES.most_places
-        named = [] if layout.naming is None else [number(layout.naming, ".3f")]
-        numbers = gain_text(layout.gain, layout.error), *named, number(layout.largest_mac, ".2f")
-        add_row(table, name, f"{shown} and {more} more" if more > 0 else shown, *numbers)
+        texts.append([
+            name,
+            f"{shown} and {more} more" if more > 0 else shown,
+            gain_text(layout.gain, layout.error),
+            *[number(layout.naming, ".3f")] * naming,
+            number(layout.largest_mac, ".2f"),
+        ])  # fmt: skip
+    return texts
+
+
+def layout_table(plan: Plan) -> Table:
+    """:func:`layout_rows` as a table."""
+    headings, *rows = layout_rows(plan)
+    title = f"Layouts of {counted(len(plan.best.sensors), 'sensor')}"
+    table = new_table(title, headings[:2], headings[2:])
+    for row in rows:
+        add_row(table, *row)
     return table
 
 

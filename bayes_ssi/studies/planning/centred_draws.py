@@ -220,8 +220,8 @@ def _mixture(
         z = np.concatenate(
             [z[..., :d], np.broadcast_to(mean[d:], (*z.shape[:2], len(mean) - d))], 2
         )
-        log_target, *expanded = _expanded(planned, found_hz, seen, z, shares, added, rng)
-        mixture = _Mixture(planned, z[..., :d], *expanded, np.zeros(z.shape[:2]), sizes)
+        log_target, squares, products = _expanded(planned, found_hz, seen, z, shares, added, rng)
+        mixture = _Mixture(planned, z[..., :d], squares, products, np.zeros(z.shape[:2]), sizes)
         variances = planned.error_variances(z[:, :1]) + np.square(added * FIRST_ERRORS)
         means, precisions = (each[:, 0] for each in mixture.given(variances))
         if added > 0.0:

@@ -290,7 +290,9 @@ class _Planning:
             "sensors of the data": tuple(i for i, c in enumerate(named) if c.name in present),
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
-        heights = self.classes[0].configuration.structure.heights()
+        heights: dict[str, float] = {}
+        for each in self.classes:
+            heights |= each.configuration.structure.heights()
         p = self._whole.probabilities
         bias = mean(worth[best].bias)[0]
         return Plan(
@@ -316,7 +318,7 @@ class _Planning:
             bias=bias,
             failed_checks=tuple(_failed_checks(worth[best].draws, bias)),
             candidates=named,
-            heights={c.name: heights[c.name] for c in named if c.name in heights},
+            heights={c.name: heights.get(c.name, i) for i, c in enumerate(named, 1)},
             geometry=self.classes[0].configuration.structure.geometry,
         )
 

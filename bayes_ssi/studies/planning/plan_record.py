@@ -13,6 +13,8 @@ from bayes_ssi.structures.geometry import Candidate, Geometry
 
 # Aims of a plan that have a name.
 CLASS, PARAMETERS = "class", "parameters"
+# Where a result's report finds the plan of the next test.
+SAVED = Path("plan", "plan.json")
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Plan(Displayed):
         bias: of the best gain, expected from few draws.
         failed_checks: why these numbers may be wrong, a sentence each.
         candidates: where sensors may be.
-        heights: of candidates, in storeys above the ground.
+        heights: of candidates in a drawing, in storeys above the ground, or one above the other.
         geometry: of the structure, for drawings.
     """
 

@@ -10,10 +10,17 @@ class PlanSettings:
     Attributes:
         n_tests: simulated tests of all classes together; the error of a gain falls with its root.
         n_draws: of each class about each test, whose average is the class's evidence for it.
+
+    Raises:
+        ValueError: one of them is below 50.
     """
 
     n_tests: int = 1000
     n_draws: int = 200
+
+    def __post_init__(self) -> None:
+        if min(self.n_tests, self.n_draws) < 50:
+            raise ValueError(f"PlanSettings: both numbers must be at least 50, got {self!r}")
 
 
 @dataclass(frozen=True)
