@@ -32,5 +32,6 @@ def test_log_evidence(ranking):
 )
 def test_the_pairing_is_found(ranking, name, pairing):
     (posterior,) = [p for p in ranking.posteriors if p.name == name]
-    assert posterior.pairing == pairing
-    assert posterior.inferred_pairing.probability(pairing) > 0.99
+    (modes,) = posterior.configurations
+    assert modes.pairing == pairing == modes.inferred_pairing.best
+    assert modes.inferred_pairing.pairings[0].probability > 0.99

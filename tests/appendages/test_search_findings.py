@@ -60,5 +60,5 @@ def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
     for one, other in zip(here.ranking.posteriors, there.ranking.posteriors, strict=True):
         assert one.evidence == other.evidence
         assert one.draws.tobytes() == other.draws.tobytes()
-        assert one.inferred_pairing == other.inferred_pairing
+        assert one.configurations == other.configurations
     assert here.record.averaged_parameters == there.record.averaged_parameters

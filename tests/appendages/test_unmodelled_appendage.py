@@ -68,7 +68,7 @@ def spurious():
 
 def test_a_spurious_mode_is_no_appendage(spurious):
     ranking = bs.rank(spurious, settings=QUICK)
-    assert set(ranking.posteriors[0].pairing) == {"1", "2", "3"}
+    assert set(ranking.posteriors[0].configurations[0].pairing) == {"1", "2", "3"}
     assert not ranking.comparison.unmodelled_appendage
 
 

@@ -340,7 +340,7 @@ def test_rank_over_all_pairings(run, tiny_study_file, tmp_path):
     assert "Modes of 'one k or each k':" in result.stdout
     assert "identified mode 1 is model mode 1 with probability" in result.stdout
     (posterior,) = load_result(tmp_path / "r").posteriors
-    assert posterior.inferred_pairing.best == {"1": 1, "2": 2}
+    assert posterior.configurations[0].inferred_pairing.best == {"1": 1, "2": 2}
 
 
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]

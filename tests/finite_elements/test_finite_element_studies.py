@@ -66,7 +66,7 @@ def test_portal_frame_by_opensees():
     loaded = study("opensees_frame.py", "openseespy.opensees", "opensees")
     _, apart = loaded.model_classes
     values = np.array([[1.0, 1.0], [0.85, 1.2]])
-    frequencies = apart.frequencies_hz(values)
+    frequencies = apart.modes(values)[0].frequencies_hz
     for row, (columns, beams) in zip(frequencies, values, strict=True):
         np.testing.assert_allclose(row, portal_frequencies(columns, beams)[:3], rtol=1e-6)
     likely = apart.log_likelihood(values)
@@ -150,6 +150,6 @@ def test_modes_that_change_places_are_updated_rightly():
         assert row.mean == pytest.approx(true, abs=4.0 * row.mean_error + row.sd)
         assert row.sd < 0.03
     assert len(posterior.regions) == 1
-    best = posterior.inferred_pairing
+    best = posterior.configurations[0].inferred_pairing
     assert best.best == {str(i): i + 1 for i in range(4)}
     assert best.pairings[0].probability > 0.95

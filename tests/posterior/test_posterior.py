@@ -77,7 +77,7 @@ def test_the_draws_belong_together(posterior):
 def test_the_other_fields_of_a_posterior(posterior):
     assert posterior.name == "one mass"
     assert posterior.data_digest == one_mass().data.digest
-    assert posterior.pairing == {"1": 1}
+    assert posterior.configurations[0].pairing == {"1": 1}
     assert posterior.failed_checks == ()
     assert 0.99 < posterior.r_hat < 1.02
     assert 0.2 < posterior.acceptance < 1.0

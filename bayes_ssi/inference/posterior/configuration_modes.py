@@ -169,7 +169,8 @@ def _paired_modes(
     out; the prior medians, the first row, never are.
     """
     compared = likelihood.compared_modes(at, modes)
-    chosen = likelihood.sampled_pairings(at, compared, np.random.default_rng(0))
+    pairs = likelihood.sampled_pairs(at, compared, np.random.default_rng(0))
+    chosen = np.append(likelihood.pairs.model_modes, -1)[pairs]
     paired = {}
     for label, numbers in zip(likelihood.data.labels, chosen.T, strict=True):
         if label not in pairing:

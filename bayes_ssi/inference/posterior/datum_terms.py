@@ -4,13 +4,15 @@ Packages that compare or criticise models ask for these: leave-one-out cross-val
 first, posterior predictive checks for the second.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.foundations.arrays import FloatArray, Places, joined
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -19,18 +21,28 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 class AtDraws(NamedTuple):
     """The model at B draws; columns run through all configurations in turn."""
 
-    frequencies_hz: FloatArray  # (B, n_modes), model frequencies
+    modes: tuple[ComparedModes, ...]  # of each configuration
     log_likelihoods: FloatArray  # (B, n_data), log-likelihood of each datum
-    # (B, n_identified), standard deviation of each identified frequency about the model's.
-    frequency_sds_hz: FloatArray
-    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
-    shape_distances: FloatArray
-    # (B, n_pairs_and_sensors), of pairs where errors of shapes are correlated, as in
-    # :class:`~bayes_ssi.inference.likelihood.likelihood.ComparedModes`.
-    unit_shapes: FloatArray
     # (B, n_components), shapes at the sensors of the modes that the likelihood compares: sensor by
     # sensor, and mode by mode.
     sensor_shapes: FloatArray
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Model frequencies (B, n_modes)."""
+        return np.concatenate([of_test.frequencies_hz for of_test in self.modes], axis=1)
+
+    def rows(self, which: Places) -> AtDraws:
+        """The model at some of the draws."""
+        modes = tuple(of_test.rows(which) for of_test in self.modes)
+        return AtDraws(modes, self.log_likelihoods[which], self.sensor_shapes[which])
+
+    @classmethod
+    def joined(cls, parts: Sequence[AtDraws]) -> AtDraws:
+        """The model at the draws of all parts."""
+        modes, *arrays = zip(*parts, strict=True)
+        of_tests = tuple(map(joined, zip(*modes, strict=True)))
+        return cls(of_tests, *map(np.concatenate, arrays))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,32 +62,22 @@ class DatumTerms:
 
 def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
     """The model at ``values`` (B, n_parameters), its modes computed once."""
-    parts, of_tests = [], []
+    of_tests, log_likelihoods, sensor_shapes = [], [], []
     for test, likelihood, columns in model_class.parts(values):
         modes = likelihood.modes(columns)
-        compared = likelihood.compared_modes(columns, modes)
+        of_tests.append(likelihood.compared_modes(columns, modes))
+        log_likelihoods.append(likelihood.log_likelihoods(columns, of_tests[-1]))
         compared_shapes = modes_with_shape(test.data, test.pairing, test.structure.n_modes)
         shapes = likelihood.shapes_at_sensors(modes)[:, :, compared_shapes]
-        of_tests.append(compared)
-        parts.append(
-            AtDraws(
-                modes.frequencies_hz,
-                likelihood.log_likelihoods(columns, compared),
-                likelihood.frequency_sds_hz(columns),
-                compared.shape_distances,
-                compared.unit_shapes,
-                shapes.reshape(len(values), -1),
-            )
-        )
-    model = joined(parts, axis=1)
+        sensor_shapes.append(shapes.reshape(len(values), -1))
+    terms = np.concatenate(log_likelihoods, axis=1)
     groups = _joint_columns(model_class)
-    if not groups:
-        return model
-    terms = model.log_likelihoods
-    ratios = model_class.correlated_errors.log_ratios(values, of_tests)
-    for group, ratio in zip(groups, ratios.T, strict=True):
-        terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
-    return model._replace(log_likelihoods=np.delete(terms, _joined_to_others(groups), axis=1))
+    if groups:
+        ratios = model_class.correlated_errors.log_ratios(values, of_tests)
+        for group, ratio in zip(groups, ratios.T, strict=True):
+            terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
+        terms = np.delete(terms, _joined_to_others(groups), axis=1)
+    return AtDraws(tuple(of_tests), terms, np.concatenate(sensor_shapes, axis=1))
 
 
 def _joint_columns(model_class: ModelClass) -> list[list[int]]:
@@ -94,22 +96,6 @@ def _joined_to_others(groups: list[list[int]]) -> list[int]:
     return [column for group in groups for column in group[1:]]
 
 
-def compared_modes(model_class: ModelClass, model: AtDraws) -> list[ComparedModes]:
-    """The model's modes at the draws, configuration by configuration."""
-    sizes = [
-        (
-            likelihood.structure.n_modes,
-            len(likelihood.pairs.with_shape),
-            likelihood.pairs.unit_shapes.size if likelihood.needs_unit_shapes else 0,
-        )
-        for likelihood in model_class.likelihoods
-    ]
-    ends = np.cumsum(sizes, axis=0)[:-1].T
-    arrays = (model.frequencies_hz, model.shape_distances, model.unit_shapes)
-    of_tests = (np.split(array, end, axis=1) for array, end in zip(arrays, ends, strict=True))
-    return [ComparedModes(*of_test) for of_test in zip(*of_tests, strict=True)]
-
-
 def datum_terms(
     model_class: ModelClass,
     values: FloatArray,
@@ -126,23 +112,24 @@ def datum_terms(
     """
     identified: list[str] = []
     centres, normals = [], []
-    first = 0
-    for configuration, pairing in zip(model_class.configurations, pairings, strict=True):
+    sds = []
+    parts = zip(model_class.parts(values), model.modes, pairings, strict=True)
+    for (configuration, likelihood, columns), modes, pairing in parts:
+        sds.append(likelihood.frequency_sds_hz(columns))
         for label in configuration.data.labels:
             identified.append(label_in(configuration.name, label))
             if label in pairing:
-                centres.append(model.frequencies_hz[:, first + pairing[label] - 1])
+                centres.append(modes.frequencies_hz[:, pairing[label] - 1])
                 normals.append(rng.standard_normal(len(values)))
             else:
                 centres.append(rng.uniform(*configuration.data.band_hz, len(values)))
                 normals.append(np.zeros(len(values)))
-        first += configuration.structure.n_modes
     numbers = np.stack(normals, axis=-1)
     errors = model_class.correlated_errors
     if errors.groups:
         paired = numbers[:, errors.identified]
         numbers[:, errors.identified] = errors.correlated_normals(paired, values)
-    predicted = np.stack(centres, axis=-1) + model.frequency_sds_hz * numbers
+    predicted = np.stack(centres, axis=-1) + np.concatenate(sds, axis=1) * numbers
     return DatumTerms(
         tuple(_datum_names(model_class)),
         model.log_likelihoods.reshape(*shape, -1),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,8 +15,6 @@ from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.edges import AtEdge
-from bayes_ssi.inference.likelihood.pairings import InferredPairing
-from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
 from bayes_ssi.inference.posterior.datum_terms import DatumTerms
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
@@ -171,21 +169,6 @@ class Posterior(Displayed):
     def configuration_names(self) -> tuple[str, ...]:
         """Names of the tests; one empty name where there was one test."""
         return tuple(configuration.name for configuration in self.configurations)
-
-    @property
-    def pairing(self) -> Mapping[str, int]:
-        """The pairing of the only configuration; ValueError where there are several."""
-        return self._only.pairing
-
-    @property
-    def inferred_pairing(self) -> InferredPairing | None:
-        """Inferred pairing of the only configuration; ValueError where there are several."""
-        return self._only.inferred_pairing
-
-    @property
-    def _only(self) -> ConfigurationModes:
-        by_name = {modes.name: modes for modes in self.configurations}
-        return choose_configuration(by_name, None, f"posterior of {self.name!r}")
 
     def configuration(self, name: str) -> tuple[ConfigurationModes, FloatArray]:
         """The modes of one configuration, and its part of ``frequencies_hz``.

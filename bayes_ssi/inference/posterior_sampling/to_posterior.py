@@ -6,14 +6,14 @@ from time import perf_counter
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
 from bayes_ssi.inference.criticism.edges import edges
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
-from bayes_ssi.inference.posterior.datum_terms import AtDraws, at_draws, compared_modes, datum_terms
+from bayes_ssi.inference.posterior.datum_terms import AtDraws, at_draws, datum_terms
 from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.checks import failed_checks
@@ -132,16 +132,14 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
         model = at_draws(model_class, different)
     else:
         parts = np.array_split(different, min(pool.n_parts, len(different)))
-        done = pool.call_each(partial(at_draws, model_class), parts)
-        model = joined(done)
-    return AtDraws(*(array[which.ravel()] for array in model))
+        model = AtDraws.joined(pool.call_each(partial(at_draws, model_class), parts))
+    return model.rows(which.ravel())
 
 
 def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
     """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
     chosen = evenly_spaced_indices(len(values), CRITICISM.n_draws)
-    at_chosen = AtDraws(*(array[chosen] for array in model))
-    modes = compared_modes(model_class, at_chosen)
+    modes = model.rows(chosen).modes
     return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
 
 
