@@ -66,10 +66,7 @@ def test_a_line_and_a_table(tiny_ranking):
     ranking = tiny_ranking
     study = ranking.study
     shown = [study, ranking, ranking.comparison, *ranking.posteriors, *study.model_classes]
-    shown += [
-        study.model_classes[0].configurations[0],
-        study.model_classes[0].configurations[0].data,
-    ]
+    shown += [study.model_classes[0].configurations[0].data]
     shown += [bs.Record(np.eye(2, 40), 10.0, ("a", "b"), "acceleration", "m/s2")]
     for one in shown:
         assert isinstance(one, Displayed)

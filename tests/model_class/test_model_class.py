@@ -162,7 +162,7 @@ def test_a_class_without_name_is_refused(rigid, case_c, fixed_error, name):
 )
 def test_a_field_of_the_wrong_kind_is_refused(rigid, case_c, fixed_error, field, kind):
     fields = {"structure": rigid, "data": case_c, "error": fixed_error, field: "frame"}
-    message = f"model class 'x': {field} must be a {kind}, got 'frame'"
+    message = f"model class 'x': {field} must be an? {kind}, got 'frame'"
     with pytest.raises(TypeError, match=message):
         build(**fields)
 

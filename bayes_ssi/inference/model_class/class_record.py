@@ -23,30 +23,21 @@ def described(structure: Structure) -> list[tuple[str, str]]:
     The first line is the structure's name and the first paragraph of its docstring. A structure
     that is not a dataclass is described by its own ``description`` and degrees of freedom.
     """
-    first = (_words(type(structure).__name__), _first_paragraph(structure))
-    if not is_dataclass(structure):
-        own = {**structure.description(), "degrees of freedom": [*structure.degrees_of_freedom]}
-        return [first, *((name, _in_a_line(value)) for name, value in own.items())]
-    plain, items = [], []
-    for field in fields(structure):
-        name, value = field.name.replace("_", " "), getattr(structure, field.name)
+    lines, elements = [(_words(type(structure).__name__), _first_paragraph(structure))], []
+    if is_dataclass(structure):
+        values = {each.name: getattr(structure, each.name) for each in fields(structure)}
+    else:
+        values = {**structure.description(), "degrees of freedom": structure.degrees_of_freedom}
+    for name, value in values.items():
         if isinstance(value, (tuple, list)) and value and all(map(_has_fields, value)):
-            items += [(_words(type(item).__name__), _items(item)) for item in value]
-        elif _has_fields(value):
-            items.append((name, _in_a_line(value)))
+            elements += [(_words(type(item).__name__), _items(item)) for item in value]
         elif text := _cut(in_words(value)):
-            plain.append((name, text))
-    return [first, *plain, *items]
+            lines.append((name.replace("_", " "), text))
+    return lines + elements
 
 
 def _has_fields(value: Any) -> bool:
     return is_dataclass(value) and not isinstance(value, (Parameter, Product))
-
-
-def _in_a_line(value: Any) -> str:
-    if _has_fields(value):
-        return f"{_words(type(value).__name__)}: {_items(value)}"
-    return _cut(in_words(value))
 
 
 def _items(item: Any) -> str:
@@ -64,11 +55,13 @@ def _items(item: Any) -> str:
 
 
 def in_words(value: Any) -> str:
-    """A number, a parameter, a product of them, or a collection of these, for reports."""
+    """A number, parameter, product, object with fields, or collection of these, for reports."""
     if isinstance(value, Parameter):
         return value.name
     if isinstance(value, Product):
         return repr(value).removeprefix("1 * ").replace(" * ", " · ")
+    if _has_fields(value):
+        return f"{_words(type(value).__name__)}: {_items(value)}"
     if getattr(value, "shape", ()):  # dense or sparse
         return f"{type(value).__name__} of {' by '.join(map(str, value.shape))}"
     if callable(value):  # its text would contain an address in memory

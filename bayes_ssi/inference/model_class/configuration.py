@@ -9,11 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
-import numpy as np
-
+from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.choices import listed_choices, require_known
-from bayes_ssi.foundations.displayed import Displayed, columns, counted
-from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
@@ -24,8 +21,8 @@ from bayes_ssi.structures.structure import Structure
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Configuration(Displayed):
+@dataclass(frozen=True, eq=False)
+class Configuration:
     """One test: the structure in its state at the time, and the modes identified in it.
 
     A structure is often tested several times with known changes in between: bare, with masses
@@ -61,11 +58,8 @@ class Configuration(Displayed):
                 f"tab, got {self.name!r}"
             )
         try:
-            for name, kind in (("structure", Structure), ("data", ModalData)):
-                if not isinstance(getattr(self, name), kind):
-                    raise TypeError(
-                        f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}"
-                    )
+            require(self.structure, Structure, "structure")
+            require(self.data, ModalData, "data")
             of_data = f"data ({self.data.source}): " if self.data.source else ""
             self.structure.sensor_matrix(self.data.sensors, f"{of_data}sensor")
             if self.pairing != "any":
@@ -82,39 +76,6 @@ class Configuration(Displayed):
         if self.pairing == "any":
             return AnyPairing(*parts, pairing={})
         return ModalLikelihood(*parts, self.pairing)
-
-    def check_structure(self) -> None:
-        """Compute the structure's modes at the prior medians as a check.
-
-        Raises:
-            ValueError: it raises an error, or returns arrays of the wrong shapes.
-        """
-        n_dof, n_modes = len(self.structure.degrees_of_freedom), self.structure.n_modes
-        kind = f"structure {type(self.structure).__name__}"
-        if self.name:
-            kind = f"configuration {self.name!r}: {kind}"
-        try:
-            frequencies_hz, shapes = self.structure.modes(self.structure.prior_medians())
-        except Exception as error:  # whatever a user's structure may raise
-            raise ValueError(f"{kind} fails at the prior medians: {with_place(error)}") from error
-        sizes = np.shape(frequencies_hz), np.shape(shapes)
-        if sizes != ((1, n_modes), (1, n_dof, n_modes)):
-            raise ValueError(
-                f"{kind} returns frequencies and shapes of shapes {sizes[0]} and {sizes[1]} for "
-                f"one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
-            )
-
-    def _line(self) -> str:
-        name = f"{self.name!r}, " if self.name else ""
-        modes = counted(len(self.data.modes), "identified mode")
-        return f"{name}{type(self.structure).__name__} and {modes}"
-
-    def _rows(self) -> list[dict[str, Any]]:
-        paired = {} if isinstance(self.pairing, str) else self.pairing
-        return [
-            columns(mode, ("label", "frequency_hz")) | {"model mode": paired.get(mode.label)}
-            for mode in self.data.modes
-        ]
 
 
 def configurations_of(
@@ -178,7 +139,5 @@ def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -
         raise ValueError(
             f"{owner} has {len(items)} configurations; choose one of {listed_choices(items)}"
         )
-    if name not in items and list(items) == [""]:
-        raise ValueError(f"{owner} has one configuration, without a name; got {name!r}")
     require_known(f"{owner} has no configuration", [name], items)
     return items[name]

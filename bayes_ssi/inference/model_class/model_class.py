@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
+from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
@@ -73,17 +74,10 @@ class ModelClass(Displayed):
         """Define a class by a structure, its data and pairing, or by several configurations.
 
         Args:
-            name: unique in a study.
-            structure: the structural model; its parameters carry their priors.
-            data: the identified modes.
-            error: prediction errors, inferred by default.
-            pairing: which identified mode is which model mode, as in
+            structure: of a single configuration, as ``data`` and ``pairing``, described in
                 :class:`~bayes_ssi.inference.model_class.configuration.Configuration`.
             configurations: the tests, where there are several. A structure, data or pairing that
                 is also given replaces theirs.
-            identification: probabilities of detection and of spurious modes.
-            description: a sentence for reports.
-            priors: name of a parameter → prior in place of its own.
 
         Raises:
             ValueError: the name cannot be printed, two parameters or configurations share a name,
@@ -97,21 +91,24 @@ class ModelClass(Displayed):
         require_printable(name, "ModelClass")
         own = {"structure": structure, "data": data, "pairing": pairing}
         try:
+            require(error, ErrorModel | None, "error")
+            require(identification, IdentificationModel | None, "identification")
+            require(priors, Mapping[str, Prior] | None, "priors")
             made = configurations_of(
                 configurations, {k: v for k, v in own.items() if v is not None}
             )
             for field, value in (
                 ("name", name),
                 ("configurations", made),
-                ("error", _of_kind(ErrorModel, "error", error)),
-                ("identification", _of_kind(IdentificationModel, "identification", identification)),
+                ("error", error or ErrorModel()),
+                ("identification", identification or IdentificationModel()),
                 ("description", description),
                 ("priors", dict(priors or {})),
             ):
                 object.__setattr__(self, field, value)
             if not self.parameters:
                 raise ValueError("nothing is inferred; put a Parameter in the structure's fields")
-            self._check_priors()
+            require_known("priors: no parameter", self.priors, self.parameter_names)
             _ = self.correlated_errors  # refuses labels that it cannot use
         except (TypeError, ValueError) as wrong:
             raise type(wrong)(f"model class {name!r}: {wrong}") from None
@@ -180,12 +177,6 @@ class ModelClass(Displayed):
     def _of_structures(self) -> tuple[Parameter, ...]:
         return tuple(p for c in self.configurations for p in c.structure.parameters)
 
-    def _check_priors(self) -> None:
-        require_known("priors: no parameter", self.priors, self.parameter_names)
-        for name, prior in self.priors.items():
-            if not isinstance(prior, Prior):
-                raise TypeError(f"priors: that of {name!r} must be a prior, got {prior!r}")
-
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of :attr:`parameters`, in their order."""
@@ -229,7 +220,8 @@ class ModelClass(Displayed):
     def log_likelihood(self, values: FloatArray) -> FloatArray:
         """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
         where = f"model class {self.name!r}: values"
-        total = self._log_density(checked_values(values, self.parameters, where))
+        values = checked_values(values, self.parameters, where)
+        total = self.log_density_of_modes(values, self.modes(values))
         return np.where(np.isnan(total), -np.inf, total)
 
     def log_likelihood_at(self, z: FloatArray) -> FloatArray:
@@ -237,9 +229,7 @@ class ModelClass(Displayed):
 
         NaN where a structure has no modes, so that samplers can count such points.
         """
-        return self._log_density(self.values(z))
-
-    def _log_density(self, values: FloatArray) -> FloatArray:
+        values = self.values(z)
         return self.log_density_of_modes(values, self.modes(values))
 
     def modes(self, values: FloatArray) -> list[Modes]:
@@ -258,14 +248,6 @@ class ModelClass(Displayed):
         if self.correlated_errors.groups:
             total += row_sums(self.correlated_errors.log_ratios(values, compared))
         return total
-
-    def frequencies_hz(self, values: FloatArray) -> FloatArray:
-        """Model frequencies (B, n_modes) at ``values``, of all configurations in turn."""
-        values = checked_values(values, self.parameters, f"model class {self.name!r}: values")
-        return np.concatenate(
-            [likelihood.modes(own).frequencies_hz for _, likelihood, own in self.parts(values)],
-            axis=1,
-        )
 
     def with_any_pairing(self, name: str) -> ModelClass:
         """The class, under another name, with the pairing of every configuration inferred."""
@@ -302,11 +284,23 @@ class ModelClass(Displayed):
         Raises:
             ValueError: it raises an error, or returns arrays of the wrong shapes.
         """
-        for configuration in self.configurations:
+        for test in self.configurations:
+            structure, where = test.structure, f"model class {self.name!r}: "
+            where += f"configuration {test.name!r}: " if test.name else ""
+            where += f"structure {type(structure).__name__}"
             try:
-                configuration.check_structure()
-            except ValueError as error:
-                raise ValueError(f"model class {self.name!r}: {error}") from error
+                frequencies_hz, shapes = structure.modes(structure.prior_medians())
+            except Exception as error:  # whatever a user's structure may raise
+                raise ValueError(
+                    f"{where} fails at the prior medians: {with_place(error)}"
+                ) from error
+            n_dof, n_modes = len(structure.degrees_of_freedom), structure.n_modes
+            sizes = np.shape(frequencies_hz), np.shape(shapes)
+            if sizes != ((1, n_modes), (1, n_dof, n_modes)):
+                raise ValueError(
+                    f"{where} returns frequencies and shapes of shapes {sizes[0]} and {sizes[1]} "
+                    f"for one set of values, expected {(1, n_modes)} and {(1, n_dof, n_modes)}"
+                )
 
     def _line(self) -> str:
         parameters = counted(len(self.parameters), "parameter")
@@ -320,11 +314,3 @@ class ModelClass(Displayed):
              "median": p.prior.quantile(0.5)}
             for p in self.parameters
         ]  # fmt: skip
-
-
-def _of_kind(kind: type, name: str, value: Any) -> Any:
-    """The value, or a default object of this kind where there is none."""
-    value = kind() if value is None else value
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} must be a {kind.__name__}, got {value!r}")
-    return value

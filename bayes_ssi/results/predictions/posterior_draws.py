@@ -107,7 +107,7 @@ def thinned_draws(
     columns = [posterior.parameter_names.index(name) for name in names]
     rows = thinned_rows(len(posterior.values), n_draws)
     values = posterior.values[rows][:, columns]
-    test.check_structure()
+    model_class.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
     tolerance = max(1e-6, PREDICTION_SETTINGS.stored_error * posterior.frequency_error)
