@@ -15,6 +15,7 @@ How far calibrated classes are from a reference class, in what all of them may i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +30,6 @@ from bayes_ssi.inference.calibration.fit import Fit
 from bayes_ssi.inference.calibration.least_squares import (
     CALIBRATION,
     CalibrationProblem,
-    checked_shape_weight,
 )
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
@@ -119,7 +119,10 @@ def calibrate(
         ValueError: the weight is negative, there is no start or there are too many, or no search
             converged.
     """
-    shape_weight = checked_shape_weight(model_class, shape_weight, "calibrate")
+    if shape_weight is None:
+        shape_weight = model_class.error.shape_weight
+    if not 0.0 <= shape_weight < math.inf:
+        raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
     most = CALIBRATION.most_starts
     if not 1 <= n_starts <= most:
         raise ValueError(f"calibrate: n_starts must be from 1 to {most:,}, got {n_starts!r}")

@@ -38,15 +38,6 @@ class NothingToCalibrateError(ValueError):
     """A model class without structural parameters, or without paired modes."""
 
 
-def checked_shape_weight(model_class: ModelClass, shape_weight: float | None, what: str) -> float:
-    """The weight λ of shapes, that of the class's error model if None."""
-    if shape_weight is None:
-        shape_weight = model_class.error.shape_weight
-    if not (math.isfinite(shape_weight) and shape_weight >= 0):
-        raise ValueError(f"{what}: shape_weight must be zero or positive, got {shape_weight!r}")
-    return shape_weight
-
-
 class CalibrationProblem:
     """Residuals of a model class as a function of its structures' standard-normal coordinates.
 

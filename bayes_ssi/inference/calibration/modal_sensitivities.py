@@ -9,7 +9,6 @@ left of it; below 1 the prior knows more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +17,10 @@ import scipy.linalg
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.calibration.least_squares import (
     CalibrationProblem,
     central_differences,
-    checked_shape_weight,
 )
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -70,33 +67,25 @@ class ModalSensitivities(Displayed):
 
 
 @checked
-def modal_sensitivities(
-    model_class: ModelClass,
-    at: Mapping[str, float] | None = None,
-    shape_weight: float | None = None,
-) -> ModalSensitivities:
-    """Sensitivities of the paired modes of all configurations to the structures' parameters.
+def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
+    """Sensitivities of the paired modes to the structures' parameters, at the prior medians.
 
     Args:
-        model_class: its pairing must be given.
-        at: parameter name → value; prior medians where not given.
-        shape_weight: λ, as in a calibration, of the shapes in the proposal.
+        model_class: its pairing must be given; those of all configurations count. Its error model
+            gives the weight of shapes in the proposal, and other ``priors`` another point.
 
     Raises:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have no
             parameter.
-        ValueError: a parameter is unknown, is zero there, or the weight is negative.
+        ValueError: a prior median is zero.
     """
-    shape_weight = checked_shape_weight(model_class, shape_weight, "modal_sensitivities")
-    problem = CalibrationProblem(model_class, shape_weight)
-    given = dict(at or {})
-    require_known("modal_sensitivities: at: no parameter", given, problem.names)
-    medians = zip(problem.names, problem.prior_medians, strict=True)
-    values = np.array([given.get(name, median) for name, median in medians])
-    if not values.all():
+    problem = CalibrationProblem(model_class, model_class.error.shape_weight)
+    values = problem.prior_medians
+    zero = [name for name, value in zip(problem.names, values, strict=True) if value == 0.0]
+    if zero:
         raise ValueError(
-            f"modal_sensitivities: {problem.names[int(np.argmin(np.abs(values)))]!r} is zero, and "
-            "relative changes of it are not defined; give at={...} with another value of it"
+            f"modal_sensitivities: the prior median of {zero[0]!r} is zero, and relative changes "
+            "of it are not defined"
         )
 
     def frequencies_and_shapes(by: FloatArray) -> FloatArray:
@@ -126,10 +115,8 @@ def modal_sensitivities(
         labels += [label_in(configuration.name, mode.label) for mode in paired]
         frequencies.append(own[:m])
         changes.append(np.linalg.norm(own[m:].reshape(n, m, slopes.shape[1]), axis=0))
-    # In prior standard deviations, at the same point.
-    known = zip(problem.parameters, values, strict=True)
-    z = np.array([float(parameter.prior.to_normal(value)) for parameter, value in known])
-    jacobian = problem.sensitivities(z)
+    # In prior standard deviations, at the prior medians, too.
+    jacobian = problem.sensitivities(np.zeros(len(values)))
     triangle, order = scipy.linalg.qr(jacobian, mode="r", pivoting=True)
     signals = np.zeros(len(values))
     signals[: min(triangle.shape)] = np.abs(triangle.diagonal())
