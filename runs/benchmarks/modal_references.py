@@ -161,8 +161,11 @@ def by_refinement(candidate: bs.ModelClass, reach: float = 6.5) -> float:
     observed = np.log(candidate.data.frequencies_hz)
     while True:
         parts = np.array_split(cells, max(1, len(cells) // 100_000))
-        off = [np.abs(np.log(candidate.frequencies_hz(candidate.values(part))[:, : len(observed)])
-                      - observed).max(1) for part in parts]  # fmt: skip
+        off = [
+            np.abs(np.log(modes.frequencies_hz[:, : len(observed)]) - observed).max(1)
+            for part in parts
+            for modes in candidate.modes(candidate.values(part))
+        ]
         slack = 0.5 * log_sd * 0.5 * side * math.sqrt(d)
         cells = cells[np.concatenate(off) < 8.0 * error + slack]
         if 0.5 * log_sd * side < 1.5 * error:

@@ -64,7 +64,9 @@ def razor_ridge(n: int, error: float = 3e-4) -> Problem:
     axis = np.arange(-8.0, 8.0 + step / 2, step)
     orthogonal = np.linalg.svd(np.ones((1, n)))[2][1:]
     b = np.stack(np.meshgrid(*[axis] * (n - 1)), axis=-1).reshape(-1, n - 1)
-    log_frequency = np.log(candidate.frequencies_hz(candidate.values(b @ orthogonal))[:, 0])
+    log_frequency = np.log(
+        candidate.modes(candidate.values(b @ orthogonal))[0].frequencies_hz[:, 0]
+    )
     nodes, weights = np.polynomial.hermite_e.hermegauss(40)
     f = 1.0 + error * nodes
     a = (np.log(f) - log_frequency[:, None]) / kappa

@@ -11,9 +11,9 @@ from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
-from bayes_ssi.inference.likelihood.error_groups import ErrorGroups, Separation
+from bayes_ssi.inference.likelihood.error_groups import ErrorGroup, Separation
 from bayes_ssi.inference.likelihood.joint_errors import JointErrors
-from bayes_ssi.inference.posterior.datum_terms import at_draws, compared_modes, datum_terms
+from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 FIXED = bs.ErrorModel(0.004, 0.006)
@@ -300,7 +300,7 @@ def test_misfit_is_chi_square_of_all_errors_together_and_of_each_mode(building):
     data = identified(building)
     joint = bs.ModelClass("joint", building, data, INFERRED, pairing=PAIRING)
     values = drawn(joint)
-    modes = compared_modes(joint, at_draws(joint, values))[0]
+    (modes,) = at_draws(joint, values).modes
     result = misfit(joint.likelihoods[0], values, modes, np.random.default_rng(0))
     _, numbers = joint.correlated_errors.independent_residuals(values, [modes])
     squares = (numbers[0] ** 2).sum(axis=1)
@@ -374,9 +374,9 @@ def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-40, 1e-20])
 def test_a_direction_without_error_says_nothing_of_frequencies_but_by_rounding(rounding):
-    zero = np.zeros((1, 1, 1))
+    zero = np.zeros((1, 1))
     errors = JointErrors(
-        frequencies=ErrorGroups([0], np.array([[0]]), zero + 4.0, Separation(zero, zero)),
+        frequencies=ErrorGroup([0], zero + 4.0, Separation(zero, zero)),
         shapes=[0],
         variances=np.array([2.0, rounding]),
         axes=np.eye(2)[None],

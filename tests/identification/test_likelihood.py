@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
+from bayes_ssi.inference.likelihood.paired_modes import check_pairing
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -404,4 +405,4 @@ def test_an_error_that_no_paired_datum_calls_for_is_not_inferred(building, ident
 )
 def test_impossible_pairings_are_refused(building, identified, pairing, error, message):
     with pytest.raises(error, match=message):
-        likelihood(building, identified, pairing)
+        check_pairing(pairing, identified, building.n_modes)

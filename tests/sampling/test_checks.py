@@ -21,7 +21,7 @@ PHI = (1.0 + math.sqrt(5.0)) / 2.0
 
 
 def edge_checks_of(model_class, z):
-    found = edges(model_class, z, model_class.frequencies_hz(model_class.values(z)))
+    found = edges(model_class, z, model_class.modes(model_class.values(z))[0].frequencies_hz)
     return [edge.statement for edge in found]
 
 

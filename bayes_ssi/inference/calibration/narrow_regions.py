@@ -31,7 +31,7 @@ from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
-from bayes_ssi.inference.likelihood.pairings import sample_pairings
+from bayes_ssi.inference.likelihood.pairings import PairingWeights, sample_pairings
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.target import SuggestedStarts, log_standard_normal
@@ -61,6 +61,9 @@ class NarrowRegionSettings:
     draws: int = 30  # tried for each descent, where the model fails at most of them
 
 
+NARROW = NarrowRegionSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class NarrowRegions:
     """Starts in the narrow regions of a model class's posterior."""
@@ -68,7 +71,6 @@ class NarrowRegions:
     model_class: ModelClass
     # Where structures that are solved one by one are solved; in this process if None.
     workers: Workers | None = None
-    settings: NarrowRegionSettings = NarrowRegionSettings()
 
     def __call__(self, rng: np.random.Generator) -> SuggestedStarts:
         """Starts of one search, in standard-normal coordinates."""
@@ -114,7 +116,7 @@ class PairedResiduals:
 
     def errors(self, values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
         """Errors of frequencies (B, J) and shapes (B, S), their own and ``width`` together."""
-        sizes = self.likelihood.errors.of_pairs(values)
+        sizes = self.likelihood.standard_errors(values)
         # With any pairing the pairs of an identified mode with all model modes follow each other.
         step = self.likelihood.structure.n_modes if self.inferred else 1
         frequency, shape = (np.sqrt(size[:, ::step] ** 2 + width**2) for size in sizes)
@@ -133,13 +135,9 @@ class PairedResiduals:
         rng: np.random.Generator,
     ) -> NDArray[np.intp]:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
-        likelihood = self.inferred
-        if likelihood is None:
+        if self.inferred is None:
             return self.given_pairings(len(values))
-        compared = likelihood.compared_modes(values, modes)
-        if width > 0.0:
-            likelihood = replace(likelihood, error=ErrorModel(width, width))
-        weights = likelihood.pairing_weights(values, compared)
+        weights = self._weights(self.inferred, values, modes, width)
         log_ratios = np.where(considered[:, :, None], weights.log_ratios, -np.inf)
         return sample_pairings(replace(weights, log_ratios=log_ratios), rng)
 
@@ -156,24 +154,32 @@ class PairedResiduals:
 
         In proportion to the weights of pairs if all errors were of this width.
         """
-        likelihood = self.inferred
-        assert likelihood is not None
-        compared = likelihood.compared_modes(values, modes)
-        wide = replace(likelihood, error=ErrorModel(width, width))
+        assert self.inferred is not None
         rows = np.arange(len(values))
-        log_weights = wide.pairing_weights(values, compared).log_ratios[rows, identified]
+        weights = self._weights(self.inferred, values, modes, width)
+        log_weights = weights.log_ratios[rows, identified]
         row, column = np.nonzero(chosen >= 0)
         log_weights[row, chosen[row, column]] = -np.inf
         extended = chosen.copy()
         extended[rows, identified] = (log_weights + rng.gumbel(size=log_weights.shape)).argmax(1)
         return extended
 
+    @staticmethod
+    def _weights(
+        likelihood: AnyPairing, values: FloatArray, modes: Modes, width: float
+    ) -> PairingWeights:
+        """Weights of pairs if all errors were of this width; of their own size where it is 0."""
+        compared = likelihood.compared_modes(values, modes)
+        if width > 0.0:
+            likelihood = replace(likelihood, error=ErrorModel(width, width))
+        return likelihood.pairing_weights(values, compared)
+
 
 class _Descents:
     """The descents of one search, each a row of ``z`` (n, d)."""
 
     def __init__(self, regions: NarrowRegions, rng: np.random.Generator) -> None:
-        self.model_class, self.settings = regions.model_class, regions.settings
+        self.model_class = regions.model_class
         self.rng = rng
         self.n_evaluations = 0
         self.tests = [PairedResiduals(likelihood) for likelihood in self.model_class.likelihoods]
@@ -200,22 +206,22 @@ class _Descents:
         if not (len(z) and self.n_structural and any(test.n_identified for test in self.tests)):
             return z[:0]
         # From small errors every other descent leads to what is fitted exactly.
-        z[::2, self.sizes] = self.settings.lowest_size
+        z[::2, self.sizes] = NARROW.lowest_size
         n = len(z)
         orders = [self.rng.random((n, t.n_identified)).argsort(axis=1) for t in self.tests]
         z = self._extended(*self._narrowed(z, orders), orders)
         everything = [np.ones(order.shape, dtype=bool) for order in orders]
-        for _ in range(self.settings.rounds_of_sizes if self.sizes else 1):
+        for _ in range(NARROW.rounds_of_sizes if self.sizes else 1):
             z = self._with_probable_sizes(z)
             chosen = self._pairings(z, 0.0, everything)
-            z, curvatures = self._descended(z, chosen, 0.0, self.settings.steps_to_end)
+            z, curvatures = self._descended(z, chosen, 0.0, NARROW.steps_to_end)
         return self._distinct(z, curvatures)
 
     def _draws(self) -> FloatArray:
         """Prior draws (n, d) at which the structures have modes."""
         drawn: list[FloatArray] = []
-        missing = self.settings.descents
-        for _ in range(self.settings.draws):
+        missing = NARROW.descents
+        for _ in range(NARROW.draws):
             z = self.rng.standard_normal((missing, len(self.model_class.parameters)))
             solved = [np.isfinite(modes.frequencies_hz) for modes in self._modes(z)]
             drawn.append(z[np.concatenate(solved, axis=1).all(axis=1)])
@@ -238,7 +244,7 @@ class _Descents:
             order.argsort(axis=1) < self.rng.integers(1, order.shape[1] + 1, size=(n, 1))
             for order in orders
         ]
-        chosen = self._pairings(z, self.settings.widest, considered)
+        chosen = self._pairings(z, NARROW.widest, considered)
         for k, width in enumerate(widths):
             again = np.flatnonzero(first < k)
             if len(again):
@@ -248,16 +254,16 @@ class _Descents:
             now = np.flatnonzero(first <= k)
             if len(now):
                 pairings = [pairing[now] for pairing in chosen]
-                steps = self.settings.steps_at_width
+                steps = NARROW.steps_at_width
                 z[now], _ = self._descended(z[now], pairings, width, steps)
         return z, chosen
 
     def _widths(self, n_parameters: int) -> FloatArray:
         """Widths of errors, from the widest to the smallest plausible error."""
         low = np.zeros((1, n_parameters))
-        low[:, self.sizes] = self.settings.lowest_size
+        low[:, self.sizes] = NARROW.lowest_size
         sizes = np.concatenate([size.ravel() for test in self._errors(low, 0.0) for size in test])
-        widest, narrowing = self.settings.widest, self.settings.narrowing
+        widest, narrowing = NARROW.widest, NARROW.narrowing
         n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
         widths: FloatArray = widest / narrowing ** np.arange(n + 1.0)
         return widths
@@ -271,9 +277,8 @@ class _Descents:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
         if not any(test.inferred for test in self.tests):
             return z
-        settings = self.settings
-        width = settings.widest / settings.narrowing
-        z, curvatures = self._descended(z, chosen, 0.0, settings.steps_to_end)
+        width = NARROW.widest / NARROW.narrowing
+        z, curvatures = self._descended(z, chosen, 0.0, NARROW.steps_to_end)
         masses = self._log_masses(z, curvatures)
         for t, test in enumerate(self.tests):
             for mode in orders[t].T if test.inferred else ():
@@ -283,7 +288,7 @@ class _Descents:
                 tried = [pairing[rows] for pairing in chosen]
                 values, modes = self._values(z[rows])[t], self._modes(z[rows])[t]
                 tried[t] = test.with_pair(values, modes, tried[t], mode[rows], width, self.rng)
-                ends, curvatures = self._descended(z[rows], tried, 0.0, settings.steps_with_pair)
+                ends, curvatures = self._descended(z[rows], tried, 0.0, NARROW.steps_with_pair)
                 new = self._log_masses(ends, curvatures)
                 better = new > masses[rows]
                 z[rows[better]], masses[rows[better]] = ends[better], new[better]
@@ -332,7 +337,7 @@ class _Descents:
         if not self.sizes:
             return z
         z = z.copy()
-        sizes = np.linspace(*self.settings.sizes)
+        sizes = np.linspace(*NARROW.sizes)
         n = len(sizes)
         repeated = [
             Modes(*(np.repeat(array, n, axis=0) for array in modes)) for modes in self._modes(z)

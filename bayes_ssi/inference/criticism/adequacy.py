@@ -168,12 +168,12 @@ def adequacy(
     # An error size that is smaller than expected is no misfit.
     of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
     errors = list(_of_errors(model_class, values, modes, of_modes, of_shapes))
-    model = [log_combined(of_counts.reshape(-1, len(values)).T, axis=1)]
+    model = [log_combined(of_counts.reshape(-1, len(values)).T)]
     for part, which in ((errors, is_size), (model, ~is_size)):
         if which.any():
-            part.append(log_combined(of_parameters[:, which], axis=1))
-    of_parts = [log_combined(np.stack(part, axis=1), axis=1) for part in (errors, model)]
-    at_draws = log_combined(np.stack(of_parts, axis=1), axis=1)
+            part.append(log_combined(of_parameters[:, which]))
+    of_parts = [log_combined(np.stack(part, axis=1)) for part in (errors, model)]
+    at_draws = log_combined(np.stack(of_parts, axis=1))
     return Adequacy(
         overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
         modes=tuple(_mode_rows(model_class, parts, of_modes)),
@@ -216,7 +216,7 @@ def _of_errors(
     if model_class.error.is_correlated:
         frequencies = np.delete(frequencies, in_joint, axis=1)
         if frequencies.shape[1]:
-            yield log_combined(log_two_sided(frequencies), axis=1)
+            yield log_combined(log_two_sided(frequencies))
         shapes = np.delete(of_shapes, errors.identified[in_joint], axis=1)
         scored = shapes[:, ~np.isnan(shapes).any(axis=0)]
         if scored.shape[1]:
@@ -226,7 +226,7 @@ def _of_errors(
         counts = [len(test.data.modes) for test in model_class.configurations]
         joint_tests = [errors.modes[position].test for position in in_joint]
         rest = ~np.isin(np.repeat(np.arange(len(counts)), counts), joint_tests)
-        yield log_combined(np.column_stack([of_modes[:, rest], *together]), axis=1)
+        yield log_combined(np.column_stack([of_modes[:, rest], *together]))
 
 
 def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:

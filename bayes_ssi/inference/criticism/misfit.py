@@ -77,15 +77,14 @@ def log_harmonic_mean(log_p: FloatArray, axis: int) -> FloatArray:
     return np.asarray(np.minimum(math.log(n) - logsumexp(-lowest, axis=axis), 0.0), dtype=float)
 
 
-def log_combined(log_p: FloatArray, axis: int) -> FloatArray:
-    """One p-value of several independent ones, along an axis of (B, n).
+def log_combined(log_p: FloatArray) -> FloatArray:
+    """One p-value (B,) of several independent ones (B, n).
 
     Small if many are somewhat small, by Fisher's combination, or if one is very small, by the
     harmonic mean; the two are combined by their harmonic mean.
     """
-    rows = np.moveaxis(log_p, axis, 1)
-    many = log_joint(rows, np.ones(rows.shape, dtype=bool))
-    return log_harmonic_mean(np.stack([many, log_harmonic_mean(rows, axis=1)]), axis=0)
+    many = log_joint(log_p, np.ones(log_p.shape, dtype=bool))
+    return log_harmonic_mean(np.stack([many, log_harmonic_mean(log_p, axis=1)]), axis=0)
 
 
 def standard_deviations(log_p: float) -> float:
@@ -122,11 +121,11 @@ def misfit(
         rng: draws the pairing at each draw, where it is inferred.
     """
     pairs, n_data = likelihood.pairs, len(likelihood.data.modes)
-    which = likelihood.pairs_of(likelihood.sampled_pairings(values, modes, rng))
+    which = likelihood.sampled_pairs(values, modes, rng)
     shape_of_pair = np.full(len(pairs.modes) + 1, -1, dtype=np.intp)  # the last one is of no pair
     shape_of_pair[pairs.with_shape] = np.arange(len(pairs.with_shape))
     which_shape = shape_of_pair[which]
-    frequency_sds, shape_sds = likelihood.errors.of_pairs(values)
+    frequency_sds, shape_sds = likelihood.standard_errors(values)
     errors = _taken(pairs.frequency_residuals(modes.frequencies_hz), which)
     sds = _taken(frequency_sds, which)
     distances, shape_sds = (
@@ -150,7 +149,9 @@ def misfit(
             expected_distances = 0.5 * squared_variances / variances * quantile
         expected_distances = np.minimum(expected_distances, 1.0)
     identification = likelihood.identification
-    detected = -np.expm1(likelihood.log_missed(values, modes))
+    every = range(likelihood.structure.n_modes)
+    error_var = likelihood.prediction_var(values)[:, :1]
+    detected = -np.expm1(likelihood.log_missed(modes.frequencies_hz, error_var, every))
     model_modes = np.append(pairs.model_modes, -1)[which]
     is_paired = (model_modes[:, :, None] == np.arange(detected.shape[1])).any(axis=1)
     n_paired = is_paired.sum(axis=1)

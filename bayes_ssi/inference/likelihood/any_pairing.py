@@ -40,7 +40,6 @@ class AnyPairing(ModalLikelihood):
     pairing_is_given = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.error.is_correlated:
             raise ValueError(
                 "pairing 'any' needs independent prediction errors, because the sum over pairings "
@@ -56,11 +55,8 @@ class AnyPairing(ModalLikelihood):
             self.data, [(label, i) for label in self.data.labels for i in numbers]
         )
 
-    def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
-        paired = pair_probabilities(self.pairing_weights(values)).sum(axis=1)
-        prediction_var = self.errors.prediction_var(values)[:, :1]
-        every = range(self.structure.n_modes)
-        return self.unpaired.near_a_limit(frequencies, prediction_var, every) & (paired < 0.5)
+    def _is_unpaired(self, values: FloatArray) -> NDArray[np.bool_]:
+        return pair_probabilities(self.pairing_weights(values)).sum(axis=1) < 0.5
 
     @property
     def datum_names(self) -> tuple[str, ...]:
@@ -79,12 +75,10 @@ class AnyPairing(ModalLikelihood):
         values = thinned(values)
         return inferred_pairing(self.data.labels, self.pairing_weights(values))
 
-    def sampled_pairings(
+    def sampled_pairs(
         self, values: FloatArray, modes: ComparedModes, rng: np.random.Generator
     ) -> NDArray[np.intp]:
-        return sample_pairings(self.pairing_weights(values, modes), rng)
-
-    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        chosen = sample_pairings(self.pairing_weights(values, modes), rng)
         first = self.structure.n_modes * np.arange(len(self.data.labels))
         return np.where(chosen < 0, -1, first + chosen)
 
@@ -102,12 +96,10 @@ class AnyPairing(ModalLikelihood):
     ) -> tuple[PairingWeights, FloatArray]:
         """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
         modes = self.compared_modes(values) if modes is None else modes
-        error_var = self.errors.prediction_var(values)
+        error_var = self.prediction_var(values)
         n_data, n_model = len(self.data.modes), self.structure.n_modes
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            missed = self.unpaired.log_missed(
-                modes.frequencies_hz, error_var[:, :1], range(n_model)
-            )
+            missed = self.log_missed(modes.frequencies_hz, error_var[:, :1], range(n_model))
             paired = self._frequency_terms(modes, error_var[:, :1])
             paired[:, self.pairs.with_shape] += self._shape_terms(
                 modes.shape_distances, error_var[:, 1:]
@@ -121,4 +113,4 @@ class AnyPairing(ModalLikelihood):
 
     @cached_property
     def _spurious(self) -> FloatArray:
-        return np.array([self.unpaired.log_spurious(mode) for mode in self.data.modes])
+        return np.array([self.log_spurious(mode) for mode in self.data.modes])

@@ -34,12 +34,11 @@ from scipy.sparse.csgraph import connected_components
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.error_groups import (
-    ErrorGroups,
+    ErrorGroup,
     ErrorSizes,
     ModeOfTest,
     Separation,
     conditional_errors,
-    stacked,
 )
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.likelihood.joint_errors import JointErrors, in_common_plane, tangents
@@ -93,9 +92,8 @@ class CorrelatedErrors:
             return []
         tests, modes = self._separation
         same_test = tests == 0.0
-        linked = (same_test | self.error.repeats_between_tests) & (
-            (modes == 0.0) | (np.isfinite(modes) & self.error.repeats_between_modes)
-        )
+        linked = same_test | self.error.repeats_between_tests
+        linked &= (modes == 0.0) | self.error.repeats_between_modes
         linked |= same_test & self._have_covariance
         n_groups, group_of = connected_components(linked, directed=False)
         groups = [np.flatnonzero(group_of == i) for i in range(n_groups)]
@@ -103,7 +101,7 @@ class CorrelatedErrors:
 
     @cached_property
     def _separation(self) -> Separation:
-        return Separation.of(self.modes, self.modes, not self.error.repeats_between_modes)
+        return Separation.of(self.modes)
 
     @cached_property
     def _have_covariance(self) -> NDArray[np.bool_]:
@@ -165,40 +163,33 @@ class CorrelatedErrors:
             if shapes and self._have_covariance[group].any():
                 same = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
                 repeated = same if len(same) < len(shapes) else []
-                frequencies = self._frequency_groups([i], np.array([group], dtype=np.intp))
-                args = self._identification, self._pairs, frequencies, shapes, repeated
-                joint[i] = JointErrors.of(*args)
+                args = self._identification, self._pairs, self._frequency_group(group)
+                joint[i] = JointErrors.of(*args, shapes, repeated)
         return joint
 
-    def _frequency_groups(self, groups: list[int], members: NDArray[np.intp]) -> ErrorGroups:
-        identification = self._identification[members[:, :, None], members[:, None, :]]
-        return ErrorGroups(groups, members, identification, self._separation.within(members))
+    def _frequency_group(self, group: list[int]) -> ErrorGroup:
+        identification = self._identification[np.ix_(group, group)]
+        return ErrorGroup(group, identification, self._separation.within(group))
 
     @cached_property
-    def _frequencies(self) -> list[ErrorGroups]:
-        """The frequencies of groups that are not in ``_joint``."""
-        rest = {i: group for i, group in enumerate(self.groups) if i not in self._joint}
-        return [self._frequency_groups(*same) for same in stacked(rest)]
+    def _frequencies(self) -> dict[int, ErrorGroup]:
+        """The frequencies of groups that are not in ``_joint``, by their index."""
+        rest = (i for i in range(len(self.groups)) if i not in self._joint)
+        return {i: self._frequency_group(self.groups[i]) for i in rest}
 
     @cached_property
-    def _repeated_shapes(self) -> list[ErrorGroups]:
-        """The shapes of one mode in several tests of such groups."""
+    def _repeated_shapes(self) -> list[tuple[int, ErrorGroup]]:
+        """The shapes of one mode in several tests, in such groups with these indices."""
         pairs, found = self._pairs, []
-        modes = [self.modes[pair] for pair in pairs.with_shape]
-        separation = Separation.of(modes, modes, by_label=True)
         group_of = {pair: i for i, group in enumerate(self.groups) for pair in group}
-        repeated = {
-            k: shapes
-            for k, shapes in enumerate(self._shape_groups)
-            if len(shapes) > 1 and group_of[pairs.with_shape[shapes[0]]] not in self._joint
-        }
-        for which, members in stacked(repeated):
-            groups = [group_of[pairs.with_shape[repeated[k][0]]] for k in which]
-            identification = pairs.shape_var[members][:, :, None] * np.eye(members.shape[1])
-            dimensions = np.array(pairs.n_measured)[members[:, :1]] - 1.0
-            found.append(
-                ErrorGroups(groups, members, identification, separation.within(members), dimensions)
-            )
+        for shapes in self._shape_groups:
+            first = int(pairs.with_shape[shapes[0]])
+            if len(shapes) > 1 and group_of[first] in self._frequencies:
+                of_pairs = self._separation.within(pairs.with_shape[shapes].tolist())
+                dimensions = pairs.n_measured[shapes[0]] - 1.0
+                identification = np.diag(pairs.shape_var[shapes])
+                same = ErrorGroup(shapes, identification, of_pairs, dimensions)
+                found.append((group_of[first], same))
         return found
 
     def _sizes(self, values: FloatArray) -> tuple[ErrorSizes, ErrorSizes]:
@@ -245,18 +236,16 @@ class CorrelatedErrors:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             sizes = self._sizes(values)
             residuals = self._residuals([compared.frequencies_hz for compared in modes])
-            for stack in self._frequencies:
-                errors = residuals[:, stack.members][..., None]
-                ratios[:, stack.groups] = stack.log_ratios(errors, sizes[0])
+            for i, group in self._frequencies.items():
+                errors = residuals[:, group.members][..., None]
+                ratios[:, i] = group.log_ratio(errors, sizes[0])
             if not (self._joint or self._repeated_shapes):
                 return ratios
             shapes = self._unit_shapes(modes)
-            for stack in self._repeated_shapes:
-                at_model = shapes[:, stack.members]
-                errors = tangents(at_model, self._pairs.unit_shapes.T[stack.members])
-                of_shapes = stack.log_ratios(in_common_plane(errors, at_model), sizes[1])
-                for i, ratio in zip(stack.groups, of_shapes.T, strict=True):
-                    ratios[:, i] += ratio
+            for i, group in self._repeated_shapes:
+                at_model = shapes[:, group.members]
+                errors = tangents(at_model, self._pairs.unit_shapes.T[group.members])
+                ratios[:, i] += group.log_ratio(in_common_plane(errors, at_model), sizes[1])
             for i, joint in self._joint.items():
                 errors = residuals[:, self.groups[i]]
                 ratios[:, i] = joint.log_ratio(errors, shapes[:, joint.shapes], sizes)
@@ -280,10 +269,10 @@ class CorrelatedErrors:
         residuals = self._residuals([compared.frequencies_hz for compared in modes])
         variances = sizes[0].variance[:, None] + self._pairs.frequency_var
         independent = residuals / np.sqrt(variances)
-        for stack in self._frequencies:
-            errors = residuals[:, stack.members][..., None]
-            variances, errors = conditional_errors(stack.covariance(sizes[0]), errors)
-            independent[:, stack.members] = errors[..., 0] / np.sqrt(variances)
+        for of_group in self._frequencies.values():
+            errors = residuals[:, of_group.members][..., None]
+            variances, errors = conditional_errors(of_group.covariance(sizes[0]), errors)
+            independent[:, of_group.members] = errors[..., 0] / np.sqrt(variances)
         together = {}
         for i, group in enumerate(self.groups):
             if i in self._joint:
@@ -301,12 +290,13 @@ class CorrelatedErrors:
         """
         sizes, _ = self._sizes(values)
         correlated = normals.copy()
-        for stack in (*self._frequencies, *(joint.frequencies for joint in self._joint.values())):
-            covariance = stack.covariance(sizes)
+        joint = (joint.frequencies for joint in self._joint.values())
+        for group in (*self._frequencies.values(), *joint):
+            covariance = group.covariance(sizes)
             factors = np.linalg.cholesky(covariance)
             factors /= np.sqrt(np.einsum("...ii->...i", covariance))[..., None]
-            numbers = normals[:, stack.members]
-            correlated[:, stack.members] = np.einsum("...ij,...j->...i", factors, numbers)
+            numbers = normals[:, group.members]
+            correlated[:, group.members] = np.einsum("...ij,...j->...i", factors, numbers)
         return correlated
 
     def conditional(
@@ -326,9 +316,7 @@ class CorrelatedErrors:
         """
         sizes, _ = self._sizes(values)
         every, n = (*self.modes, *further), len(self.modes)
-        covariance = Separation.of(every, every, not self.error.repeats_between_modes).covariance(
-            sizes
-        )
+        covariance = Separation.of(every).covariance(sizes)
         between = covariance[:, :n, n:]
         paired = covariance[:, :n, :n] + self._identification[:n, :n]
         gain = np.linalg.solve(paired, between)

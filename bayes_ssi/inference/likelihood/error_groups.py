@@ -1,4 +1,4 @@
-"""Groups of correlated normal errors, as arrays of one shape for a whole batch.
+"""Groups of correlated normal errors, for a whole batch.
 
 A batch has B rows of parameter values. What no parameter enters has one row, for all of them. How
 sums are added up does not depend on B, so that a row gets the same last digit in any batch.
@@ -6,12 +6,11 @@ sums are added up does not depend on B, so that a row gets the same last digit i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
@@ -36,62 +35,51 @@ class Separation(NamedTuple):
     """How far apart modes are: in different tests or in the same one, and in their numbers."""
 
     tests: FloatArray
-    # Difference of their numbers; infinite for modes of different tests that are not correlated.
+    # Difference of their numbers; zero for modes of one label, and one at least for all others.
     modes: FloatArray
 
     @classmethod
-    def of(
-        cls, first: Sequence[ModeOfTest], second: Sequence[ModeOfTest], by_label: bool
-    ) -> Separation:
-        """Separation (n, m) of modes; in different tests by label alone, or by number."""
-        shape = len(first), len(second)
-        tests = np.array([[float(a.test != b.test) for b in second] for a in first])
-        modes = np.array([[_distance(a, b, by_label) for b in second] for a in first])
-        return cls(tests.reshape(shape), modes.reshape(shape))
+    def of(cls, modes: Sequence[ModeOfTest]) -> Separation:
+        """Separation (n, n) of modes from one another."""
+        tests, labels, numbers = (np.array([mode[i] for mode in modes]) for i in range(3))
+        apart = np.maximum(np.abs(numbers[:, None] - numbers), 1.0)
+        same_label = labels[:, None] == labels
+        return cls((tests[:, None] != tests).astype(float), np.where(same_label, 0.0, apart))
 
-    def within(self, members: NDArray[np.intp]) -> Separation:
-        """Separation (G, n, n) within groups (G, n) of the modes."""
-        pairs = members[:, :, None], members[:, None, :]
+    def within(self, members: Sequence[int]) -> Separation:
+        """Separation (m, m) of some of the modes."""
+        pairs = np.ix_(members, members)
         return Separation(self.tests[pairs], self.modes[pairs])
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
-        """σ² ρ_tests^[t ≠ s] ρ_modes^|i - j|, (B or 1, ...)."""
-        variance, tests, modes = (size.reshape(-1, *(1,) * self.tests.ndim) for size in sizes)
+        """σ² ρ_tests^[t ≠ s] ρ_modes^|i - j|, (B or 1, n, n)."""
+        variance, tests, modes = (size[:, None, None] for size in sizes)
         return variance * (tests**self.tests * modes**self.modes)
 
 
-def _distance(a: ModeOfTest, b: ModeOfTest, by_label: bool) -> float:
-    if by_label and a.test != b.test:
-        return 0.0 if a.label == b.label else np.inf
-    return abs(a.number - b.number)
-
-
 @dataclass(frozen=True, eq=False)
-class ErrorGroups:
-    """G groups of n errors, which are correlated within their group."""
+class ErrorGroup:
+    """n errors that are correlated with one another."""
 
-    groups: list[int]  # (G,), indices of the groups among all
-    members: NDArray[np.intp]  # (G, n), positions of the errors
-    identification: FloatArray  # (G, n, n), covariance of their identification errors
-    separation: Separation  # (G, n, n) each, for prediction errors
-    dimensions: FloatArray | float = 1.0  # (G, 1), of each error: a number or a vector in a plane
+    members: Sequence[int]  # (n,), positions of the errors among all
+    identification: FloatArray  # (n, n), covariance of their identification errors
+    separation: Separation  # (n, n) each, for prediction errors
+    dimensions: float = 1.0  # of each error: a number or a vector in a plane
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
-        """Covariance (B or 1, G, n, n) of the errors, whose components are independent."""
+        """Covariance (B or 1, n, n) of the errors, whose components are independent."""
         covariance: FloatArray = self.identification + self.separation.covariance(sizes)
         return covariance
 
     def variances(self, sizes: ErrorSizes) -> FloatArray:
-        """Variances (B or 1, G, n) of single errors."""
-        single = np.einsum("gii->gi", self.identification)
-        variances: FloatArray = single + sizes.variance[:, None, None]
+        """Variances (B or 1, n) of single errors."""
+        variances: FloatArray = self.identification.diagonal() + sizes.variance[:, None]
         return variances
 
-    def log_ratios(self, errors: FloatArray, sizes: ErrorSizes) -> FloatArray:
-        """Log of the joint density over the product of the single ones, (B, G).
+    def log_ratio(self, errors: FloatArray, sizes: ErrorSizes) -> FloatArray:
+        """Log of the joint density over the product of the single ones, (B,).
 
-        ``errors`` (B, G, n, k) have k components, of which only as many vary as there are
-        dimensions.
+        ``errors`` (B, n, k) have k components, of which only as many vary as there are dimensions.
         """
         joint, single = (
             log_density((residuals * residuals).sum(axis=-1), variances, self.dimensions)
@@ -103,27 +91,20 @@ class ErrorGroups:
         return joint - single
 
 
-def stacked(groups: Mapping[int, Sequence[int]]) -> Iterator[tuple[list[int], NDArray[np.intp]]]:
-    """Indices (G,) and members (G, n) of groups by their index, those of equal size together."""
-    for n in sorted(set(map(len, groups.values()))):
-        same = [i for i, members in groups.items() if len(members) == n]
-        yield same, np.array([groups[i] for i in same], dtype=np.intp)
-
-
 def log_density(
     squares: FloatArray, variances: FloatArray, dimensions: FloatArray | float = 1.0
 ) -> FloatArray:
-    """Log density (B, ...) of independent errors at squared lengths (B, ..., n), but for constants.
+    """Log density (B,) of independent errors at squared lengths (B, n), but for constants.
 
     -inf where a variance is not positive.
     """
     terms = squares / variances + dimensions * np.log(variances)
     regular = (variances > 0.0).all(axis=-1)
-    return np.where(regular, -0.5 * row_sums(np.moveaxis(terms, -1, 1)), -np.inf)
+    return np.where(regular, -0.5 * row_sums(terms), -np.inf)
 
 
 def conditional_errors(covariance: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Variances (..., n) and errors (..., n, k), of n errors each given those before it."""
+    """Variances (B or 1, n) and errors (B, n, k), of n errors each given those before it."""
     covariance, errors = covariance.copy(), errors.copy()
     for i in range(covariance.shape[-1] - 1):
         row = covariance[..., i, i + 1 :]

@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
+import numpy as np
+from scipy.special import ndtr
+
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.families import LogNormal
 from bayes_ssi.parameters.parameters import (
     Parameter,
@@ -117,3 +121,18 @@ class IdentificationModel:
                 "IdentificationModel: expected_spurious_modes must be positive and finite, "
                 f"got {self.expected_spurious_modes!r}"
             )
+
+    def log_missed(
+        self, frequencies_hz: FloatArray, variances: FloatArray, band_hz: tuple[float, float]
+    ) -> FloatArray:
+        """log(1 - p_D P_in), (B, m): log probability that model modes are not identified.
+
+        Args:
+            frequencies_hz: (B, m), of the model modes.
+            variances: (B, 1), squared errors of identified frequencies, as fractions.
+            band_hz: limits of the band in which modes are identified.
+        """
+        low, high = band_hz
+        sd = np.sqrt(variances) * frequencies_hz
+        inside = ndtr((high - frequencies_hz) / sd) - ndtr((low - frequencies_hz) / sd)
+        return np.log1p(-self.detection_probability * inside)

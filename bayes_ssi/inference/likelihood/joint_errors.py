@@ -17,8 +17,9 @@ shapes say how the tests' planes are turned into common ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,13 +27,15 @@ from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.inference.likelihood.error_groups import (
-    ErrorGroups,
+    ErrorGroup,
     ErrorSizes,
+    Separation,
     conditional_errors,
     log_density,
     many_conditional_errors,
 )
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import SOLVER
 
 
@@ -56,7 +59,7 @@ class WhiteErrors(NamedTuple):
 class JointErrors:
     """The errors of P frequencies and S shapes that are correlated with one another."""
 
-    frequencies: ErrorGroups  # the frequencies, one group
+    frequencies: ErrorGroup
     shapes: Sequence[int]  # (S,), which ones of all
     # (K,), of the identification errors of shapes along the axes of their covariance.
     variances: FloatArray
@@ -75,7 +78,7 @@ class JointErrors:
         cls,
         covariance: FloatArray,
         pairs: PairedModes,
-        frequencies: ErrorGroups,
+        frequencies: ErrorGroup,
         shapes: Sequence[int],
         repeated: Sequence[Sequence[int]] = (),
     ) -> JointErrors:
@@ -95,7 +98,7 @@ class JointErrors:
             shapes,
             np.maximum(variances, 0.0),  # by rounding below zero
             axes.reshape(s, n, len(variances)),
-            axes.T @ covariance[np.ix_(rows, frequencies.members[0])],
+            axes.T @ covariance[np.ix_(rows, frequencies.members)],
             unit,
             pairs.shape_var[shapes],
             np.array(pairs.n_measured)[shapes] - 1.0,
@@ -110,13 +113,13 @@ class JointErrors:
         """
         known = self.variances > SOLVER.rounding * self.variances.max(initial=0.0)
         gain = self.between[known] / self.variances[known, None]
-        given_shapes = self.frequencies.identification[0] - self.between[known].T @ gain
+        given_shapes = self.frequencies.identification - self.between[known].T @ gain
         return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.variances
 
     @property
     def largest_array(self) -> int:
         """Size of the largest array for a row of a batch that no other row shares."""
-        size = len(self.variances) + self.frequencies.members.shape[1]
+        size = len(self.variances) + len(self.frequencies.members)
         return size**2 if self.repeated else size
 
     def white(
@@ -129,7 +132,7 @@ class JointErrors:
             shapes: (B, S, n), model shapes at unit length, with the signs of the identified ones.
             sizes: prediction errors of frequencies and of shapes.
         """
-        covariance = self.frequencies.covariance(sizes[0])[:, 0]
+        covariance = self.frequencies.covariance(sizes[0])
         errors = tangents(self.identified, shapes)
         # Products of single rows: how they are added up must not depend on the batch.
         s, n, k = self.axes.shape
@@ -186,10 +189,91 @@ class JointErrors:
         white = self.white(residuals, shapes, sizes)
         joint = log_density(white.frequencies**2, white.frequency_var)
         joint += log_density(white.shapes**2, white.shape_var)
-        single = log_density(residuals**2, self.frequencies.variances(sizes[0])[:, 0])
+        single = log_density(residuals**2, self.frequencies.variances(sizes[0]))
         of_shapes = self.single_var + sizes[1].variance[:, None]
         single += log_density(white.shape_squares, of_shapes, self.dimensions)
         return joint - single
+
+
+@dataclass(frozen=True, eq=False)
+class JointPairs:
+    """The errors of single pairs whose identified modes have a joint covariance.
+
+    Methods take the residuals (B, P) of frequencies, the model's unit shapes (B, S s), and squared
+    prediction errors (B or 1, 1 or 2) of frequencies and, where scored, shapes.
+    """
+
+    data: ModalData
+    pairs: PairedModes
+
+    @property
+    def least_variances(self) -> tuple[FloatArray, FloatArray]:
+        """Variances of frequencies and of shapes in the directions that the data determine best."""
+        return self._errors(tuple(self._modes)).least_variances
+
+    def log_ratios(
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
+    ) -> FloatArray:
+        """Log of the joint density of each pair over the product of single ones, (B, P)."""
+        n, modes = len(frequencies), self._by_mode(frequencies, unit_shapes, variances)
+        ratios = [errors.log_ratio(*residuals).reshape(n, -1) for errors, residuals in modes]
+        return np.concatenate(ratios, axis=1)
+
+    def errors(
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
+    ) -> list[FloatArray]:
+        """The errors of each pair regardless of the others, four arrays (B, P).
+
+        Standard-normal ones of frequencies, given those of shapes; the squares of those of shapes,
+        chi-square with as many degrees of freedom as the shape has directions to err in; the sum of
+        the variances in these directions, and that of their squares.
+        """
+        n, parts = len(frequencies), []
+        for errors, residuals in self._by_mode(frequencies, unit_shapes, variances):
+            white = errors.white(*residuals)
+            of_shapes = np.broadcast_to(white.shape_var, white.shapes.shape)
+            squares = white.shapes * white.shapes / of_shapes
+            parts.append(
+                [
+                    white.numbers[:, 0].reshape(n, -1),
+                    *(row_sums(x).reshape(n, -1) for x in (squares, of_shapes, of_shapes**2)),
+                ]
+            )
+        return [np.concatenate(of_modes, axis=1) for of_modes in zip(*parts, strict=True)]
+
+    def _by_mode(
+        self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray
+    ) -> Iterator[tuple[JointErrors, tuple[FloatArray, FloatArray, tuple[ErrorSizes, ErrorSizes]]]]:
+        """The errors of each identified mode, and its pairs' residuals, a row for each of them."""
+        n, (n_sensors, n_shapes) = len(frequencies), self.pairs.unit_shapes.shape
+        shapes = unit_shapes.reshape(n, n_shapes, n_sensors)
+        for errors, pairs in self._modes.values():
+            scored = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
+            unit = shapes[:, scored].reshape(n * len(pairs), len(errors.shapes), n_sensors)
+            repeated = np.repeat(variances, len(pairs), axis=0) if len(variances) > 1 else variances
+            zero = np.zeros(len(repeated))
+            frequency, shape = (ErrorSizes(repeated[:, i], zero, zero) for i in (0, -1))
+            yield errors, (frequencies[:, pairs].reshape(-1, 1), unit, (frequency, shape))
+
+    @cached_property
+    def _modes(self) -> dict[str, tuple[JointErrors, list[int]]]:
+        """The errors of each identified mode, and its pairs."""
+        labels = [mode.label for mode in self.pairs.modes]
+        return {
+            label: (
+                self._errors((label,)),
+                [i for i, other in enumerate(labels) if other == label],
+            )
+            for label in dict.fromkeys(labels)
+        }
+
+    def _errors(self, labels: Sequence[str]) -> JointErrors:
+        """The errors of some identified modes; of several, their prediction errors are not used."""
+        pairs = PairedModes.of(self.data, [(label, 1) for label in labels])
+        covariance, n = pairs.identification_covariance(self.data), len(labels)
+        same = Separation(np.zeros((n, n)), np.zeros((n, n)))
+        frequencies = ErrorGroup(range(n), covariance[:n, :n], same)
+        return JointErrors.of(covariance, pairs, frequencies, range(len(pairs.with_shape)))
 
 
 def tangents(at: FloatArray, towards: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ density of pairs takes the place of their product
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple
@@ -26,19 +26,21 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.inference.likelihood.pair_errors import (
-    JointPairs,
-    PairErrors,
-    UnpairedModes,
-    prediction_sizes,
-)
-from bayes_ssi.inference.likelihood.paired_modes import PairedModes, check_pairing
+from bayes_ssi.inference.likelihood.joint_errors import JointPairs
+from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
-from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
+from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.parameters.parameters import Parameter, as_product, collect_parameters
+from bayes_ssi.parameters.parameters import (
+    Parameter,
+    Product,
+    ProductTable,
+    as_product,
+    collect_parameters,
+)
 from bayes_ssi.structures.modal import Modes, seen_shapes
 from bayes_ssi.structures.sensors import SensorMatrix
 from bayes_ssi.structures.structure import Structure
@@ -57,7 +59,7 @@ class ComparedModes(NamedTuple):
     # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
 
-    def rows(self, which: slice) -> ComparedModes:
+    def rows(self, which: Places) -> ComparedModes:
         """Some rows of the batch."""
         return ComparedModes(*(array[which] for array in self))
 
@@ -88,10 +90,6 @@ class ModalLikelihood:
     # Whether ``pairing`` says which mode is which, or that is inferred.
     pairing_is_given: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        self.structure.sensor_matrix(self.data.sensors)
-        check_pairing(self.pairing, self.data, self.structure.n_modes)
-
     @cached_property
     def pairs(self) -> PairedModes:
         return PairedModes.of(self.data, self.pairing.items())
@@ -100,35 +98,30 @@ class ModalLikelihood:
         """Pairings by their probability over draws (n, n_parameters); None where one is given."""
         return None
 
-    def sampled_pairings(
+    def sampled_pairs(
         self,
         values: FloatArray,
         modes: ComparedModes,  # noqa: ARG002 - for inferred pairings
         rng: np.random.Generator,  # noqa: ARG002
     ) -> NDArray[np.intp]:
-        """The model mode (B, J), from 0, that each identified mode is; -1 for spurious ones.
+        """Which of :attr:`pairs` each identified mode is in, (B, J); -1 for spurious ones.
 
         Where the pairing is inferred, that of each row is drawn by its probability.
         """
-        given = [self.pairing.get(label, 0) - 1 for label in self.data.labels]
-        return np.tile(np.array(given, dtype=np.intp), (len(values), 1))
-
-    def pairs_of(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The index (B, J) among :attr:`pairs` of the pairs that are ``chosen``, or -1."""
         numbers = {mode.label: i for i, mode in enumerate(self.pairs.modes)}
         which = [numbers.get(label, -1) for label in self.data.labels]
-        return np.tile(np.array(which, dtype=np.intp), (len(chosen), 1))
+        return np.tile(np.array(which, dtype=np.intp), (len(values), 1))
 
     @cached_property
-    def unpaired(self) -> UnpairedModes:
-        """The terms of modes without a counterpart."""
-        return UnpairedModes(self.data, self.identification)
+    def _sizes(self) -> tuple[Product, ...]:
+        """Prediction errors of frequencies and, where a shape is scored, of shapes."""
+        sizes = as_product(self.error.frequency_cov), as_product(self.error.shape_sd)
+        return sizes if len(self.pairs.with_shape) else sizes[:1]
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The structure's parameters, then those of the errors that the paired data need."""
-        sizes = prediction_sizes(self.error, self.pairs)
-        products = (*sizes, *self.error.correlations)
+        products = (*self._sizes, *self.error.correlations)
         of_errors = (p for product in products for p in product.parameters)
         return collect_parameters((*self.structure.parameters, *of_errors))
 
@@ -147,12 +140,11 @@ class ModalLikelihood:
         ``modes`` are the modes at ``values``, where already known.
         """
         modes = self.compared_modes(values) if modes is None else modes
-        error_var = self.errors.prediction_var(values)
+        error_var = self.prediction_var(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            missed = self.unpaired.log_missed(
-                modes.frequencies_hz, error_var[:, :1], self._unpaired_model_modes
-            )
+            unpaired = self._unpaired_model_modes
+            missed = self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired)
             return ModalTerms(
                 frequency=self._frequency_terms(modes, error_var[:, :1]),
                 shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
@@ -175,7 +167,7 @@ class ModalLikelihood:
             values: (B, n_parameters).
         """
         terms = self.terms(values, modes)
-        spurious = [self.unpaired.log_spurious(mode) for mode in self.data.modes]
+        spurious = [self.log_spurious(mode) for mode in self.data.modes]
         undetected = terms.undetected - self.identification.expected_spurious_modes
         log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
         column = np.array(
@@ -188,7 +180,7 @@ class ModalLikelihood:
     def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
         """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
         own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
-        variance = self.errors.prediction_var(values)[:, :1] + own**2
+        variance = self.prediction_var(values)[:, :1] + own**2
         return np.sqrt(variance) * self.data.frequencies_hz
 
     def modes(self, values: FloatArray) -> Modes:
@@ -220,27 +212,66 @@ class ModalLikelihood:
         """
         return seen_shapes(self._sensor_matrix.apply(modes.shapes))
 
+    def prediction_var(self, values: FloatArray) -> FloatArray:
+        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
+        return self._size_table.evaluate(values) ** 2
+
     @cached_property
-    def errors(self) -> PairErrors:
-        """Sizes of the errors of the pairs."""
-        return PairErrors(self.error, self.pairs, self.parameters)
+    def _size_table(self) -> ProductTable:
+        return ProductTable(self._sizes, self.parameters)
+
+    def standard_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard errors of the paired frequencies (B, P), as fractions, and shapes (B, S)."""
+        prediction_var = self.prediction_var(values)
+        frequency_sds = np.sqrt(prediction_var[:, :1] + self.pairs.frequency_var)
+        return frequency_sds, np.sqrt(prediction_var[:, -1:] + self.pairs.shape_var)
 
     def least_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Smallest standard errors (B,) of a paired frequency and of a paired shape.
 
         They combine identification and prediction errors, and are infinite where no mode is
-        paired or no shape is scored.
+        paired or no shape is scored. Where errors are correlated, this is the error of the
+        difference between modes or tests that the data determine best.
         """
         own = self.pairs.frequency_var, self.pairs.shape_var
         if self.joint_pairs is not None:
             own = self.joint_pairs.least_variances
-        return self.errors.least(values, own)
+        tests, modes = ProductTable(self.error.correlations, self.parameters).evaluate(values).T
+        # The smallest eigenvalue of the correlation matrix is 1 - ρ for one correlation for all,
+        # and above (1 - ρ)/(1 + ρ) for ρ^|i - j|.
+        independent = (1.0 - tests) * (1.0 - modes) / (1.0 + modes)
+        prediction_var = self.prediction_var(values) * independent[:, None]
+        frequency, shape = (
+            np.sqrt(prediction_var[:, column] + variances.min(initial=np.inf))
+            for column, variances in zip((0, -1), own, strict=True)
+        )
+        return frequency, shape
 
-    def log_missed(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
-        """Log probability (B, n_modes) that a model mode is not identified in the band."""
-        prediction_var = self.errors.prediction_var(values)[:, :1]
-        every = range(self.structure.n_modes)
-        return self.unpaired.log_missed(modes.frequencies_hz, prediction_var, every)
+    def log_missed(
+        self, frequencies_hz: FloatArray, prediction_var: FloatArray, which: Sequence[int]
+    ) -> FloatArray:
+        """Log probability (B, len(which)) that these model modes, from 0, are missed.
+
+        Args:
+            frequencies_hz: (B, n_modes), of all model modes.
+            prediction_var: (B, 1), squared prediction errors of frequencies.
+        """
+        if not which:
+            return np.zeros((len(frequencies_hz), 0))
+        variances = prediction_var + self._typical_frequency_var
+        frequencies = frequencies_hz.T[which].T
+        return self.identification.log_missed(frequencies, variances, self.data.band_hz)
+
+    def log_spurious(self, mode: IdentifiedMode) -> float:
+        """The log density of an identified mode that belongs to no model mode."""
+        low, high = self.data.band_hz
+        density = math.log(self.identification.expected_spurious_modes / (high - low))
+        return density - (log_sphere_area(mode.n_measured) if mode.scored_shape is not None else 0)
+
+    @cached_property
+    def _typical_frequency_var(self) -> float:
+        """Squared identification error assumed for modes that were not identified."""
+        return float(np.mean([(mode.frequency_cov or 0.0) ** 2 for mode in self.data.modes]))
 
     def at_band_edge(self, values: FloatArray, frequencies: FloatArray) -> NDArray[np.bool_]:
         """Whether each model mode is unpaired and at the edge of the band, (B, n_modes).
@@ -248,8 +279,15 @@ class ModalLikelihood:
         A mode is at the edge within two standard errors of a limit other than zero.
         ``frequencies`` (B, n_modes), in Hz, are the model frequencies at ``values``.
         """
-        prediction_var = self.errors.prediction_var(values)[:, :1]
-        return self.unpaired.near_a_limit(frequencies, prediction_var, self._unpaired_model_modes)
+        prediction_var = self.prediction_var(values)[:, :1]
+        reach = 2.0 * np.sqrt(prediction_var + self._typical_frequency_var) * frequencies
+        limits = [limit for limit in self.data.band_hz if limit > 0]
+        near = [np.abs(frequencies - limit) < reach for limit in limits]
+        return np.any(near, axis=0) & self._is_unpaired(values)
+
+    def _is_unpaired(self, values: FloatArray) -> NDArray[np.bool_]:  # noqa: ARG002
+        """Whether each model mode is paired with nothing, (B or 1, n_modes)."""
+        return np.isin(np.arange(self.structure.n_modes), self._unpaired_model_modes)[None]
 
     @cached_property
     def joint_pairs(self) -> JointPairs | None:
@@ -263,7 +301,8 @@ class ModalLikelihood:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What :attr:`joint_pairs` need; one row of prediction errors where they are fixed."""
         frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
-        return frequencies, modes.unit_shapes, self.errors.prediction_var_once(values)
+        fixed = not any(size.parameters for size in self._sizes)
+        return frequencies, modes.unit_shapes, self.prediction_var(values[:1] if fixed else values)
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = (prediction_var.T + self._own_var[0]).T
@@ -298,7 +337,7 @@ class ModalLikelihood:
     def _unpaired_data(self) -> float:
         """The term of all identified modes that belong to no model mode, and of e^(-ν)."""
         unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
-        spurious = sum(map(self.unpaired.log_spurious, unpaired))
+        spurious = sum(map(self.log_spurious, unpaired))
         return spurious - self.identification.expected_spurious_modes
 
     @cached_property

@@ -152,11 +152,6 @@ class InferredPairing:
         """The most probable pairing."""
         return self.pairings[0].pairing
 
-    def probability(self, pairing: Mapping[str, int]) -> float:
-        """The probability of one pairing; 0 where it is not listed."""
-        shares = (share for share in self.pairings if dict(share.pairing) == dict(pairing))
-        return next((share.probability for share in shares), 0.0)
-
 
 def thinned(values: FloatArray) -> FloatArray:
     """Some of many equally weighted draws (n, n_parameters)."""

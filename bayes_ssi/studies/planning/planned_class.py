@@ -10,12 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.pair_errors import UnpairedModes
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
-from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import (
     Parameter,
     ProductTable,
@@ -127,11 +124,8 @@ class PlannedClass:
 
     def log_missed(self, modes: SeenModes) -> FloatArray:
         """Log probability (B, n_modes) that a mode is not identified in the band."""
-        low, high = self.configuration.data.band_hz
-        band = ModalData((IdentifiedMode("any", 0.5 * (low + high)),), (low, high))
-        every = range(modes.frequencies_hz.shape[1])
-        unpaired = UnpairedModes(band, self.model_class.identification)
-        return unpaired.log_missed(modes.frequencies_hz, modes.variances[:, :1], every)
+        band_hz, variances = self.configuration.data.band_hz, modes.variances[:, :1]
+        return self.model_class.identification.log_missed(modes.frequencies_hz, variances, band_hz)
 
     @property
     def log_spurious(self) -> float:
