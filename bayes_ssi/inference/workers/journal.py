@@ -32,7 +32,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.inference.workers.workers import Evaluated
 
-FORMAT = 4
+FORMAT = 5
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
     # Written batches survive a crash of the process, if not of the machine.
@@ -201,18 +201,19 @@ def _short(value: Any) -> str:
 
 
 def _key(z: FloatArray) -> bytes:
-    """B, d and weighted sums of the columns of coordinates (B, d), which tell them from others."""
+    """B, d and weighted sums of the columns of points (B, d), which tell them from others."""
     weights = np.cos(np.outer([1.0, 2.3, 3.7], np.arange(1.0, len(z) + 1.0)))
     return np.concatenate([[*z.shape], (weights @ z).ravel()]).tobytes()
 
 
 def _agree(stored: bytes, asked: bytes) -> bool:
-    """Whether two keys are of the same coordinates, but for rounding."""
+    """Whether two keys are of the same points, but for rounding."""
     if stored == asked or len(stored) != len(asked) or SUGGESTION in (stored, asked):
         return stored == asked
     there, here = np.frombuffer(stored), np.frombuffer(asked)
     # A hundredth of the narrowest posterior that is told from a point.
-    near = np.abs(there[2:] - here[2:]) <= 1e-8 * np.sqrt(here[0])
+    scale = np.maximum(np.sqrt(here[0]), np.abs(here[2:]))
+    near = np.abs(there[2:] - here[2:]) <= 1e-8 * scale
     return np.array_equal(there[:2], here[:2]) and bool(near.all())
 
 

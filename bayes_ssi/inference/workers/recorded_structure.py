@@ -42,8 +42,7 @@ class RecordedStructure(SubstituteStructure):
         return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(-1, n_dof, n_modes))
 
     def _solve(self, values: FloatArray) -> None:
-        z = self._coordinates(values)
-        evaluated = self._journal.recalled(z) if self._journal else None
+        evaluated = self._journal.recalled(values) if self._journal else None
         if evaluated is None:
             function = partial(_solutions, self.structure)
             n_columns = (1 + len(self.degrees_of_freedom)) * self.n_modes
@@ -52,20 +51,13 @@ class RecordedStructure(SubstituteStructure):
             else:
                 evaluated = self._workers.evaluate(function, values, n_columns)
             if self._journal:
-                self._journal.add(z, evaluated)
+                self._journal.add(values, evaluated)
         self.n_solved += len(values)
         solutions = evaluated.values.reshape(len(values), -1)
         for i, (row, solution) in enumerate(zip(values, solutions, strict=True)):
             self._known[row.tobytes()] = solution
             if i in evaluated.failures:
                 self.failures[row.tobytes()] = evaluated.failures[i]
-
-    def _coordinates(self, values: FloatArray) -> FloatArray:
-        """Standard-normal coordinates (B, d), which a journal compares; finite ones."""
-        each = zip(self.parameters, values.T, strict=True)
-        z = np.reshape([p.prior.to_normal(column) for p, column in each], values.T.shape)
-        # Where the normal distribution ends in double precision.
-        return np.clip(np.nan_to_num(z.T), -38.0, 38.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """State without what belongs to this process."""
