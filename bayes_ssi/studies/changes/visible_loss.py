@@ -161,7 +161,7 @@ def simulated_tests(
     in_common: dict[tuple[str, int], tuple[FloatArray, FloatArray]] = {}
     tests = []
     for test, likelihood, own in model_class.parts(values):
-        modes, variances = likelihood.modes(own), likelihood.errors.prediction_var(own)[0]
+        modes, variances = likelihood.modes(own), likelihood.prediction_var(own)[0]
         shapes, n = likelihood.shapes_at_sensors(modes)[0], len(test.data.sensors)
         sizes = np.sqrt(np.append(variances[0], np.full(n, variances[-1])))
         low, high = test.data.band_hz
