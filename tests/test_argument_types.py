@@ -67,10 +67,8 @@ def test_every_structure_checks_its_values(values, error, message):
 
 
 def test_model_classes_check_their_values(model_classes):
-    candidate = model_classes["3"]
-    for function in (candidate.log_likelihood, candidate.frequencies_hz):
-        with pytest.raises(ValueError, match=r"'3': values must .* \(k1, k2, k3, ks\), \(B, 4\)"):
-            function([1.0, 1.0])
+    with pytest.raises(ValueError, match=r"'3': values must .* \(k1, k2, k3, ks\), \(B, 4\)"):
+        model_classes["3"].log_likelihood([1.0, 1.0])
 
 
 def test_lists_are_values_and_a_row_without_modes_is_alone():
