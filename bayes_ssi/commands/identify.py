@@ -83,7 +83,6 @@ def identify(
     """
     from bayes_ssi.measurements.modes.modal_files import (
         modal_files,
-        possible_modal_files,
         write_modal_data,
     )
     from bayes_ssi.measurements.records import modal_identification
@@ -92,7 +91,7 @@ def identify(
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
-    written = () if out is None else possible_modal_files(out)
+    written = () if out is None else modal_files(out)
     require_new_files(*written, *(() if figures is None else (figures,)))
     record = read_record(files, **stated)
     found = modal_identification.identify(record, band, at=at, ground=ground)
@@ -132,8 +131,7 @@ def identify(
             data = replace(chosen, source=data.source)
             own = replace(own, method=methods.NAMES[method])
         data = replace(data, identifications=(own,))
-        write_modal_data(data, out)
-        say(where, f"Wrote {listed(modal_files(data, out))}.")
+        say(where, f"Wrote {listed(write_modal_data(data, out))}.")
     print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 

@@ -32,7 +32,6 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     from bayes_ssi.measurements.modes.merging import merge_modal_data
     from bayes_ssi.measurements.modes.modal_files import (
         modal_files,
-        possible_modal_files,
         read_modal_data,
         write_modal_data,
     )
@@ -40,7 +39,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
-    require_new_files(*(() if out is None else possible_modal_files(out)))
+    require_new_files(*(() if out is None else modal_files(out)))
     merged = merge_modal_data(
         {name: read_modal_data(file) for name, file in named_paths(files).items()}
     )
@@ -53,8 +52,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
         *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
     if out is not None:
-        write_modal_data(merged.data, out)
-        say(where, f"Wrote {listed(modal_files(merged.data, out))}.")
+        say(where, f"Wrote {listed(write_modal_data(merged.data, out))}.")
     print_record(lambda: _record(merged))
     exit_if_failed(merged.data.all_failed_checks)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,18 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 
-class _Row(NamedTuple):
-    """One mode: where it is drawn before, and (low, median, high) after; texts are for hovering."""
-
-    name: str
-    before: float
-    after: Sequence[float] | FloatArray
-    text_before: str
-    text_after: str
-
-
 def plot_frequency_change(
-    modes: Sequence[UpdatedMode] | Sequence[PredictedMode],
+    modes: Sequence[UpdatedMode | PredictedMode],
     data: ModalData,
     ax: Axes | None = None,
     *,
@@ -51,26 +41,20 @@ def plot_frequency_change(
         ax: axes; new ones if None.
         level: probability of the intervals.
     """
-    rows = []
-    for mode in modes:
-        label, hz = mode.label, data.mode(mode.label).frequency_hz
+    identified = [data.mode(mode.label).frequency_hz for mode in modes]
+    names = [f"{mode.label}\n{hz:.4g} Hz" for mode, hz in zip(modes, identified, strict=True)]
+    ax = rows_of(ax, names, 1.1)
+    ax.axvline(0.0, color="black", linewidth=0.8)
+    for y, (mode, hz) in enumerate(zip(modes, identified, strict=True)):
         before, *after = 100.0 * (np.array([mode.before_hz, *mode.after_hz]) / hz - 1.0)
         low, median, high = after
-        rows.append(
-            _Row(
-                f"{label}\n{hz:.4g} Hz",
-                before,
-                after,
-                f"mode {label} before: {mode.before_hz:.4g} Hz, {before:+.2f} %",
-                f"mode {label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
-                f"({low:+.2f} to {high:+.2f} %)",
-            )
-        )
-    ax = rows_of(ax, [row.name for row in rows], 1.1)
-    ax.axvline(0.0, color="black", linewidth=0.8)
-    _draw(ax, rows, level)
-    ax.set_xlabel("model / identified - 1 (%)")
-    return ax
+        _draw_change(
+            ax, y, before, after, level,
+            f"mode {mode.label} before: {mode.before_hz:.4g} Hz, {before:+.2f} %",
+            f"mode {mode.label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
+            f"({low:+.2f} to {high:+.2f} %)",
+        )  # fmt: skip
+    return _finished(ax, "model / identified - 1 (%)")
 
 
 def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axes:
@@ -78,38 +62,40 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
 
     Modes without an identified shape are left out.
     """
-    rows = []
-    for mode in modes:
-        if mode.mac_after is not None and mode.mac_before is not None:
-            low, median, high = mode.mac_after
-            rows.append(
-                _Row(
-                    mode.label,
-                    mode.mac_before,
-                    mode.mac_after,
-                    f"mode {mode.label} before: MAC {mode.mac_before:.4f}",
-                    f"mode {mode.label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
-                )
-            )
-    if not rows:
+    macs = {
+        mode.label: (mode.mac_before, mode.mac_after)
+        for mode in modes
+        if mode.mac_before is not None and mode.mac_after is not None
+    }
+    if not macs:
         raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = rows_of(ax, [row.name for row in rows], 1.1)
-    _draw(ax, rows, KEPT.level)
-    ax.set_xlabel("MAC with the identified shape\n(1: the same shape)")
-    return ax
+    ax = rows_of(ax, list(macs), 1.1)
+    for y, (label, (before, after)) in enumerate(macs.items()):
+        low, median, high = after
+        _draw_change(
+            ax, y, before, after, KEPT.level, f"mode {label} before: MAC {before:.4f}",
+            f"mode {label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
+        )  # fmt: skip
+    return _finished(ax, "MAC with the identified shape\n(1: the same shape)")
 
 
-def _draw(ax: Axes, rows: Sequence[_Row], level: float) -> None:
-    """Rows of a circle before updating, joined to a square with its interval after."""
-    for y, row in enumerate(rows):
-        ax.plot([row.before, row.after[1]], [y, y], color=STYLE.grey, linewidth=0.8)
-        (circle,) = ax.plot(row.before, y, "o", color=STYLE.vermilion, markerfacecolor="white",
-                            markersize=6, label=None if y else "before: prior medians")  # fmt: skip
-        hover(circle, row.text_before)
-        interval_after(ax, y, row.after, f"after: posterior, {100 * level:g} %", row.text_after)
+def _draw_change(
+    ax: Axes, y: int, before: float, after: Sequence[float], level: float, *texts: str
+) -> None:
+    """A circle before updating, joined to a square with its interval (low, median, high) after."""
+    ax.plot([before, after[1]], [y, y], color=STYLE.grey, linewidth=0.8)
+    (circle,) = ax.plot(before, y, "o", color=STYLE.vermilion, markerfacecolor="white",
+                        markersize=6, label=None if y else "before: prior medians")  # fmt: skip
+    hover(circle, texts[0])
+    interval_after(ax, y, after, f"after: posterior, {100 * level:g} %", texts[1])
+
+
+def _finished(ax: Axes, label: str) -> Axes:
+    ax.set_xlabel(label)
     ax.set_ylabel("identified mode")
     ax.grid(axis="x", alpha=0.3)
     legend_below(ax, columns=2)
+    return ax
 
 
 def plot_mac(

@@ -39,7 +39,8 @@ CAPTIONS = {
 def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> Axes:
     """Singular values of the spectral matrices and of the fit's, and the modes with 90 % widths."""
     ax = _axes(ax)
-    frequencies, measured = found.spectrum
+    frequencies = found.spectrum.frequencies_hz
+    measured = np.linalg.eigvalsh(found.spectrum.matrices)[:, ::-1]
     for k in range(measured.shape[1]):
         ax.semilogy(frequencies, measured[:, k], color=STYLE.blue, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip

@@ -33,7 +33,7 @@ from bayes_ssi.inference.model_class.configuration import (
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.modes.modal_files import read_modal_csv, write_modal_data
+from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
 from bayes_ssi.results.draws import load_draws, save_draws
 from bayes_ssi.results.result_files import (
     check_digests,
@@ -167,7 +167,7 @@ def load_result(directory: str | Path) -> StoredResult:
     )
     check_digests(directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values())
     comparison = read_record(Comparison, directory / COMPARISON)
-    tests = {name: read_modal_csv(directory / file) for name, file in record.data.items()}
+    tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     comparison = comparison.with_common("data", failed_data_checks(tests))
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
     not_here |= {"datum_terms": None, "emulators": ()}

@@ -74,11 +74,17 @@ def test_without_its_line_nothing_is_known_of_the_identification(csv):
         (
             # As of an earlier version.
             lambda path: path.write_text(json.dumps({"identifications": [{}]})),
-            r"modes.identification.json: .* identifications\[0\].record: missing",
+            r"modes.identification.json: .* sensors: missing",
         ),
     ],
 )
 def test_a_damaged_file_is_named(csv, change, message):
     change(csv.with_suffix(".identification.json"))
     with pytest.raises(ValueError, match=message):
+        bs.read_modal_data(csv)
+
+
+def test_a_covariance_of_an_earlier_version_is_refused(csv):
+    csv.write_text("# covariance, modes.covariance.json\n" + csv.read_text())
+    with pytest.raises(ValueError, match="line 1: of an earlier version; identify again"):
         bs.read_modal_data(csv)

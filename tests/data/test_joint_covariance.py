@@ -95,7 +95,7 @@ def csv(tmp_path):
 
 
 def test_a_file_names_its_covariance_and_keeps_it(csv):
-    assert "# covariance,modes.covariance.json" in csv.read_text()
+    assert "# identification,modes.identification.json" in csv.read_text()
     np.testing.assert_array_equal(bs.read_modal_data(csv).covariance, data().covariance)
 
 
@@ -110,7 +110,7 @@ def test_modes_may_be_renamed_and_left_out(csv):
 
 
 def test_without_its_line_the_covariance_is_not_used(csv):
-    csv.write_text(csv.read_text().replace("# covariance,modes.covariance.json\n", ""))
+    csv.write_text(csv.read_text().replace("# identification,modes.identification.json\n", ""))
     assert bs.read_modal_data(csv).covariance is None
 
 
@@ -127,9 +127,9 @@ def _change(path, **changes):
         (lambda csv, _: csv.write_text(csv.read_text().replace("0.6,0.8,", "-0.6,-0.8,")),
          "mode '1' differs in frequency or shape"),
         (lambda csv, _: csv.write_text(csv.read_text().replace("x,y,z", "y,x,z")),
-         "the sensors, 'x', 'y', 'z', are not those of modes.csv; names and order must"),
-        (lambda _, file: file.unlink(), "no file modes.covariance.json"),
-        (lambda _, file: file.write_text("{"), "no record of the covariance"),
+         "the sensors, 'x', 'y', 'z', are not those of the CSV file; names and order must"),
+        (lambda _, file: file.unlink(), "no file modes.identification.json"),
+        (lambda _, file: file.write_text("{"), "no record of the identification"),
         (lambda _, file: file.write_text("{}"), "sensors: missing"),
         (lambda _, file: file.write_text("[]"), "expected a record"),
         (lambda _, file: _change(file, frequencies_hz=[1.0]), "1 modes at 3 sensors"),
@@ -137,13 +137,13 @@ def _change(path, **changes):
     ],
 )  # fmt: skip
 def test_a_covariance_of_other_modes_is_refused(csv, change, message):
-    change(csv, csv.with_suffix(".covariance.json"))
+    change(csv, csv.with_suffix(".identification.json"))
     with pytest.raises(ValueError, match=message):
         bs.read_modal_data(csv)
 
 
 def test_no_file_is_overwritten(csv):
     csv.unlink()
-    with pytest.raises(FileExistsError, match=r"modes\.covariance\.json exists"):
+    with pytest.raises(FileExistsError, match=r"modes\.identification\.json exists"):
         bs.write_modal_data(data(), csv)
     assert not csv.exists()

@@ -1,22 +1,21 @@
-"""Files beside the CSV file of modes, which names them: the covariance, and the identification.
+"""The file beside a CSV file of modes, which names it: their covariance, and how they were found.
 
-The JSON file of the covariance holds ``sensors``, and for m modes at n sensors ``frequencies_hz``
-(m), ``unit_shapes`` (m lists of n components, null where not measured) and
-``covariance_of_log_frequencies_and_unit_shapes`` (m + m n, m + m n), shapes mode by mode.
-Frequencies and shapes tell which row of the CSV file is which mode, so that its modes may be
-renamed, sorted or left out.
+The JSON file holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
+``unit_shapes`` (m lists of n components, null where not measured) and
+``covariance_of_log_frequencies_and_unit_shapes`` (m + m n, m + m n), shapes mode by mode, null
+where errors are independent. Frequencies and shapes tell which row of the CSV file is which mode,
+so that its modes may be renamed, sorted or left out.
 
-That of the identification holds ``identifications``: a record of each vibration record that the
-modes come from, one, or several where modes were merged. Paths of figures are relative to the
-file's directory.
+Its ``identifications`` are records of each vibration record that the modes come from, one, or
+several where modes were merged. Paths of figures are relative to the file's directory.
 """
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -27,100 +26,67 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.joint_covariance import of_modes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True)
-class _Identifications:
-    identifications: tuple[IdentificationSummary, ...]
+class Companion:
+    """The content of the file."""
 
-
-@dataclass(frozen=True)
-class _Covariance:
     sensors: tuple[str, ...]
     frequencies_hz: FloatArray
     unit_shapes: tuple[tuple[float | None, ...], ...]
-    covariance_of_log_frequencies_and_unit_shapes: Any  # a large list of lists
+    covariance_of_log_frequencies_and_unit_shapes: Any  # a large list of lists, or None
+    identifications: tuple[IdentificationSummary, ...]
 
 
-def companion_path(csv_path: str | Path, key: str) -> Path:
-    """Where it is written what a line of a CSV file with this key names."""
-    return Path(csv_path).with_suffix(f".{key}.json")
-
-
-def write_identifications(data: ModalData, path: Path) -> None:
-    """Write how modes were identified to a new file."""
-    moved = tuple(
+def write_companion(data: ModalData, path: Path) -> None:
+    """Write what a CSV file does not hold of these modes to a new file."""
+    shapes = [
+        tuple(float(component) if np.isfinite(component) else None for component in shape)
+        for shape in data.unit_shapes.T
+    ]
+    identifications = tuple(
         replace(each, figures=tuple(os.path.relpath(file, path.parent) for file in each.figures))
         for each in data.identifications
     )
-    with path.open("x", encoding="utf-8") as file:
-        json.dump(to_record(_Identifications(moved)), file, indent=1)
-
-
-def write_covariance(data: ModalData, path: Path) -> None:
-    """Write the joint covariance of these modes to a new file."""
-    assert data.covariance is not None
-    shapes = [
-        [float(component) if np.isfinite(component) else None for component in shape]
-        for shape in data.unit_shapes.T
-    ]
-    content = _Covariance(
-        data.sensors, data.frequencies_hz.tolist(), tuple(map(tuple, shapes)),
-        data.covariance.tolist(),
-    )  # fmt: skip
-    with path.open("x", encoding="utf-8") as file:
-        json.dump(vars(content), file)
-
-
-# Key of the line of a CSV file that names the file → what writes it.
-COMPANIONS: Mapping[str, Callable[[ModalData, Path], None]] = {
-    "covariance": write_covariance,
-    "identification": write_identifications,
-}
-
-
-def companions_of(data: ModalData) -> list[str]:
-    """Keys of what is written beside these modes."""
-    has = {"covariance": data.covariance is not None, "identification": bool(data.identifications)}
-    return [key for key in COMPANIONS if has[key]]
-
-
-def read_identifications(path: Path, csv_path: Path) -> tuple[IdentificationSummary, ...]:
-    """How the modes in a CSV file were identified."""
-    lost = "and with it what is known of failed checks"
-    content = _read(_Identifications, path, csv_path, "identification", lost)
-    return tuple(
-        replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
-        for each in content.identifications
+    content = Companion(
+        data.sensors, data.frequencies_hz, tuple(shapes), data.covariance, identifications
     )
+    with path.open("x", encoding="utf-8") as file:
+        json.dump(to_record(content), file)
 
 
-def _read(kind: type[T], path: Path, csv_path: Path, key: str, otherwise: str) -> T:
-    """The content of a file that a line of the CSV file names by a key."""
+def read_companion(path: Path, csv_path: Path) -> Companion:
+    """The file that a CSV file names."""
+    lost = "and with it the covariance, and what is known of failed checks"
     try:
-        return from_record(kind, json.loads(path.read_text(encoding="utf-8")))
+        content = from_record(Companion, json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise ValueError(
-            f"{csv_path}: no file {path.name}, which its line {key!r} names, in its directory; put "
-            f"it there, or remove the line, {otherwise}"
+            f"{csv_path}: no file {path.name}, which its line 'identification' names, in its "
+            f"directory; put it there, or remove the line, {lost}"
         ) from None
     except ValueError as error:
         raise ValueError(
-            f"{path}: no record of the {key} that this version reads: {error}; identify again, or "
-            f"remove the line {key!r} of {csv_path.name}, {otherwise}"
+            f"{path}: no record of the identification that this version reads: {error}; identify "
+            f"again, or remove the line 'identification' of {csv_path.name}, {lost}"
         ) from None
+    moved = tuple(
+        replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
+        for each in content.identifications
+    )
+    return replace(content, identifications=moved)
 
 
-def read_covariance(
-    path: Path, csv_path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
-) -> FloatArray:
-    """The joint covariance of ``modes``, in their order."""
-    content = _read(_Covariance, path, csv_path, "covariance", "to use each mode's own errors")
+def covariance_of(
+    content: Companion, path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
+) -> FloatArray | None:
+    """The joint covariance of ``modes``, in their order; None if the file holds none."""
+    if content.covariance_of_log_frequencies_and_unit_shapes is None:
+        return None
     if content.sensors != tuple(sensors):
         raise ValueError(
-            f"{path}: the sensors, {', '.join(map(repr, content.sensors))}, are not those of "
-            f"{csv_path.name}; names and order must be the same in both files"
+            f"{path}: the sensors, {', '.join(map(repr, content.sensors))}, are not those of the "
+            "CSV file; names and order must be the same in both files"
         )
     frequencies = content.frequencies_hz
     m, n = len(frequencies), len(sensors)
@@ -142,9 +108,9 @@ def read_covariance(
         # Numbers in the CSV file may be rounded, by less than their standard deviations.
         if i in places or not _is_same(mode, frequencies[i], shapes[i], sds[i], of_shape):
             raise ValueError(
-                f"{path}: not the covariance of {csv_path.name}: mode {mode.label!r} differs in "
+                f"{path}: not the covariance of these modes: mode {mode.label!r} differs in "
                 "frequency or shape by more than its standard deviation; identify again, or remove "
-                "the line 'covariance' to use each mode's own errors"
+                "the line 'identification' of the CSV file to use each mode's own errors"
             )
         places.append(i)
     return of_modes(matrix, places, m, n)

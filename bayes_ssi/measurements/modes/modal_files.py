@@ -4,7 +4,6 @@
 
     # source, ambient vibration test of 12 May
     # band_hz, 0, 6
-    # covariance, modes.covariance.json
     # identification, modes.identification.json
     label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
     1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
@@ -12,7 +11,7 @@
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
-rows), ``covariance`` and ``identification`` (files in the same directory, see
+rows), ``identification`` (a file in the same directory, see
 :mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment, allowed
 above the column names only. The first other row holds the column names, also spelled ``Frequency
 [Hz]``: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping``
@@ -28,21 +27,20 @@ import csv
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
 from bayes_ssi.foundations.universal_files import begins_universal
 from bayes_ssi.measurements.modes.companion_files import (
-    COMPANIONS,
-    companion_path,
-    companions_of,
-    read_covariance,
-    read_identifications,
+    covariance_of,
+    read_companion,
+    write_companion,
 )
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
@@ -53,7 +51,7 @@ T = TypeVar("T", float, complex)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
-ONCE = ("source", "band_hz", *COMPANIONS)  # keys that a file may hold once
+ONCE = ("source", "band_hz", "identification")  # keys that a file may hold once
 DELIMITERS = ",;\t"
 
 
@@ -105,8 +103,8 @@ def read_modal_data(
 
     Args:
         path: the file.
-        band_hz: lowest and highest frequency (Hz) of the search. A CSV file can
-            state them itself, a universal file cannot.
+        band_hz: lowest and highest frequency (Hz) of the search, in place of a CSV file's own; a
+            universal file cannot state them.
         sensors: for a universal file, name → (node, direction); the direction is x, y or z, or
             -x, -y or -z where the sensor points the other way. If None, every node and direction
             that moves is a sensor, named ``12 x``. A CSV file names its sensors itself.
@@ -123,16 +121,6 @@ def read_modal_data(
         return read_modal_uff(path, band_hz=band_hz, sensors=sensors)
     if sensors is not None:
         raise ValueError(f"{path}: sensors are given, but the columns of a CSV file name its own")
-    return read_modal_csv(path, band_hz=band_hz)
-
-
-def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
-    """Read identified modes from a CSV file (see the module's docstring for its form).
-
-    Args:
-        band_hz: lowest and highest frequency (Hz) of the search, in place of the file's own.
-    """
-    path = Path(path)
     lines = _split(path)
     n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
     head = [line for line in lines if line.is_comment]
@@ -158,16 +146,17 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = band
-    sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
-    covariance = None
+    named = tuple(name for name in columns if name not in RESERVED_NAMES)
+    covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
-    if name := stated.files.get("covariance"):
-        covariance = read_covariance(path.parent / name, path, modes, sensors)
-    if name := stated.files.get("identification"):
-        identifications = read_identifications(path.parent / name, path)
+    if stated.companion is not None:
+        beside = path.parent / stated.companion
+        content = read_companion(beside, path)
+        covariance = covariance_of(content, beside, modes, named)
+        identifications = content.identifications
     try:
         return ModalData(
-            modes, (low, high), sensors, stated.source, covariance, identifications,
+            modes, (low, high), named, stated.source, covariance, identifications,
             stated.failed_checks,
         )  # fmt: skip
     except ValueError as error:
@@ -175,21 +164,25 @@ def read_modal_csv(path: str | Path, *, band_hz: Sequence[float] | None = None) 
 
 
 @checked
-def write_modal_data(data: ModalData, path: str | Path) -> None:
+def write_modal_data(data: ModalData, path: str | Path) -> tuple[Path, ...]:
     """Write identified modes to a new CSV file.
 
-    Their joint covariance, and how they were identified, are in files next to it.
+    Their joint covariance, and how they were identified, are in a file next to it.
 
     Args:
         data: the modes; :func:`bayes_ssi.read_modal_data` reads them back unchanged.
-        path: path of the file; the others end in ``.covariance.json`` and
-            ``.identification.json`` in place of ``.csv``.
+        path: path of the file; the other ends in ``.identification.json`` in place of ``.csv``.
+
+    Returns:
+        The files that were written.
 
     Raises:
         FileExistsError: a file exists.
     """
-    path = Path(path)
-    for written in modal_files(data, path):
+    path, beside = modal_files(path)
+    has_companion = data.covariance is not None or bool(data.identifications)
+    files = (path, beside) if has_companion else (path,)
+    for written in files:
         if written.exists():
             raise FileExistsError(f"{written} exists; give another name")
     optional = [
@@ -203,8 +196,8 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
             writer.writerow(["# source", data.source])
         writer.writerows(["# failed_check", check] for check in data.failed_checks)
         writer.writerow(["# band_hz", *(repr(float(bound)) for bound in data.band_hz)])
-        for key in companions_of(data):
-            writer.writerow([f"# {key}", companion_path(path, key).name])
+        if has_companion:
+            writer.writerow(["# identification", beside.name])
         writer.writerow([*REQUIRED_COLUMNS, *optional, *data.sensors])
         for mode in data.modes:
             numbers = [getattr(mode, name) for name in ("frequency_hz", *optional)]
@@ -214,18 +207,14 @@ def write_modal_data(data: ModalData, path: str | Path) -> None:
                 + ["" if number is None else repr(float(number)) for number in numbers]
                 + [_component_text(component) for component in components]
             )
-    for key in companions_of(data):
-        COMPANIONS[key](data, companion_path(path, key))
+    if has_companion:
+        write_companion(data, beside)
+    return files
 
 
-def possible_modal_files(path: str | Path) -> tuple[Path, ...]:
+def modal_files(path: str | Path) -> tuple[Path, Path]:
     """The files that :func:`write_modal_data` may write."""
-    return Path(path), *(companion_path(path, key) for key in COMPANIONS)
-
-
-def modal_files(data: ModalData, path: str | Path) -> tuple[Path, ...]:
-    """The files that :func:`write_modal_data` writes."""
-    return Path(path), *(companion_path(path, key) for key in companions_of(data))
+    return Path(path), Path(path).with_suffix(".identification.json")
 
 
 def _component_text(component: complex) -> str:
@@ -293,7 +282,7 @@ class _Head:
     source: str = ""
     band_hz: Sequence[float] | None = None
     failed_checks: tuple[str, ...] = ()
-    files: dict[str, str] = field(default_factory=dict)  # by their keys
+    companion: str | None = None
 
 
 def _read_head(lines: list[_Line]) -> _Head:
@@ -307,10 +296,12 @@ def _read_head(lines: list[_Line]) -> _Head:
             head.source = ", ".join(values)
         elif key == "failed_check":
             head.failed_checks += (", ".join(values),)
-        elif key in COMPANIONS:
+        elif key == "covariance":
+            raise line.error("of an earlier version; identify again, or remove it and its file")
+        elif key == "identification":
             if len(values) != 1:
                 raise line.error(f"{key} needs the name of one file, got {values!r}")
-            head.files[key] = values[0]
+            head.companion = values[0]
         elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
-from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-
-
-class SingularValues(NamedTuple):
-    """Of the spectral matrices of all channels, in unit² / Hz of accelerations.
-
-    Where the ground's motion is measured, they are over its power.
-    """
-
-    frequencies_hz: FloatArray  # (K,)
-    values: FloatArray  # (K, n), descending
+from bayes_ssi.measurements.records.spectra import Spectra
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -33,7 +23,7 @@ class ModalIdentification(Displayed, IdentificationSummary):
         quoted: the modes to use, with all that was estimated of them.
         bands: the parts of the spectrum that were explained, also beyond the band of the search.
         candidates: from which the explanation began.
-        spectrum: of the band, for figures.
+        spectrum: of the band, for figures; over the power of the ground where that is measured.
         too_short: places of the quoted modes that the record is too short for: nothing is claimed
             of their damping and shape.
         ground: the sensor whose motion drives all, and over which the spectra are; "" if none.
@@ -42,7 +32,7 @@ class ModalIdentification(Displayed, IdentificationSummary):
     quoted: ModalData
     bands: tuple[Explained, ...]
     candidates: Candidates
-    spectrum: SingularValues
+    spectrum: Spectra
     too_short: tuple[int, ...]
     ground: str
 

@@ -24,10 +24,7 @@ from bayes_ssi.measurements.records.disturbances import (
     without_lines,
 )
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
-from bayes_ssi.measurements.records.identification_result import (
-    ModalIdentification,
-    SingularValues,
-)
+from bayes_ssi.measurements.records.identification_result import ModalIdentification
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
@@ -267,7 +264,6 @@ def _result(
     dampings = np.array([mode.damping for mode in quoted.modes])
     decays = dampings * quoted.frequencies_hz * record.duration_s
     too_short = np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist()
-    values = np.linalg.eigvalsh(spectrum.matrices)[:, ::-1]
     worst = max((each for each in bands if each.is_wanted), key=lambda each: each.excess).fit
     loads = "one process" if worst.one_source else "independent loads"
     return ModalIdentification(
@@ -300,7 +296,7 @@ def _result(
         quoted=quoted,
         bands=tuple(bands),
         candidates=found,
-        spectrum=SingularValues(spectrum.frequencies_hz, np.asarray(values, dtype=np.float64)),
+        spectrum=spectrum,
         too_short=tuple(too_short),
         ground=ground,
     )  # fmt: skip
