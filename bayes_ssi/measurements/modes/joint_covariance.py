@@ -86,15 +86,6 @@ def tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArra
     return planes
 
 
-def plane_bases(modes: Sequence[IdentifiedMode], n_sensors: int) -> list[FloatArray]:
-    """Orthonormal directions (n, d - 1) at right angles to each shape at d measured sensors."""
-    bases = []
-    for plane in tangent_planes(modes, n_sensors):
-        values, vectors = np.linalg.eigh(plane)  # eigenvalues are zero or one
-        bases.append(vectors[:, values > 0.5])
-    return bases
-
-
 def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
     """The covariance without errors of shapes along themselves."""
     m, n, _ = planes.shape

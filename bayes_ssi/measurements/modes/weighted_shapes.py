@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.modes.joint_covariance import plane_bases
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
 
@@ -54,8 +53,11 @@ class PartOfTest:
         basis = np.zeros((len(covariance), 0))
         if frequencies:
             basis = np.eye(len(covariance))[:, [data.labels.index(mode.label) for mode in chosen]]
+        units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
+        self.unit_shapes = [np.nan_to_num(shape) for shape in units]  # (n,) each
+        self.measured = [np.isfinite(shape) for shape in units]
         # Directions (n, d - 1) at right angles to each shape.
-        self.bases = plane_bases(with_shape, n)
+        self.bases = list(map(_plane, self.unit_shapes, self.measured))
         for mode, plane in zip(with_shape, self.bases, strict=True):
             start = m + n * data.labels.index(mode.label)
             embedded = np.zeros((len(covariance), plane.shape[1]))
@@ -73,9 +75,6 @@ class PartOfTest:
         kept = chosen if frequencies else []
         self.log_frequencies = np.log([mode.frequency_hz for mode in kept])
         self.frequency_places = [places[mode.label] for mode in kept]
-        units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
-        self.unit_shapes = [np.nan_to_num(shape) for shape in units]  # (n,) each
-        self.measured = [np.isfinite(shape) for shape in units]
         self.shape_places = [places[mode.label] for mode in with_shape]
         self.columns = [sensors.index(sensor) for sensor in data.sensors]
 
@@ -137,7 +136,7 @@ def weighted_least_squares(
     m = len(shapes)
     counted = m if any(part.frequency_places for part in parts) else 0
     for _ in range(50):
-        planes = [_plane(*shape) for shape in zip(shapes, measured, strict=True)]
+        planes = list(map(_plane, shapes, measured))
         of_parts = [part.residuals(log_frequencies, shapes, planes) for part in parts]
         residuals = np.concatenate([of_part for of_part, _ in of_parts])
         slopes = np.concatenate([of_part for _, of_part in of_parts])[:, m - counted :]
