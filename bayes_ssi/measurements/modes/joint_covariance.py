@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
@@ -88,12 +89,8 @@ def tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArra
 
 def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
     """The covariance without errors of shapes along themselves."""
-    m, n, _ = planes.shape
-    projected = covariance.copy()
-    for i, plane in enumerate(planes):
-        shape = slice(m + n * i, m + n * (i + 1))
-        projected[shape] = plane @ projected[shape]
-        projected[:, shape] = projected[:, shape] @ plane
+    projection = block_diag(np.eye(len(planes)), *planes)
+    projected = projection @ covariance @ projection
     # What is in the planes already stays as it is, to the last digit.
     change = np.abs(projected - covariance).max()
     kept = change <= SOLVER.rounding * np.abs(covariance).max()

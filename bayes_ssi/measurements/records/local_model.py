@@ -121,10 +121,8 @@ class IndependentLoads(NamedTuple):
 
     def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
         """What the modes add to the background (K, r, r)."""
-        all_h = np.concatenate([h, at.of_neighbours], axis=1)
-        shapes = np.concatenate([modes.shapes, at.neighbours.shapes], axis=1)
-        forces = np.concatenate([self.of_modes, self.of_neighbours], axis=1)
-        resonant = (all_h[:, None] * shapes) @ forces.conj().T
+        forces = np.concatenate([self.of_neighbours, self.of_modes], axis=1)
+        resonant = _motions(at, modes, h).swapaxes(1, 2) @ forces.conj().T
         return np.asarray(resonant + resonant.conj().swapaxes(1, 2))
 
     def forces(self, _at: Scene, _modes: Resonances, h: ComplexArray) -> ComplexArray:
@@ -133,20 +131,15 @@ class IndependentLoads(NamedTuple):
 
     def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
         """Derivatives by the values."""
-        all_h = np.concatenate([at.of_neighbours, h], axis=1)
-        return _columns_of_loads(
-            all_h, np.concatenate([at.neighbours.shapes, modes.shapes], axis=1)
-        )
+        return _columns_of_loads(_motions(at, modes, h))
 
     def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        return _columns_of_loads(one.responses(at.data), one.shapes)
+        return _columns_of_loads((one.responses(at.data)[:, None] * one.shapes).swapaxes(1, 2))
 
     def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
         """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
-        all_h = np.concatenate([h, at.of_neighbours], axis=1)
-        shapes = np.concatenate([modes.shapes, at.neighbours.shapes], axis=1)
-        return (all_h[:, None] * shapes).conj().swapaxes(1, 2)
+        return _motions(at, modes, h).conj()
 
     def sizes(self, modes: Resonances) -> FloatArray:
         """4 ζ s (m,), where s is the part i φ of the forces."""
@@ -211,10 +204,17 @@ class IndependentLoads(NamedTuple):
         return precisions, -precisions @ as_reals(self.values)
 
 
-def _columns_of_loads(h: ComplexArray, shapes: ComplexArray) -> Columns:
-    r = len(shapes)
-    left = np.repeat((h[:, None] * shapes).swapaxes(1, 2), r, axis=1)
-    right = np.tile(np.eye(r, dtype=complex), (shapes.shape[1], 1))
+def _motions(at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+    """h φ of neighbours and modes (K, p + m, r)."""
+    of_neighbours = at.of_neighbours[:, None] * at.neighbours.shapes
+    both = np.concatenate([of_neighbours, h[:, None] * modes.shapes], axis=2)
+    return np.asarray(both.swapaxes(1, 2))
+
+
+def _columns_of_loads(motions: ComplexArray) -> Columns:
+    m, r = motions.shape[1:]
+    left = np.repeat(motions, r, axis=1)
+    right = np.tile(np.eye(r, dtype=complex), (m, 1))
     return Columns(left, np.broadcast_to(right, left.shape), -1j)
 
 
@@ -239,11 +239,8 @@ class OneSource(NamedTuple):
 
     def motion(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
         """v (K, r)."""
-        return np.asarray(
-            at.powers.T @ self.direct
-            + (h * self.of_modes) @ modes.shapes.T
-            + (at.of_neighbours * self.of_neighbours) @ at.neighbours.shapes.T
-        )
+        factors = np.concatenate([self.of_neighbours, self.of_modes])
+        return np.asarray(at.powers.T @ self.direct + factors @ _motions(at, modes, h))
 
     def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
         v = self.motion(at, modes, h)
@@ -255,14 +252,8 @@ class OneSource(NamedTuple):
     def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
         r = len(modes.shapes)
         direct = at.powers.T[:, :, None, None] * np.eye(r)
-        left = np.concatenate(
-            [
-                direct.reshape(len(h), 3 * r, r).astype(complex),
-                (at.of_neighbours[:, None] * at.neighbours.shapes).swapaxes(1, 2),
-                (h[:, None] * modes.shapes).swapaxes(1, 2),
-            ],
-            axis=1,
-        )
+        smooth = direct.reshape(len(h), 3 * r, r).astype(complex)
+        left = np.concatenate([smooth, _motions(at, modes, h)], axis=1)
         return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
 
     def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances) -> Columns:
