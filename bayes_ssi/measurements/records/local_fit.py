@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import FIT
@@ -304,11 +305,12 @@ class _Steps:
         h, by_f, by_z = modes.response_slopes(at.data)
         shapes = modes.shapes
         m = shapes.shape[1]
-        self.tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
+        tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
+        self.turns = block_diag(np.zeros((0, 0)), *tangents)  # of all shapes, one after another
         forces = drive.forces(at, modes, h).swapaxes(1, 2)  # (K, m, r)
-        n_tangent = self.tangents[0].shape[1] if m else 0
+        n_tangent = tangents[0].shape[1] if m else 0
         left = [(slopes[:, None] * shapes).swapaxes(1, 2) for slopes in (by_f, by_z)]
-        left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(self.tangents)]
+        left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(tangents)]
         driven_left, driven_right = drive.columns(at, modes, h).of_parts
         left.append(driven_left)
         right = np.concatenate(
@@ -320,27 +322,31 @@ class _Steps:
     def _add_prior(self) -> None:
         model, modes = self.model, self.model.modes
         r, m = modes.shapes.shape
-        precisions, off = np.zeros(self.size), np.zeros(self.size)
-        smooth = 3 * r * r
-        precisions[:smooth] = np.repeat(BACKGROUND_SDS**-2.0, r * r)
-        off[:smooth] = coordinates(model.backgrounds).ravel()
-        # Uniform priors bend nothing; these keep the curvature positive where a mode has no forces.
-        precisions[smooth : smooth + m] = 1.0
-        of_damping = slice(smooth + m, smooth + 2 * m)
-        precisions[of_damping] = FIT.log_damping_sd**-2
-        off[of_damping] = np.log(modes.dampings) - math.log(FIT.damping)
-        at = smooth + 2 * m
-        for shape, tangent in zip(modes.shapes.T, self.tangents, strict=True):
-            precisions[at : at + r - 1] = FIT.shape_sd**-2
-            imaginary = slice(at + r - 1, at + tangent.shape[1])
-            precisions[imaginary] = FIT.phase_sd**-2
-            off[imaginary] = tangent[:, r - 1 :].imag.T @ shape.imag
-            at += tangent.shape[1]
-        self.curvature[range(self.size), range(self.size)] += precisions
-        self.slope -= precisions * off
+        of_shapes = [FIT.shape_sd**-2.0, *([FIT.phase_sd**-2.0] if self.has_phases else [])]
+        precisions = np.concatenate(
+            [
+                np.repeat(BACKGROUND_SDS**-2.0, r * r),
+                # Uniform priors bend nothing; these keep the curvature positive where a mode has no
+                # forces.
+                np.ones(m),
+                np.full(m, FIT.log_damping_sd**-2.0),
+                np.tile(np.repeat(of_shapes, r - 1), m),
+            ]
+        )
+        off = np.concatenate(
+            [
+                coordinates(model.backgrounds).ravel(),
+                np.zeros(m),
+                np.log(modes.dampings) - math.log(FIT.damping),
+                self.turns.imag.T @ modes.shapes.imag.T.ravel(),
+            ]
+        )
+        n = len(precisions)
+        self.curvature[range(n), range(n)] += precisions
+        self.slope[:n] -= precisions * off
         of_drive, slope = model.drive.prior(modes, self.scales)
-        self.curvature[at:, at:] += of_drive
-        self.slope[at:] += slope
+        self.curvature[n:, n:] += of_drive
+        self.slope[n:] += slope
 
     def step(self, damping: float) -> tuple[FloatArray, float]:
         """A damped step, and what it should gain."""
@@ -359,13 +365,11 @@ class _Steps:
         step = step / max([1.0, *steepest])
         by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
         changes = np.einsum("pa,aij->pij", step[:smooth].reshape(3, r * r), basis(r))
-        shapes = modes.shapes.copy()
         at = smooth + 2 * m
-        for i, tangent in enumerate(self.tangents):
-            shapes[:, i] += tangent @ step[at : at + tangent.shape[1]]
-            at += tangent.shape[1]
+        end = at + self.turns.shape[1]
+        shapes = modes.shapes + (self.turns @ step[at:end]).reshape(m, r).T
         lengths = np.linalg.norm(shapes, axis=0) * np.exp(0.5j * np.angle((shapes**2).sum(0)))
-        values = step[at:].reshape(-1, 2)
+        values = step[end:].reshape(-1, 2)
         return Model(
             self.model.backgrounds + changes,
             Resonances(
@@ -376,17 +380,8 @@ class _Steps:
 
     def jacobian(self) -> FloatArray:
         """Of (ln f, ln ζ, real parts, imaginary parts of shapes) by the modes' own coordinates."""
-        r, m = self.model.modes.shapes.shape
-        n = 2 * m + sum(tangent.shape[1] for tangent in self.tangents)
-        jacobian = np.zeros((2 * m + 2 * m * r, n))
-        jacobian[range(2 * m), range(2 * m)] = 1.0
-        at = 2 * m
-        for i, tangent in enumerate(self.tangents):
-            columns = slice(at, at + tangent.shape[1])
-            jacobian[2 * m + i * r : 2 * m + (i + 1) * r, columns] = tangent.real
-            jacobian[2 * m + (m + i) * r : 2 * m + (m + i + 1) * r, columns] = tangent.imag
-            at += tangent.shape[1]
-        return jacobian
+        of_shapes = np.concatenate([self.turns.real, self.turns.imag])
+        return np.asarray(block_diag(np.eye(2 * self.model.modes.n_modes), of_shapes))
 
 
 def _tangent(shape: ComplexArray, has_phases: bool) -> ComplexArray:
