@@ -42,31 +42,31 @@ def test_normal_modes_of_a_universal_file(tmp_path):
     expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
     np.testing.assert_allclose(data.unit_shapes, expected.T, atol=1e-5)
     assert data.modes[0].damping == pytest.approx(0.01, rel=1e-4)
+    assert not np.iscomplexobj(data.modes[0].shape)
 
 
-def test_complex_modes_and_named_sensors(tmp_path):
+def test_complex_modes(tmp_path):
     # ω = 6 rad/s, damping 2 %: λ = -0.12 ± 5.9988 i; a shape turned by 30 degrees.
     eigenvalue = 6.0 * (-0.02 + 1j * np.sqrt(1 - 0.02**2))
     turned = SHAPES[0] * np.exp(1j * np.pi / 6)
     path = write(tmp_path / "modes.uff", [complex_mode(1, eigenvalue, turned)])
-    sensors = {"roof": (13, "x"), "floor 1": (11, "-x")}
-    (mode,) = bs.read_modal_data(path, band_hz=(0, 6), sensors=sensors).modes
+    (mode,) = bs.read_modal_data(path, band_hz=(0, 6)).modes
     assert mode.frequency_hz == pytest.approx(6.0 / (2 * np.pi), rel=1e-5)
     assert mode.damping == pytest.approx(0.02, rel=1e-4)
-    expected = np.array([0.74, -0.3]) / np.hypot(0.74, 0.3)
+    expected = SHAPES[0] / np.linalg.norm(SHAPES[0])
     np.testing.assert_allclose(mode.unit_shape * np.sign(mode.unit_shape[0]), expected, atol=1e-5)
+
+
+def test_a_node_that_a_mode_lacks_was_not_measured(tmp_path):
+    short = normal_mode(2, 2.76, SHAPES[1][:2]) | {"node_nums": NODES[:2]}
+    short |= {"r2": np.zeros(2), "r3": np.zeros(2)}
+    path = write(tmp_path / "modes.uff", [normal_mode(1, 0.96, SHAPES[0]), short])
+    data = bs.read_modal_data(path, band_hz=(0, 6))
+    assert np.isnan(data.unit_shapes).tolist() == [[False, False], [False, False], [False, True]]
 
 
 def test_errors_of_a_universal_file_are_explained(tmp_path):
     path = write(tmp_path / "modes.uff", [normal_mode(1, 0.96, SHAPES[0])])
-    with pytest.raises(ValueError, match="sensor 'a': no node 99; nodes are 11, 12, 13"):
-        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (99, "x")})
-    with pytest.raises(ValueError, match="direction must be x, y or z"):
-        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (11, "w")})
-    with pytest.raises(
-        ValueError, match=r"sensor 'a': must be a node and a direction, got \(11,\)"
-    ):
-        bs.read_modal_data(path, band_hz=(0, 6), sensors={"a": (11,)})
     with pytest.raises(FileNotFoundError):
         bs.read_modal_data(tmp_path / "none.uff", band_hz=(0, 6))
     damaged = tmp_path / "damaged.uff"

@@ -90,16 +90,16 @@ def covariance_of(
         )
     frequencies = content.frequencies_hz
     m, n = len(frequencies), len(sensors)
+    size = m + m * n
     try:
-        shapes = np.array(content.unit_shapes, dtype=float).reshape(m, -1)
-        matrix = np.array(content.covariance_of_log_frequencies_and_unit_shapes, dtype=float)
+        shapes = np.array(content.unit_shapes, dtype=float).reshape(m, n)
+        matrix = np.reshape(content.covariance_of_log_frequencies_and_unit_shapes, (size, size))
+        matrix = matrix.astype(float)
     except (TypeError, ValueError):
-        raise ValueError(f"{path}: not arrays of numbers for {m} modes at {n} sensors") from None
-    if shapes.shape != (m, n) or matrix.shape != (m + m * n, m + m * n):
         raise ValueError(
             f"{path}: {m} modes at {n} sensors need unit_shapes {(m, n)} and a covariance "
-            f"{(m + m * n, m + m * n)}, got {shapes.shape} and {matrix.shape}"
-        )
+            f"{(size, size)} of numbers"
+        ) from None
     sds = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
     places: list[int] = []
     for mode in modes:

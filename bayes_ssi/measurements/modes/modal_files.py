@@ -26,7 +26,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -90,37 +90,28 @@ class _Line:
 
 
 @checked
-def read_modal_data(
-    path: str | Path,
-    *,
-    band_hz: Sequence[float] | None = None,
-    sensors: Mapping[str, tuple[int, str]] | None = None,
-) -> ModalData:
+def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
     """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
 
-    A universal file is recognised by its first line; the CSV file is described in
+    A universal file is recognised by its first line; every node and direction that moves is a
+    sensor, named ``12 x``. The CSV file is described in
     :mod:`bayes_ssi.measurements.modes.modal_files`.
 
     Args:
         path: the file.
         band_hz: lowest and highest frequency (Hz) of the search, in place of a CSV file's own; a
             universal file cannot state them.
-        sensors: for a universal file, name → (node, direction); the direction is x, y or z, or
-            -x, -y or -z where the sensor points the other way. If None, every node and direction
-            that moves is a sensor, named ``12 x``. A CSV file names its sensors itself.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the content is not understood, the band is missing, or sensors are given for
-            a CSV file; the message names the file and, for CSV, the line and the column.
+        ValueError: the content is not understood, or the band is missing; the message names the
+            file and, for CSV, the line and the column.
     """
     path = Path(path)
     if begins_universal(first_bytes(path)):
         if band_hz is None:
             raise ValueError(f"{path}: give band_hz; a universal file does not state the band")
-        return read_modal_uff(path, band_hz=band_hz, sensors=sensors)
-    if sensors is not None:
-        raise ValueError(f"{path}: sensors are given, but the columns of a CSV file name its own")
+        return read_modal_uff(path, band_hz)
     lines = _split(path)
     n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
     head = [line for line in lines if line.is_comment]

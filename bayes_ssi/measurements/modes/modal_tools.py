@@ -23,15 +23,8 @@ DATA_OF_AXES = {"x": "r1", "y": "r2", "z": "r3"}
 ANALYSIS_TYPES = {2: "normal", 3: "complex", 7: "complex, second order"}
 
 
-def read_modal_uff(
-    path: Path,
-    *,
-    band_hz: Sequence[float],
-    sensors: Mapping[str, tuple[int, str]] | None = None,
-) -> ModalData:
+def read_modal_uff(path: Path, band_hz: Sequence[float]) -> ModalData:
     """Read the modes of a universal file.
-
-    Arguments are as in :func:`bayes_ssi.read_modal_data`.
 
     Returns:
         Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is
@@ -43,9 +36,9 @@ def read_modal_uff(
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
     modes = sorted((*_frequency_and_damping(s), i) for i, s in enumerate(sets))
     frequencies, dampings, order = (np.array(column) for column in zip(*modes, strict=True))
-    named = dict(sensors) if sensors is not None else moving_sensors(sets)
+    named = moving_sensors(sets)
+    components = [[_component(sets[i], *place) for i in order] for place in named.values()]
     try:
-        components = [[_component(sets[i], *item) for i in order] for item in named.items()]
         return ModalData.from_arrays(
             frequencies,
             np.reshape(components, (len(named), len(sets))),
@@ -76,23 +69,10 @@ def moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, st
     return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
 
 
-def _component(one: Mapping[str, Any], name: str, place: tuple[int, str]) -> complex:
-    """The component of one mode that a sensor measures."""
-    if len(place) != 2:
-        raise ValueError(f"sensor {name!r}: must be a node and a direction, got {place!r}")
-    node, direction = place
-    axis = str(direction).removeprefix("-")
-    if axis not in DATA_OF_AXES:
-        raise ValueError(
-            f"sensor {name!r}: direction must be x, y or z, perhaps with a minus sign, got "
-            f"{direction!r}"
-        )
+def _component(one: Mapping[str, Any], node: int, direction: str) -> complex:
+    """The component of one mode; NaN where it was not measured."""
     at = np.flatnonzero(np.asarray(one["node_nums"]) == node)
-    if not len(at):
-        nodes = ", ".join(str(int(n)) for n in list(one["node_nums"])[:10])
-        raise ValueError(f"sensor {name!r}: no node {node}; nodes are {nodes}, ...")
-    value = one[DATA_OF_AXES[axis]][at[0]]
-    return -value if str(direction).startswith("-") else value
+    return one[DATA_OF_AXES[direction]][at[0]] if len(at) else np.nan
 
 
 @checked
