@@ -50,19 +50,17 @@ class PartOfTest:
                     )
             variances = [f or 0.0 for f, _ in sizes], np.repeat([s or 0.0 for _, s in sizes], n)
             covariance = np.diag(np.concatenate(variances) ** 2)
-        basis = np.zeros((len(covariance), 0))
-        if frequencies:
-            basis = np.eye(len(covariance))[:, [data.labels.index(mode.label) for mode in chosen]]
         units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
         self.unit_shapes = [np.nan_to_num(shape) for shape in units]  # (n,) each
         self.measured = [np.isfinite(shape) for shape in units]
         # Directions (n, d - 1) at right angles to each shape.
         self.bases = list(map(_plane, self.unit_shapes, self.measured))
-        for mode, plane in zip(with_shape, self.bases, strict=True):
-            start = m + n * data.labels.index(mode.label)
-            embedded = np.zeros((len(covariance), plane.shape[1]))
-            embedded[start : start + n] = plane
-            basis = np.concatenate([basis, embedded], axis=1)
+        kept = chosen if frequencies else []
+        planes = {mode.label: plane for mode, plane in zip(with_shape, self.bases, strict=True)}
+        basis = block_diag(
+            np.eye(m)[:, [data.labels.index(mode.label) for mode in kept]],
+            *(planes.get(label, np.zeros((n, 0))) for label in data.labels),
+        )
         try:
             root = np.linalg.cholesky(basis.T @ covariance @ basis)
         except np.linalg.LinAlgError:
@@ -72,7 +70,6 @@ class PartOfTest:
             ) from None
         # Errors of frequencies, then of shapes in their planes, as independent ones of size one.
         self.whitening = np.linalg.inv(root)
-        kept = chosen if frequencies else []
         self.log_frequencies = np.log([mode.frequency_hz for mode in kept])
         self.frequency_places = [places[mode.label] for mode in kept]
         self.shape_places = [places[mode.label] for mode in with_shape]
