@@ -65,14 +65,9 @@ class Record(Displayed):
             raise ValueError(f"record: samples must be (n_sensors, n_samples), got {samples.shape}")
         n, length = samples.shape
         if n >= length:
-            is_turned = len(self.sensors) == length < n
             raise ValueError(
-                f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}"
-                + (
-                    f" for {length} sensors: the array is the wrong way round; give its transpose"
-                    if is_turned
-                    else "; is the array the wrong way round?"
-                )
+                f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}; is the "
+                "array the wrong way round?"
             )
         if n < 2:
             raise ValueError("record: a mode shape needs two sensors or more, got 1")
