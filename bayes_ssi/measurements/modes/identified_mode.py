@@ -83,8 +83,11 @@ class IdentifiedMode:
         measured = np.isfinite(shape)
         if not measured.any():
             return None
-        if not np.abs(shape[measured]).max() > 0:
+        largest = float(np.abs(shape[measured]).max())
+        if largest == 0.0:
             raise ValueError(f"{self._where('shape')} is zero at every sensor")
+        if not 1e-100 < largest < 1e100:  # whose squares are numbers
+            raise ValueError(f"{self._where('shape')} must be in a usual scale, got {largest:g}")
         shape.setflags(write=False)
         return shape
 
@@ -96,7 +99,7 @@ class IdentifiedMode:
         """
         if self.shape is None:
             return None
-        real = _rotated(_near_one(self.shape)).real
+        real = _rotated(self.shape).real
         unit = real / np.sqrt(np.nansum(real**2))
         unit.setflags(write=False)
         return unit
@@ -120,7 +123,7 @@ class IdentifiedMode:
         """
         if self.shape is None or not np.iscomplexobj(self.shape):
             return 0.0
-        rotated = _rotated(_near_one(self.shape[np.isfinite(self.shape)]))
+        rotated = _rotated(self.shape[np.isfinite(self.shape)])
         return math.degrees(math.asin(np.linalg.norm(rotated.imag) / np.linalg.norm(rotated)))
 
     @cached_property
@@ -132,13 +135,6 @@ class IdentifiedMode:
     def scored_shape(self) -> FloatArray | None:
         """``unit_shape`` if it carries information; a single component does not."""
         return self.unit_shape if self.n_measured >= 2 else None
-
-
-def _near_one(shape: NDArray[Any]) -> NDArray[Any]:
-    """The shape times a power of two, which changes no digit: its squares are finite then."""
-    _, exponent = np.frexp(np.nanmax(np.abs(shape)))
-    halves = -exponent // 2, -exponent - (-exponent // 2)  # 2^-exponent itself may overflow
-    return shape * np.ldexp(1.0, halves[0]) * np.ldexp(1.0, halves[1])
 
 
 def _rotated(shape: NDArray[Any]) -> NDArray[Any]:
