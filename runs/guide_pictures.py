@@ -31,7 +31,7 @@ def main() -> None:
     PICTURES.mkdir(exist_ok=True)
     for page in sorted(GUIDE.glob("*.md")):
         text = page.read_text("utf-8")
-        if "plots.plot_" in text:
+        if re.search(r"^plots\.plot_", text, re.M):
             with tempfile.TemporaryDirectory() as folder:
                 os.chdir(folder)
                 draw("\n".join(re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)))
