@@ -13,7 +13,6 @@ from bayes_ssi.structures.solver_files.sensor_points import (
     SensorPoint,
     exchanged,
     nearest_degrees_of_freedom,
-    points_of_universal_file,
     read_sensor_points,
 )
 
@@ -83,7 +82,7 @@ def test_two_sensors_at_one_node_and_no_such_direction():
 def test_points_from_a_file(tmp_path):
     path = tmp_path / "points.csv"
     path.write_text("# of 12 May\nsensor,direction,x_coord,y_coord,z_coord\nroof x,x,0.1,0.5,9.2\n")
-    assert read_sensor_points(path) == (SensorPoint("roof x", (0.1, 0.5, 9.2), "x"),)
+    assert read_sensor_points(path, ()) == (SensorPoint("roof x", (0.1, 0.5, 9.2), "x"),)
     for text, message in (
         ("sensor,x,y,z\na,1,2,3\n", r"points.csv: must have the columns sensor, x_coord"),
         ("sensor,direction,x_coord,y_coord,z_coord\na,-x,1,2,3\n", r"line 2: .* got '-x'; where"),
@@ -95,7 +94,7 @@ def test_points_from_a_file(tmp_path):
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=message):
-            read_sensor_points(path)
+            read_sensor_points(path, ())
 
 
 def test_points_of_a_universal_file(tmp_path):
@@ -103,10 +102,10 @@ def test_points_of_a_universal_file(tmp_path):
     path = tmp_path / "test.uff"
     nodes = {"type": 15, "node_nums": [7, 9], "x": [0.0, 0.1], "y": [0.5, 0.5], "z": [3.2, 9.1]}
     pyuff.UFF(str(path)).write_sets([nodes], mode="add")
-    (point,) = points_of_universal_file(path, ["9 y"])
+    (point,) = read_sensor_points(path, ["9 y"])
     assert point == SensorPoint("9 y", (pytest.approx(0.1), pytest.approx(0.5), 9.1), "y")
     with pytest.raises(ValueError, match=r"sensor '8 y' is at none of its 2 nodes"):
-        points_of_universal_file(path, ["8 y"])
+        read_sensor_points(path, ["8 y"])
 
 
 def by_label(axes):
