@@ -162,7 +162,7 @@ class LumpedStructure(Structure):
             floors[label] = floors[i + 1] = 1 + i * self.n_floors // len(labels)
         middles = []
         for spring in self.main_springs():
-            if parameter in [each.name for each in spring.stiffness.parameters]:
+            if parameter in [each.name for each in spring.coefficient.parameters]:
                 ends = {floors[place] for place, _ in spring.direction}
                 middles.append(0.5 * (max(ends) + (min(ends) if len(ends) > 1 else 0)))
         return sum(middles) / len(middles) if middles else None
