@@ -23,8 +23,9 @@ def draw():
     def drawn(places, geometry=None):
         ordered = tuple(sorted(places, key=lambda each: -each.probability))
         search = SimpleNamespace(
-            places=tuple(places), places_by_probability=ordered, geometry=geometry
-        )
+            places=tuple(places), places_by_probability=ordered, geometry=geometry,
+            a_feature="an appendage",
+        )  # fmt: skip
         with figures_for_files():
             ax = plot_places(search)
             ax.figure.draw_without_rendering()
