@@ -44,9 +44,9 @@ def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
 
 
 def _in_space(plan: Plan, ax: Any) -> Any:
-    located = [each for each in plan.candidates if each.coordinates]
+    located = [(each, each.coordinates) for each in plan.candidates if each.coordinates]
     nodes = plan.geometry.nodes.values() if plan.geometry else ()
-    points = np.array([*(each.coordinates for each in located), *nodes])
+    points = np.array([*(at for _, at in located), *nodes])
     length = 0.13 * (float(np.ptp(points, axis=0).max()) or 1.0)
     title = f"{len(plan.best.sensors)} of {len(plan.candidates)} candidates"
     if ax is None:
@@ -55,14 +55,14 @@ def _in_space(plan: Plan, ax: Any) -> Any:
         frame_in_space(ax, title, points, length)
     if plan.geometry is not None:
         draw_structure(ax, plan.geometry)
-    for each in located:
+    for each, at in located:
         chosen = each.name in plan.best.sensors
         colour, label = (STYLE.vermilion, CHOSEN) if chosen else (STYLE.grey, OTHER)
         if each.direction and chosen:
             along = np.multiply(length, each.direction)
-            ax.quiver(*each.coordinates, *along, color=colour, linewidth=1.6,
+            ax.quiver(*at, *along, color=colour, linewidth=1.6,
                       arrow_length_ratio=0.4)  # fmt: skip
-        ax.scatter(*each.coordinates, s=30.0 if chosen else 8.0, color=[colour], label=label,
+        ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
                    depthshade=False)  # fmt: skip
     legend_of_figure(ax.figure, [ax])
     return ax
