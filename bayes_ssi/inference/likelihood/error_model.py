@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -20,13 +20,9 @@ from bayes_ssi.parameters.parameters import (
     positive_product,
 )
 
-
-def _default_frequency_cov() -> Parameter:
-    return Parameter("frequency_cov", LogNormal(median=0.01, cov=1.0))
-
-
-def _default_shape_sd() -> Parameter:
-    return Parameter("shape_sd", LogNormal(median=0.05, cov=1.0))
+# Sizes of errors that are not given.
+FREQUENCY_COV = Parameter("frequency_cov", LogNormal(median=0.01, cov=1.0))
+SHAPE_SD = Parameter("shape_sd", LogNormal(median=0.05, cov=1.0))
 
 
 @dataclass(frozen=True)
@@ -51,8 +47,8 @@ class ErrorModel:
         TypeError: a value is neither a number nor a Parameter.
     """
 
-    frequency_cov: Value = field(default_factory=_default_frequency_cov)
-    shape_sd: Value = field(default_factory=_default_shape_sd)
+    frequency_cov: Value = FREQUENCY_COV
+    shape_sd: Value = SHAPE_SD
     between_tests: Value = 0.0
     between_modes: Value = 0.0
 

@@ -177,12 +177,6 @@ class ModalLikelihood:
         log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
         return log_likelihoods
 
-    def frequency_sds_hz(self, values: FloatArray) -> FloatArray:
-        """Standard deviation of each identified frequency about the model's, (B, n_modes) in Hz."""
-        own = np.array([mode.frequency_cov or 0.0 for mode in self.data.modes])
-        variance = self.prediction_var(values)[:, :1] + own**2
-        return np.sqrt(variance) * self.data.frequencies_hz
-
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
         return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))

@@ -115,7 +115,9 @@ def datum_terms(
     sds = []
     parts = zip(model_class.parts(values), model.modes, pairings, strict=True)
     for (configuration, likelihood, columns), modes, pairing in parts:
-        sds.append(likelihood.frequency_sds_hz(columns))
+        own = np.array([mode.frequency_cov or 0.0 for mode in configuration.data.modes])
+        variances = likelihood.prediction_var(columns)[:, :1] + own**2
+        sds.append(np.sqrt(variances) * configuration.data.frequencies_hz)
         for label in configuration.data.labels:
             identified.append(label_in(configuration.name, label))
             if label in pairing:
