@@ -8,6 +8,7 @@ how often all modes were identified, root mean square errors of frequencies, cla
 errors (root mean squares) of frequencies and shapes, the mean frequency error in claimed standard
 deviations, the largest error in claimed standard deviations that no failed check goes with, in how
 many a peak is said to hold two modes, and seconds of CPU a record for the whole of ``bs.identify``.
+SSI-cov is there where pyOMA2 is installed.
 """
 
 from __future__ import annotations

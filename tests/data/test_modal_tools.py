@@ -91,7 +91,7 @@ def test_a_result_of_pyoma2():
     expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
     signs = np.sign(modes.unit_shapes[2])
     np.testing.assert_allclose(modes.unit_shapes * signs, expected.T, atol=1e-12)
-    with pytest.raises(ValueError, match="shape has 3 components for 2 sensors"):
+    with pytest.raises(ValueError, match="2 sensors for 3 channels"):
         bs.modal_data_from_pyoma2(result, band_hz=(0, 6), sensors=names[:2])
     with pytest.raises(ValueError, match="call mpe of the algorithm first"):
         bs.modal_data_from_pyoma2(data.SSIResult(), band_hz=(0, 6))

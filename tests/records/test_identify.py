@@ -1,5 +1,6 @@
 """Modes from simulated records: right within their claimed errors, which the checks judge."""
 
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -15,7 +16,9 @@ from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.methods import NAMES, compared, modes_by
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
 from bayes_ssi.measurements.records.peak_methods import fdd, tfie
+from bayes_ssi.measurements.records.resonances import Resonances
 from bayes_ssi.measurements.records.spectra import transforms_of
+from bayes_ssi.measurements.records.ssi_cov import ssi_cov
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -311,6 +314,26 @@ def test_methods_are_compared_and_one_of_them_is_used():
     np.testing.assert_allclose(data.frequencies_hz, TRUTH.frequencies_hz, atol=0.06)
     with pytest.raises(ValueError, match="method must be one of 'bayesian-fft', 'next-era'"):
         modes_by("efdd", record, result.quoted)
+
+
+def test_ssi_through_pyoma2_agrees_with_the_bayesian_fft():
+    """From one record, to three of its own standard deviations, which are about as large."""
+    pytest.importorskip("pyoma2", reason="pip install bayes_ssi[oma]")
+    record = simulated(1)
+    found = ssi_cov(record, BAND, Resonances(*TRUTH))
+    result = identified(1, ground=False)
+    apart = np.log(found.frequencies_hz / result.quoted.frequencies_hz)
+    assert np.abs(apart / of_modes(found, "frequency_cov")).max() < 3.0
+    assert (np.abs((found.unit_shapes * TRUTH.shapes).sum(0)) > 0.999).all()
+    ratios = of_modes(found, "frequency_cov") / of_modes(result.quoted, "frequency_cov")
+    assert ((ratios > 0.5) & (ratios < 2.0)).all()
+
+
+def test_ssi_without_pyoma2_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyoma2", None)
+    monkeypatch.setitem(sys.modules, "pyoma2.functions", None)
+    with pytest.raises(ValueError, match=r"pip install \"bayes_ssi\[oma\]\""):
+        ssi_cov(simulated(1, duration_s=60.0), BAND, Resonances(*TRUTH))
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,17 @@ def test_a_band_must_be_in_the_record():
         record().checked_band((0.05, 2))
 
 
+def test_detrending_a_long_record_needs_memory_for_one_more():
+    samples = np.random.default_rng(0).standard_normal((20, 50_000))
+    long = record(samples=samples, sensors=tuple(f"sensor {i}" for i in range(20)))
+    long.detrended()  # scipy is imported
+    tracemalloc.start()
+    detrended = long.detrended()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1.5 * detrended.samples.nbytes
+
+
 def test_what_is_identified_from_needs_no_copy_of_a_long_record():
     """Lines of a band, and correlations at a low rate, are found sensor by sensor."""
     samples = np.random.default_rng(0).standard_normal((20, 50_000))
@@ -93,7 +104,8 @@ def test_what_is_identified_from_needs_no_copy_of_a_long_record():
     assert most < 0.5 * samples.nbytes
 
 
-def test_decimation():
+def test_detrending_and_decimation():
+    np.testing.assert_allclose(record().detrended().samples[2], 0.0, atol=1e-12)
     # Sines pass (1.4 and 1.1 of 12.5 Hz); one at 11 Hz, beyond the new Nyquist frequency, does not.
     fast = SAMPLES + 0.5 * np.sin(2 * np.pi * 11 * TIMES)
     slow = record(samples=fast).decimated_to(4.9)

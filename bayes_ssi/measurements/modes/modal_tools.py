@@ -113,7 +113,17 @@ def modal_data_from_pyoma2(
         )
     frequencies = np.atleast_1d(np.asarray(result.Fn, dtype=float)).ravel()
     shapes = np.asarray(result.Phi)
-    names = sensors or [f"channel {i}" for i in range(1, len(shapes) + 1)]
+    if shapes.ndim != 2 or shapes.shape[1] != len(frequencies):
+        raise ValueError(
+            f"modal_data_from_pyoma2: Phi must be (channels, {len(frequencies)}), "
+            f"one column for each of Fn, got shape {shapes.shape}"
+        )
+    n_channels = len(shapes)
+    names = [f"channel {i}" for i in range(1, n_channels + 1)] if sensors is None else list(sensors)
+    if len(names) != n_channels:
+        raise ValueError(
+            f"modal_data_from_pyoma2: {len(names)} sensors for {n_channels} channels of Phi"
+        )
     damping = _column(result, "Xi", len(frequencies))
     spread = _column(result, "Fn_std", len(frequencies))
     order = np.argsort(frequencies, kind="stable")

@@ -179,13 +179,14 @@ class MachineLineSettings:
 class OtherMethodSettings:
     """The methods beside the Bayesian FFT."""
 
-    correlation_periods: float = 3.0  # of the lowest frequency: lags of NExT-ERA
+    correlation_periods: float = 3.0  # of the lowest frequency: lags of NExT-ERA and SSI-cov
     most_segments: int = 20  # of NExT-ERA's jackknife
     fewest_segments: int = 8
     most_directions: int = 8  # of the most motion, in its Hankel matrices
     highest_order: int = 40
     same_log_frequency: float = 0.05  # poles of a record and a part are one mode within this
     same_shape_mac: float = 0.8  # and above this
+    subspace_segments: int = 50  # for SSI-cov's covariances, as pyOMA2 chooses
     fdd_periods: float = 50.0  # of a window, which resolves a fiftieth of the lowest frequency
     tfie_periods: float = 20.0  # long enough to tell modes apart, and short for many instants
 

@@ -21,6 +21,7 @@ BAYESIAN_FFT = "bayesian-fft"
 NAMES: Mapping[str, str] = {
     BAYESIAN_FFT: "Bayesian FFT",
     "next-era": "NExT-ERA",
+    "ssi-cov": "SSI-cov",
     "fdd": "FDD",
     "tfie": "TFIE",
 }
@@ -29,8 +30,9 @@ NAMES: Mapping[str, str] = {
 def _others() -> Mapping[str, Callable[[Record, tuple[float, float], Resonances], ModalData]]:
     from bayes_ssi.measurements.records.next_era import next_era
     from bayes_ssi.measurements.records.peak_methods import fdd, tfie
+    from bayes_ssi.measurements.records.ssi_cov import ssi_cov
 
-    return {"next-era": next_era, "fdd": fdd, "tfie": tfie}
+    return {"next-era": next_era, "ssi-cov": ssi_cov, "fdd": fdd, "tfie": tfie}
 
 
 def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:

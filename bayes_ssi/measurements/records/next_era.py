@@ -32,10 +32,9 @@ class Correlations(NamedTuple):
 def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
     """Correlation functions of a record's segments."""
     from scipy.fft import irfft, next_fast_len, rfft
-    from scipy.signal import detrend
 
     low, high = record.checked_band(band_hz)
-    slow = record.decimated_to(high)
+    slow = record.decimated_to(high).detrended()
     half = max(2, round(METHODS.correlation_periods * slow.rate_hz / low))
     n_lags = 2 * half
     n_segments = min(METHODS.most_segments, slow.n_samples // (2 * n_lags))
@@ -47,7 +46,7 @@ def correlations(record: Record, band_hz: tuple[float, float]) -> Correlations:
         )
     length = slow.n_samples // n_segments
     n = len(slow.sensors)
-    samples = np.array([detrend(row) for row in slow.samples])
+    samples = slow.samples
     _, vectors = np.linalg.eigh(samples @ samples.T)
     directions = vectors[:, ::-1][:, : min(n, METHODS.most_directions)]
     n_padded = next_fast_len(length + n_lags, real=True)

@@ -139,6 +139,15 @@ class Record(Displayed):
         rows = [self.sensors.index(name) for name in sensors]
         return replace(self, samples=_read_only(self.samples[rows]), sensors=sensors)
 
+    def detrended(self) -> Record:
+        """The record without each sensor's mean and linear trend."""
+        from scipy.signal import detrend
+
+        samples = np.array(self.samples)
+        for row in samples:  # one by one: scipy works on copies
+            row[:] = detrend(row)
+        return replace(self, samples=_read_only(samples))
+
     def decimated_to(self, highest_hz: float) -> Record:
         """The record at the lowest rate that keeps all up to ``highest_hz``.
 
