@@ -194,26 +194,36 @@ def test_in_an_overlap_of_two_records_a_mode_has_the_weights_of_both_errors():
     assert merged.remarks == ("mode '2': not in b",)
 
 
-def test_of_one_record_no_mode_is_measured_twice():
+def test_of_one_record_a_mode_in_two_bands_counts_once():
+    """It is taken from the band whose edges are farther away: 0.7 Hz, not 0.3 Hz."""
     low = record(
         mode("1", 1.0, [0.6, 0.8]),
-        mode("2", 3.300, [0.8, -0.6]),
-        band=LOW,
-        identifications=(FOUND,),
-    )
+        mode("2", 3.300, [0.8, -0.6], cov=0.001, damping=0.01, damping_sd=0.002),
+        band=LOW, identifications=(FOUND,),
+    )  # fmt: skip
     high = record(
-        mode("1", 3.303, [0.8, -0.6]), mode("2", 5.0, [0.6, 0.8]),
+        mode("1", 3.303, [0.8, -0.6], cov=0.002, damping=0.02, damping_sd=0.001),
+        mode("2", 5.0, [0.6, 0.8]),
         band=HIGH, identifications=(FOUND,),
     )  # fmt: skip
-    with pytest.raises(ValueError, match=r"low and high are of one record, whose mode at 3\.3 Hz"):
-        bs.merge_modal_data({"low": low, "high": high})
-    without = replace(high, modes=high.modes[1:])
-    assert len(bs.merge_modal_data({"low": low, "high": without}).modes) == 3
+    merged = bs.merge_modal_data({"low": low, "high": high})
+    joined = merged.data.modes[1]
+    assert (joined.frequency_hz, joined.frequency_cov, joined.damping) == pytest.approx(
+        (3.300, 0.001, 0.01), rel=1e-12
+    )
+    assert merged.remarks == (
+        "mode '2': from low alone; high is of the same record, in a band whose edge is nearer",
+    )
+    # They are compared nevertheless.
+    assert merged.modes[1].frequency.ratio == pytest.approx(
+        math.log(3.303 / 3.300) / math.hypot(0.001, 0.002), rel=1e-6
+    )
     # Files of one name that are two records, as their duration or their one band shows, count both.
     longer = replace(FOUND, record=replace(FOUND.record, duration_s=900.0))
-    for other in (replace(high, identifications=(longer,)), replace(low, source="another day")):
-        merged = bs.merge_modal_data({"low": low, "other": other})
-        assert merged.data.modes[1].frequency_cov == pytest.approx(0.002 / math.sqrt(2.0), rel=1e-9)
+    several = bs.merge_modal_data({"low": low, "high": replace(high, identifications=(longer,))})
+    assert several.data.modes[1].frequency_cov == pytest.approx(0.002 / math.sqrt(5.0), rel=1e-9)
+    again = bs.merge_modal_data({"low": low, "again": replace(low, source="another day")})
+    assert again.data.modes[1].frequency_cov == pytest.approx(0.001 / math.sqrt(2.0), rel=1e-9)
 
 
 def test_estimates_on_both_sides_of_an_edge_are_one_mode_where_their_errors_allow():

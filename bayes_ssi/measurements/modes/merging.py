@@ -2,14 +2,14 @@
 
 Their frequencies and shapes are merged by weighted least squares with their covariances
 (:mod:`~bayes_ssi.measurements.modes.weighted_shapes`), and the scatter between tests is compared
-with the errors that they claim. Bands may differ.
+with the errors that they claim. Bands may differ, as where one record was identified band by band;
+then a mode that two of them have counts once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,8 @@ class MergedModes:
 
     data: ModalData
     modes: tuple[MergedMode, ...]
-    # Modes that tests lack in whose band they are, a sentence each.
+    # Modes that tests lack in whose band they are, and modes that two bands of one record have, a
+    # sentence each.
     remarks: tuple[str, ...]
     # Quantities in which the tests differ by more than their errors, a sentence each: the structure
     # changed in between, an error is too small, or two modes are not one.
@@ -80,15 +81,16 @@ def merge_modal_data(tests: Mapping[str, ModalData]) -> MergedModes:
 
     Sensors of one name are the same. Modes of two tests are the same where each is the nearest to
     the other, by frequency and by shape, and in the band of both. Dampings are averaged by the
-    weights of their errors. The bands are joined.
+    weights of their errors. The bands are joined; where they overlap and are of one record (its
+    name, duration and rate), errors are not independent, and a mode is taken from the band whose
+    edges are farther from it.
 
     Args:
         tests: name → modes; each with the sizes of its errors, or with their joint covariance.
 
     Raises:
         ValueError: there are fewer than two tests, there is a gap between their bands, a mode has
-            no errors, a test shares no sensor with the others, or a mode is in two bands of one
-            record (its name, duration and rate).
+            no errors, or a test shares no sensor with the others.
     """
     if len(tests) < 2:
         raise ValueError(f"merging: give two tests or more, got {len(tests)}")
@@ -105,8 +107,9 @@ class _Merging:
 
     def merged_modes(self) -> MergedModes:
         groups = self._matched_modes()
+        independent = [self._independent(group) for group in groups]
         labels = _labels(groups)
-        merged = self._merged(groups)
+        merged = self._merged(independent)
         modes = tuple(
             MergedMode(
                 label,
@@ -116,7 +119,7 @@ class _Merging:
             )
             for label, group in zip(labels, groups, strict=True)
         )
-        joined = tuple(self._identified_modes(merged, groups, labels))
+        joined = tuple(self._identified_modes(merged, independent, labels))
         failed = tuple(_failed(modes, joined))
         data = ModalData(
             joined,
@@ -127,7 +130,7 @@ class _Merging:
             tuple(self._identifications(modes, joined)),
             (*failed, *(check for test in self.tests.values() for check in test.failed_checks)),
         )
-        return MergedModes(data, modes, tuple(self._remarks(modes, joined)), failed)
+        return MergedModes(data, modes, tuple(self._remarks(modes, joined, independent)), failed)
 
     def _matched_modes(self) -> list[Group]:
         """Groups of modes that are the same, in ascending order of frequency.
@@ -148,15 +151,6 @@ class _Merging:
                     groups[nearest][test] = mode
                 else:
                     groups.append({test: mode})
-        for group in groups:
-            for one, other in combinations(group, 2):
-                if _are_of_one_record(self.tests[one], self.tests[other]):
-                    raise ValueError(
-                        f"merging: {one} and {other} are of one record, whose mode at "
-                        f"{group[one].frequency_hz:.4g} Hz is in both of their bands and was not "
-                        "measured twice; identify the record in one band, or leave the mode out of "
-                        "one of them"
-                    )
         return sorted(groups, key=_mean_log_frequency)
 
     def _distance(self, test: str, mode: IdentifiedMode, group: Group) -> float:
@@ -175,6 +169,20 @@ class _Merging:
             places = [self.sensors.index(sensor) for sensor in self.tests[test].sensors]
             shape[places] = mode.scored_shape
         return shape
+
+    def _independent(self, group: Group) -> Group:
+        """The group with one mode of each record: that from the band whose edges are farthest."""
+        hz = float(np.exp(_mean_log_frequency(group)))
+
+        def from_edges(name: str) -> float:
+            low, high = self.tests[name].band_hz
+            return min(hz - low, high - hz)
+
+        kept: list[str] = []
+        for name in sorted(group, key=from_edges, reverse=True):
+            if not any(_are_of_one_record(self.tests[name], self.tests[other]) for other in kept):
+                kept.append(name)
+        return {name: mode for name, mode in group.items() if name in kept}
 
     def _joined_shape(self, group: Group) -> tuple[FloatArray, NDArray[np.bool_]]:
         """A first estimate of the shape (N,) at unit length, and which components were measured."""
@@ -264,9 +272,10 @@ class _Merging:
         self,
         modes: Sequence[MergedMode],
         joined: Sequence[IdentifiedMode],
+        independent: Sequence[Group],
     ) -> Iterator[str]:
-        """Which tests lack a mode in their band."""
-        for row, mode in zip(modes, joined, strict=True):
+        """Which tests lack a mode in their band, and which are left out as of the same record."""
+        for row, mode, group in zip(modes, joined, independent, strict=True):
             lacking = [
                 name
                 for name, data in self.tests.items()
@@ -275,6 +284,11 @@ class _Merging:
             ]
             if lacking:
                 yield f"mode {row.label!r}: not in {', '.join(lacking)}"
+            if left_out := [name for name in row.labels if name not in group]:
+                yield (
+                    f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is "
+                    "of the same record, in a band whose edge is nearer"
+                )
 
 
 def _joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
