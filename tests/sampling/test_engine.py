@@ -255,7 +255,7 @@ def ensemble_at(*places, n=1500):
 def refitted(mixture, *ensembles):
     target, rng = Target(two_places, 2), np.random.default_rng(0)
     one_maximum = find_maxima(target, np.array([[5.9, 0.1]]))
-    fitting = ProposalFitting(ImportanceSampler(target, rng), one_maximum)
+    fitting = ProposalFitting(ImportanceSampler(target, rng), one_maximum.as_mixture())
     trial = fitting.sampler.sample(mixture)
     return trial, fitting.refitted(ensembles, trial)
 

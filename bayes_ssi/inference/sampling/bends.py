@@ -2,7 +2,8 @@
 
 Whitened coordinates w of a component become v by w_j = v_j + P_j(v_1, …, v_{j-1}) with polynomials
 P_j: a triangular map whose Jacobian is 1, so that a density of v is one of w. With the widest
-direction first, the thin ones follow the curve or sheet that the wide ones span.
+direction first, the thin ones follow the curve or sheet that the wide ones span. The polynomials
+may be of the first few coordinates alone.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,15 @@ from bayes_ssi.inference.sampling.settings import MIXTURES
 class Bend:
     """The polynomials of one component, or of several (...) of equal degree."""
 
-    # (..., d, F), of all monomials of d - 1 variables; row j has those of the first j.
+    # (..., d, F), of all monomials of d - 1 variables, or fewer; row j has those of the first j.
     coefficients: FloatArray
     degree: int
     reach: FloatArray
+
+    @cached_property
+    def n_variables(self) -> int:
+        n_monomials_of = (n_monomials(m, self.degree) for m in range(self.coefficients.shape[-2]))
+        return list(n_monomials_of).index(self.coefficients.shape[-1])
 
     @staticmethod
     def stacked(bends: Sequence[Bend]) -> Bend:
@@ -53,7 +59,7 @@ class Bend:
 
     def widened(self, factor: float) -> Bend:
         """The bend of the same ridge for a component ``factor`` times as wide."""
-        degrees = _degrees(self.coefficients.shape[-2] - 1, self.degree)
+        degrees = _degrees(self.n_variables, self.degree)
         coefficients = self.coefficients * factor ** (degrees - 1.0)
         return replace(self, coefficients=coefficients, reach=self.reach / factor)
 
@@ -61,10 +67,12 @@ class Bend:
         """Each j and P_j (..., n) of the coordinates of v before it, as they then are."""
         terms = np.ones((*v.shape[:-2], 1, v.shape[-1]))
         for j in range(1, v.shape[-2]):
-            variable = np.clip(v[..., j - 1, :], -self.reach, self.reach)
-            terms = _with_variable(terms, variable, j - 1, self.degree)
+            if j <= self.n_variables:
+                variable = np.clip(v[..., j - 1, :], -self.reach, self.reach)
+                terms = _with_variable(terms, variable, j - 1, self.degree)
             row = self.coefficients[..., j, None, : terms.shape[-2]]
-            yield j, (row @ terms)[..., 0, :]
+            if row.any():
+                yield j, (row @ terms)[..., 0, :]
 
 
 def fit_bend(
@@ -95,6 +103,37 @@ def fit_bend(
         coefficients[j, : len(terms)] = fitted / widths[j]
         v = residuals / widths[j]
     return Bend(coefficients, degree, np.full(1, reach)), widths
+
+
+def bend_along(
+    wide: FloatArray, thin: FloatArray, weights: FloatArray, degree: int
+) -> tuple[Bend, FloatArray]:
+    """Thin coordinates as polynomials of wide ones, by weighted least squares.
+
+    Args:
+        wide: (m, n), whitened coordinates of points on a ridge, at most ``bend_reach``.
+        thin: (k, n), coordinates of these points, in standard deviations across the ridge.
+        weights: (n,), at most one.
+
+    Returns:
+        The bend of all coordinates, the wide ones first, and the width (m + k,) of each: one, but
+        for what the polynomials leave.
+    """
+    terms = np.ones((1, wide.shape[1]))
+    for j, variable in enumerate(wide):
+        terms = _with_variable(terms, variable, j, degree)
+    weighted = terms * weights
+    gram = weighted @ terms.T
+    gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
+    fitted = np.linalg.solve(gram, weighted @ thin.T).T
+    n, n_fitted = float(weights.sum()), len(terms)
+    # What is left of points that the fit has not seen, as it would be of noise.
+    unseen = (n + n_fitted) / max(n - n_fitted, 1.0)
+    left = unseen * ((thin - fitted @ terms) ** 2 @ weights) / n
+    widths = np.concatenate([np.ones(len(wide)), np.sqrt(1.0 + left)])
+    coefficients = np.concatenate([np.zeros((len(wide), n_fitted)), fitted])
+    bend = Bend(coefficients / widths[:, None], degree, np.full(1, MIXTURES.bend_reach))
+    return bend, widths
 
 
 def n_monomials(n_variables: int, degree: int) -> int:

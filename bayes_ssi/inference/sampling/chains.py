@@ -16,7 +16,6 @@ from bayes_ssi.inference.sampling.importance import (
     ImportanceSampler,
     ScoredDraws,
 )
-from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
 from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture
 from bayes_ssi.inference.sampling.settings import (
@@ -34,9 +33,9 @@ class ProposalFitting:
     """Fits mixtures, each of which is tried out on a batch of importance draws."""
 
     sampler: ImportanceSampler
-    # Maxima of the posterior. Every mixture has components around them, so that regions that the
-    # draws lost are still proposed.
-    maxima: Maxima
+    # Components around the maxima of the posterior. Every mixture has them, so that regions that
+    # the draws lost are still proposed.
+    around_maxima: StudentMixture
     wanted_error: float = SamplingSettings.log_evidence_error  # of the log evidence
     chains: ChainSettings = CHAINS
 
@@ -82,7 +81,11 @@ class ProposalFitting:
 
     def _mixture(self, draws: FloatArray, held_out: FloatArray) -> StudentMixture:
         fitted = choose_mixture(self._thinned(draws), held_out, self.sampler.rng)
-        return fitted.mixed_with(self.maxima.as_mixture()).widened()
+        mixture = fitted.mixed_with(self.around_maxima)
+        if any(self.around_maxima.bends):
+            # They may follow a ridge better than what draws are enough to fit.
+            mixture = mixture.reweighted(held_out, np.ones(len(held_out)))
+        return mixture.widened()
 
     def _thinned(self, draws: FloatArray) -> FloatArray:
         """As many of the draws as a batch of importance draws has, at random."""

@@ -43,9 +43,11 @@ from bayes_ssi.inference.sampling.importance import (
     bridge_sampling,
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, reached
+from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
+from bayes_ssi.inference.sampling.ridges import along_ridges
 from bayes_ssi.inference.sampling.settings import (
     CHAINS,
     IMPORTANCE,
@@ -137,19 +139,25 @@ class _Sampling:
             ),
             chains=replace(self.chains, most_refits=0),
         )
-        fitting = coarse._fitting(search.maxima)
-        return coarse._sampled(search, fitting, first, walkers, [])
+        fitting = coarse._fitting(search.maxima.as_mixture())
+        return coarse._sampled(search, fitting, search.maxima, first, walkers, [])
 
-    def _fitting(self, maxima: Maxima) -> ProposalFitting:
-        return ProposalFitting(self.sampler, maxima, self.settings.log_evidence_error, self.chains)
+    def _fitting(self, around_maxima: StudentMixture) -> ProposalFitting:
+        wanted_error = self.settings.log_evidence_error
+        return ProposalFitting(self.sampler, around_maxima, wanted_error, self.chains)
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice.
 
         Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
-        fitting = self._fitting(search.maxima)
-        first = self.sampler.sample(search.maxima.as_mixture().widened())
+        fitting = self._fitting(search.maxima.as_mixture())
+        first = self.sampler.sample(fitting.around_maxima.widened())
+        if not fitting.serves(first):
+            ridges = along_ridges(self.target, search.maxima, self.rng)
+            bent = ridges and self.sampler.sample(ridges.widened())
+            if ridges and bent and bent.efficiency > first.efficiency:
+                fitting, first = self._fitting(ridges), bent
         enough = MIXTURES.draws_per_dimension * self.target.n_dimensions
         if first.effective_sample_size < enough:
             first = self.sampler.extended(first, 4.0)
@@ -176,7 +184,7 @@ class _Sampling:
         n = 2 * self.n_walkers
         walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
-        return self._sampled(search, fitting, best, walkers, [check])
+        return self._sampled(search, fitting, search.maxima, best, walkers, [check])
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""
@@ -189,10 +197,13 @@ class _Sampling:
         )
         # Particles may have passed through regions that no search found: climb from there, too.
         climbers = np.concatenate([one.climbers(search.maxima) for one in compressions])
-        fitting = self._fitting(find_maxima(self.target, climbers, search.maxima))
+        maxima = find_maxima(self.target, climbers, search.maxima)
+        ridges = along_ridges(self.target, maxima, self.rng)
+        fitting = self._fitting(ridges or maxima.as_mixture())
         return self._sampled(
             search,
             fitting,
+            maxima,
             fitting.fitted(*(one.draws for one in compressions)),
             [one.walkers(self.n_walkers, self.rng) for one in compressions],
             [compression_estimate(compressions)],
@@ -203,6 +214,7 @@ class _Sampling:
         self,
         search: MultistartSearch,
         fitting: ProposalFitting,
+        maxima: Maxima,
         trial: ImportanceSample,
         walkers: Sequence[Walkers],
         checks: Sequence[EvidenceEstimate],
@@ -221,13 +233,13 @@ class _Sampling:
         return SamplingResult(
             search=search,
             compressions=compressions,
-            maxima=fitting.maxima,
+            maxima=maxima,
             ensembles=tuple(ensembles),
             importance=importance,
             evidence_checks=(
                 bridge_sampling(ensembles[1], importance),
                 *checks,
-                fitting.maxima.laplace_estimate,
+                maxima.laplace_estimate,
             ),
             regions=regions,
             maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
@@ -244,7 +256,9 @@ class _Sampling:
         sample = self.sampler.beyond_ends(trial, wanted_error)
         sample = self.sampler.renewed(sample, self.sampler.batch)
         sample = self.sampler.refined(sample, wanted_error, others)
-        regions = find_regions(self.target, *sample.typical_draws)
+        draws, log_posteriors = sample.typical_draws
+        chart = sample.mixture.chart(draws)
+        regions = find_regions(self.target, draws, log_posteriors, chart)
         if regions.n_regions == 1:
             return sample, regions
         errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)

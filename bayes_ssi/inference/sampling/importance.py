@@ -122,20 +122,14 @@ class ImportanceSample:
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
+        return self._share_beyond(
+            [other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws) for other in others]
+        )
+
+    def _share_beyond(self, log_weights: Sequence[FloatArray]) -> float:
         # Chains begin at importance draws: one of both weighs the same but for rounding.
         heaviest = self.log_weights.max() + 1e-6
-        return max(float(np.mean(self._log_weights_of(other) > heaviest)) for other in others)
-
-    def heaviest_of(self, others: Sequence[ScoredDraws]) -> FloatArray:
-        """The posterior draw (d,) that as an importance draw would weigh most."""
-        log_weights = np.concatenate([self._log_weights_of(other) for other in others])
-        draws = np.concatenate([other.draws for other in others])
-        return np.asarray(draws[log_weights.argmax()])
-
-    def _log_weights_of(self, other: ScoredDraws) -> FloatArray:
-        """Log weights (n,) of posterior draws, as importance draws."""
-        log_weights: FloatArray = other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws)
-        return log_weights
+        return max((float(np.mean(of_other > heaviest)) for of_other in log_weights), default=0.0)
 
     def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
         """The draws in two equal parts, at random."""
@@ -204,20 +198,25 @@ class ImportanceSampler:
         """
         least_missing = IMPORTANCE.least_missing * wanted_error
         left_to_add = IMPORTANCE.most_added
+        draws = [other.draws for other in others]
+        heights = [other.log_posteriors.ravel() for other in others]
         while True:
             n_before, left_before = len(sample.z), left_to_add
+            log_pdfs = [sample.mixture.log_pdf(z) for z in draws] if left_to_add else []
             while left_to_add:
+                log_weights = [h - log_pdf for h, log_pdf in zip(heights, log_pdfs, strict=True)]
                 if (
                     sample.pareto_k > IMPORTANCE.pareto_k_limit
                     or sample.weights.max() > IMPORTANCE.largest_weight
                     or sample.efficiency < self.least_efficiency
                 ):
                     centre = sample.z[sample.weights.argmax()]
-                elif others and sample.share_beyond(others) > least_missing:
-                    centre = sample.heaviest_of(others)
+                elif sample._share_beyond(log_weights) > least_missing:
+                    centre = np.concatenate(draws)[np.concatenate(log_weights).argmax()]
                 else:
                     break
                 sample = self._with_component(sample, centre)
+                log_pdfs = list(map(sample.mixture.log_pdf_with_last, draws, log_pdfs))
                 left_to_add -= 1
             if left_to_add < left_before:
                 sample = self.renewed(sample, n_before)
@@ -292,15 +291,15 @@ class ImportanceSampler:
         mixture = sample.mixture.mixed_with(component, more / (n + more))
         mixture = replace(mixture, prior_share=sample.mixture.prior_share * n / (n + more))
         drawn = component.draw(np.array([more, 0]), self.rng)
-        z = np.concatenate([sample.z, drawn])
+        before = mixture.log_pdf_with_last(sample.z, sample.log_proposals)
         last = sample.mixture.n_components
         # Strata are numbered as the components are, the prior last.
         strata = np.where(sample.strata == last, last + 1, sample.strata)
         return ImportanceSample(
             mixture,
-            z,
+            np.concatenate([sample.z, drawn]),
             np.concatenate([sample.log_likelihoods, self.target.log_likelihood(drawn)]),
-            mixture.log_pdf(z),
+            np.concatenate([before, mixture.log_pdf(drawn)]),
             np.concatenate([strata, np.full(more, last)]),
         )
 

@@ -79,7 +79,8 @@ class Maxima:
         along = powers * variances * precisions * np.einsum("mij,mi->mj", axes, z)
         means = np.einsum("mij,mj->mi", axes, along)
         log_masses = 0.5 * np.log(variances).sum(1) - 0.5 * (means**2).sum(1)
-        return _mixture(means, axes * np.sqrt(variances)[:, None], log_masses)
+        tails = MIXTURES.tails_within(z.shape[1])
+        return _mixture(means, axes * np.sqrt(variances)[:, None], log_masses, tails)
 
 
 def reached(
@@ -93,17 +94,22 @@ def reached(
     are_at = maxima.are_at(z)
     m, n = np.nonzero(are_at & ~maxima.are_at(z, MAXIMA.within))
     lower_ends = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
-    lowest = lowest_between(target, maxima.z[m], z[n], lower_ends)
+    lowest = lowest_between(target.log_posterior, maxima.z[m], z[n], lower_ends)
     are_at[m, n] = lowest >= lower_ends - REGIONS.valley_depth
     return are_at
 
 
-def _mixture(means: FloatArray, factors: FloatArray, log_masses: FloatArray) -> StudentMixture:
+def _mixture(
+    means: FloatArray,
+    factors: FloatArray,
+    log_masses: FloatArray,
+    tails: float = MIXTURES.heavy_tails,
+) -> StudentMixture:
     """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
     kept = log_weights > MAXIMA.negligible_log_mass
     weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
-    dof = np.full(len(weights), MIXTURES.heavy_tails)
+    dof = np.full(len(weights), tails)
     return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
@@ -163,19 +169,21 @@ def _distinct(
 
 
 def ascend(
-    target: Target, starts: FloatArray, inverse: FloatArray
+    target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """All ascents at once, by BFGS with finite differences: end points and their log posteriors.
 
-    ``inverse`` (S, d, d) are the first inverse Hessians.
+    ``inverse`` (S, k, k) are the first inverse Hessians, along the orthonormal ``axes`` (k, d) that
+    ascents keep to; those of the coordinates if None.
     """
     inverse = inverse.copy()
     z = np.array(starts, dtype=float)
     n, d = z.shape
+    axes = np.eye(d) if axes is None else axes
     value = target.log_posterior(z)
-    gradient = np.zeros((n, d))
+    gradient = np.zeros((n, len(axes)))
     active = np.flatnonzero(np.isfinite(value))
-    gradient[active] = _gradient(target, z[active], value[active])
+    gradient[active] = _gradient(target, z[active], value[active], axes)
     reach = np.full(n, 1.0)
     step_lengths = np.array(MAXIMA.step_lengths)
     for _ in range(MAXIMA.steps_of_ascent):
@@ -186,8 +194,9 @@ def ascend(
         expected = np.einsum("nd,nd->n", direction, slope)
         lengths = np.linalg.norm(direction, axis=1)
         direction *= np.minimum(1.0, MAXIMA.longest_step / np.maximum(lengths, 1e-300))[:, None]
-        tried = z[active][None] + (step_lengths[:, None] * reach[active])[..., None] * direction
-        values = target.log_posterior(tried.reshape(-1, d)).reshape(len(step_lengths), -1)
+        tried = (step_lengths[:, None] * reach[active])[..., None] * direction
+        tried_z = z[active][None] + tried @ axes
+        values = target.log_posterior(tried_z.reshape(-1, d)).reshape(len(step_lengths), -1)
         best = values.argmax(0)
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
@@ -195,10 +204,10 @@ def ascend(
         # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
         reach[active] = np.where(better, 1.0, reach[active] * step_lengths[-1])
         moved = active[better]
-        step = tried[best, rows][better] - z[moved]
-        z[moved] += step
+        step = tried[best, rows][better]
+        z[moved] = tried_z[best, rows][better]
         value[moved] = values[best, rows][better]
-        new_gradient = _gradient(target, z[moved], value[moved])
+        new_gradient = _gradient(target, z[moved], value[moved], axes)
         _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
         gradient[moved] = new_gradient
         finished = (better & (rise < MAXIMA.least_rise) & (expected < 10 * MAXIMA.least_rise)) | (
@@ -208,11 +217,11 @@ def ascend(
     return z, value
 
 
-def _gradient(target: Target, z: FloatArray, value: FloatArray) -> FloatArray:
-    """Forward differences, (n, d), all in one batch."""
-    n, d = z.shape
-    ahead = z[:, None, :] + MAXIMA.gradient_step * np.eye(d)
-    rise = target.log_posterior(ahead.reshape(-1, d)).reshape(n, d) - value[:, None]
+def _gradient(target: Target, z: FloatArray, value: FloatArray, axes: FloatArray) -> FloatArray:
+    """Forward differences along axes (k, d), (n, k), all in one batch."""
+    ahead = z[:, None, :] + MAXIMA.gradient_step * axes
+    rises = target.log_posterior(ahead.reshape(-1, z.shape[1])).reshape(len(z), len(axes))
+    rise = rises - value[:, None]
     return np.nan_to_num(rise / MAXIMA.gradient_step, nan=0.0, posinf=0.0, neginf=0.0)
 
 

@@ -27,8 +27,8 @@ class StudentMixture:
     # Weight of N(0, I), the defensive component: it bounds every importance weight by the greatest
     # likelihood over ``prior_share``.
     prior_share: float = 0.0
-    # Of the components that follow a curved ridge, all of one degree, None for straight ones; empty
-    # where all are straight.
+    # Of the components that follow a curved ridge, None for straight ones; empty where all are
+    # straight.
     bends: tuple[Bend | None, ...] = ()
 
     @property
@@ -59,8 +59,8 @@ class StudentMixture:
         whitened = factors @ z.T
         whitened -= means
         whitened = whitened.reshape(*self.means.shape, len(z))
-        if self._bent:
-            whitened[self._bent] = self._stacked_bends.straightened(whitened[self._bent])
+        for bent, bends in self._stacked_bends:
+            whitened[bent] = bends.straightened(whitened[bent])
         whitened *= whitened
         squares: FloatArray = whitened.sum(axis=1)
         return squares
@@ -74,15 +74,46 @@ class StudentMixture:
 
     def log_pdf(self, z: FloatArray) -> FloatArray:
         """The log density (n,) at ``z`` (n, d), the defensive component included."""
-        part = 2048  # densities of so many points stay in the processor's cache
-        if len(z) > part:
-            return np.concatenate([self.log_pdf(z[i : i + part]) for i in range(0, len(z), part)])
+        parts = self._parts(z)
+        if len(parts) > 1:
+            return np.concatenate([self.log_pdf(part) for part in parts])
         total = log_sum(self.log_components(self.squared_distances(z)))
         if self.prior_share == 0.0:
             return total
         d = z.shape[1]
         prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
         return np.logaddexp(total, prior + math.log(self.prior_share))
+
+    def shares(self, z: FloatArray, weights: FloatArray) -> FloatArray:
+        """The share (K,) of weighted draws ``z`` (n, d) in every component."""
+        shares = np.zeros(self.n_components)
+        end = 0
+        for part in self._parts(z):
+            log_parts = self.log_components(self.squared_distances(part))
+            begin, end = end, end + len(part)
+            shares += np.exp(log_parts - log_sum(log_parts)) @ weights[begin:end]
+        return shares / shares.sum()
+
+    def log_pdf_with_last(self, z: FloatArray, log_pdf_without: FloatArray) -> FloatArray:
+        """The log density (n,) at ``z`` (n, d), given that without the last component added."""
+        last = StudentMixture(np.ones(1), self.means[-1:], self.factors[-1:], self.dof[-1:])
+        share = float(self.weights[-1])
+        return np.logaddexp(math.log1p(-share) + log_pdf_without, math.log(share) + last.log_pdf(z))
+
+    def chart(self, z: FloatArray) -> Chart | None:
+        """That of the bent component to which most of the draws ``z`` (n, d) belong, if any."""
+        if not any(self.bends):
+            return None
+        shares = self.shares(z, np.ones(len(z)))
+        k = int(shares.argmax())
+        bend = self.bends[k]
+        return Chart(self.means[k], self.factors[k], bend) if bend and shares[k] > 0.5 else None
+
+    def _parts(self, z: FloatArray) -> list[FloatArray]:
+        """Draws in parts whose distances from all components stay in the processor's cache."""
+        n_terms = max((bend.coefficients.shape[-1] for bend in self.bends if bend), default=0)
+        n = max(64, 2**18 // (self.means.size + 2 * n_terms))
+        return np.split(z, range(n, len(z), n))
 
     def with_prior_component(self, prior_share: float = MIXTURES.defensive_share) -> StudentMixture:
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
@@ -117,10 +148,8 @@ class StudentMixture:
         All components share the defensive share equally: a walker could hardly leave a region
         again if its component were hardly ever proposed.
         """
-        log_parts = self.log_components(self.squared_distances(z))
-        shares = np.exp(log_parts - log_sum(log_parts)) @ weights
         defensive = MIXTURES.defensive_share
-        shares = (1.0 - defensive) * shares / shares.sum() + defensive / len(shares)
+        shares = (1.0 - defensive) * self.shares(z, weights) + defensive / self.n_components
         return replace(self, weights=shares)
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
@@ -143,7 +172,8 @@ class StudentMixture:
             if bend is not None:
                 drawn = slice(ends[k] - counts[k], ends[k])
                 whitened[drawn] = bend.bent(whitened[drawn].T).T
-        steps = np.einsum("nij,nj->ni", self.factors[component], whitened)
+        parts = np.split(whitened, ends[: self.n_components - 1])
+        steps = np.concatenate([part @ f.T for part, f in zip(parts, self.factors, strict=True)])
         return np.concatenate([self.means[component] + steps, rng.standard_normal((counts[-1], d))])
 
     @property
@@ -151,18 +181,40 @@ class StudentMixture:
         return self.bends or (None,) * self.n_components
 
     @cached_property
-    def _bent(self) -> list[int]:
-        """The bent components, whose bends are of one degree."""
-        return [k for k, bend in enumerate(self.bends) if bend is not None]
-
-    @cached_property
-    def _stacked_bends(self) -> Bend:
-        return Bend.stacked([bend for bend in self.bends if bend is not None])
+    def _stacked_bends(self) -> list[tuple[list[int], Bend]]:
+        """Bent components whose polynomials have the same monomials, and their bends as one."""
+        alike: dict[tuple[int, int], list[int]] = {}
+        for k, bend in enumerate(self.bends):
+            if bend is not None:
+                alike.setdefault((bend.degree, bend.n_variables), []).append(k)
+        return [
+            (bent, Bend.stacked([bend for k in bent if (bend := self.bends[k]) is not None]))
+            for bent in alike.values()
+        ]
 
     @property
     def all_weights(self) -> FloatArray:
         """(K + 1,): the components' weights and the defensive one's."""
         return np.append(self.weights, self.prior_share)
+
+
+class Chart(NamedTuple):
+    """Coordinates in which a bent component is straight and its factor is I.
+
+    Densities in these are those in others times a constant.
+    """
+
+    mean: FloatArray  # (d,)
+    factor: FloatArray  # (d, d)
+    bend: Bend
+
+    def straight(self, z: FloatArray) -> FloatArray:
+        """Coordinates (n, d) of points ``z`` (n, d)."""
+        return self.bend.straightened(np.linalg.solve(self.factor, (z - self.mean).T)).T
+
+    def curved(self, v: FloatArray) -> FloatArray:
+        """Points (n, d) at these coordinates ``v`` (n, d)."""
+        return self.mean + (self.factor @ self.bend.bent(v.T)).T
 
 
 class Proposal(NamedTuple):

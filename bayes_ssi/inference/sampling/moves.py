@@ -49,7 +49,16 @@ class _BatchAcceptance(RedBlueMove):
 
 
 class _DifferentialEvolution(_BatchAcceptance, emcee.moves.DEMove):
-    pass
+    def get_proposal(self, s: FloatArray, c: Any, random: Any) -> tuple[FloatArray, FloatArray]:
+        """As emcee's, without its list of all pairs, longer than a matrix in many dimensions."""
+        others = np.concatenate(c)
+        first, more = (
+            random.randint(len(others), size=len(s)),
+            random.randint(len(others) - 1, size=len(s)),
+        )
+        second = (first + 1 + more) % len(others)
+        lengths = self.g0 * (1.0 + self.sigma * random.randn(len(s), 1))
+        return s + lengths * (others[second] - others[first]), np.zeros(len(s))
 
 
 class _Stretch(_BatchAcceptance, emcee.moves.StretchMove):

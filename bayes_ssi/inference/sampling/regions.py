@@ -6,6 +6,7 @@ where a path between the two does not lead through a valley. Distances are scale
 between neighbours, not by the spread of all draws, in which separate regions would seem near.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.mixture import Chart
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.inference.sampling.settings import REGIONS
 from bayes_ssi.inference.sampling.target import Target
@@ -35,13 +37,16 @@ def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
 
 
 def lowest_between(
-    target: Target, a: FloatArray, b: FloatArray, lower_ends: FloatArray
+    log_posterior: Callable[[FloatArray], FloatArray],
+    a: FloatArray,
+    b: FloatArray,
+    lower_ends: FloatArray,
 ) -> FloatArray:
     """The lowest log posterior (m,) on straight paths from ``a`` to ``b`` (m, d), ends included."""
     n = REGIONS.points_between
     fractions = np.arange(1, n + 1)[:, None, None] / (n + 1)
     between = a + fractions * (b - a)
-    inside = target.log_posterior(between.reshape(-1, a.shape[1])).reshape(n, -1)
+    inside = log_posterior(between.reshape(-1, a.shape[1])).reshape(n, -1)
     return np.minimum(inside.min(axis=0), lower_ends)
 
 
@@ -49,8 +54,9 @@ def lowest_between(
 class Regions:
     """Draws that represent the regions of a posterior."""
 
-    draws: FloatArray  # (n, d)
+    draws: FloatArray  # (n, d), in coordinates of the chart if there is one
     labels: NDArray[np.intp]  # (n,), the region of each draw, numbered from 0
+    chart: Chart | None = None
 
     @property
     def n_regions(self) -> int:
@@ -64,6 +70,7 @@ class Regions:
         # than a tree, which in ten dimensions looks into nearly all its branches; those of 32
         # points at a time stay in a cache.
         whitening, whitened = self._whitened
+        z = z if self.chart is None else self.chart.straight(z)
         points = np.column_stack([z @ whitening, np.ones(len(z))])
         parts = np.split(points, range(32, len(z), 32))
         nearest = [(part @ whitened).argmax(axis=1) for part in parts]
@@ -82,37 +89,45 @@ class Regions:
         return whitening, np.vstack([whitened.T, -0.5 * (whitened**2).sum(axis=1)])
 
 
-def find_regions(target: Target, draws: FloatArray, log_posteriors: FloatArray) -> Regions:
+def find_regions(
+    target: Target, draws: FloatArray, log_posteriors: FloatArray, chart: Chart | None = None
+) -> Regions:
     """Group draws into regions.
 
     Args:
         draws: (n, d), posterior draws.
         log_posteriors: (n,), up to a constant.
+        chart: in whose coordinates paths are straight. Between draws of a thin curved sheet, paths
+            that are straight in others leave it.
     """
     chosen = evenly_spaced_indices(len(draws), REGIONS.most_draws)
     draws, log_posteriors = draws[chosen], log_posteriors[chosen]
-    paths = _Paths(target, draws, log_posteriors)
+    log_posterior = target.log_posterior
+    if chart is not None:
+        draws = chart.straight(draws)
+        log_posterior = lambda v: target.log_posterior(chart.curved(v))  # noqa: E731
+    paths = _Paths(log_posterior, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)
     nearest = nearest_neighbours(whitened)
     groups = _groups(nearest, paths)
     groups = _joined(groups, _neighbouring_pairs(groups, nearest, paths), paths)
     # Groups whose draws are no other draw's neighbours.
     groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
-    return Regions(draws, _without_the_smallest(groups, whitened))
+    return Regions(draws, _without_the_smallest(groups, whitened), chart)
 
 
 @dataclass(frozen=True, eq=False)
 class _Paths:
     """Draws (n, d) with their log posteriors (n,), and what lies between two of them."""
 
-    target: Target
+    log_posterior: Callable[[FloatArray], FloatArray]
     draws: FloatArray
     log_posteriors: FloatArray
 
     def lowest(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
         """The lowest log posterior (m,) on the straight path between two draws, ends included."""
         lower_ends = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
-        return lowest_between(self.target, self.draws[first], self.draws[second], lower_ends)
+        return lowest_between(self.log_posterior, self.draws[first], self.draws[second], lower_ends)
 
     def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
         """Group → its highest draw, given the group (n,) of each draw."""
@@ -168,11 +183,13 @@ def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) ->
     """
     groups = groups.copy()
     levels = paths.lowest(*pairs.T)
+    heights = paths.log_posteriors
+    typical = np.array([np.median(heights[groups == group]) for group in range(groups.max() + 1)])
     for pair in np.argsort(-levels, kind="stable"):
         a, b = groups[pairs[pair]]
-        typical = min(np.median(paths.log_posteriors[groups == group]) for group in (a, b))
-        if levels[pair] > typical - REGIONS.valley_depth:
+        if a != b and levels[pair] > min(typical[a], typical[b]) - REGIONS.valley_depth:
             groups[groups == b] = a
+            typical[a] = np.median(heights[groups == a])
     return _numbered(groups)
 
 

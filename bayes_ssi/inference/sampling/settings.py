@@ -143,6 +143,7 @@ class MixtureSettings:
     light_tails: float = 30.0
     heavy_tails: float = 5.0
     heaviest_tails: float = 2.0
+
     # Weight of components added in case a mixture misses a part of the posterior: the importance
     # weights of the other draws rise by a ninth at most.
     defensive_share: float = 0.1
@@ -158,6 +159,32 @@ class MixtureSettings:
     # The polynomials' arguments end at this multiple of a component's width: hardly a draw is
     # further out, and powers of polynomials of polynomials stay finite.
     bend_reach: float = 10.0
+
+    def tails_within(self, n_dimensions: int) -> float:
+        """Degrees of freedom of proposals within a level, where a density has no tails.
+
+        A component's width varies by 1/√(2 ν). In many dimensions nearly all of a level's volume is
+        in a thin shell, which hardly a proposal of varying width hits.
+        """
+        return self.light_tails * max(1.0, n_dimensions / 5.0)
+
+
+@dataclass(frozen=True)
+class RidgeSettings:
+    """Where a ridge is, and how it is followed."""
+
+    # Maxima, those with the most mass first, whose ridges are followed.
+    most: int = 8
+    # A direction is along the ridge if the posterior has more than this share of the prior's
+    # variance in it.
+    least_variance: float = 0.1
+    # Most coefficients of a thin coordinate: to solve for them takes as long as some ten thousand
+    # evaluations of a small structure. Those of three thin in twenty coordinates are fewer, to the
+    # third degree.
+    most_monomials: int = 1200
+    points_per_monomial: int = 2
+    # Polynomials are good enough where they widen a ridge by no more than this factor.
+    enough: float = 1.1
 
 
 @dataclass(frozen=True)
@@ -275,6 +302,7 @@ class CheckSettings:
 MAXIMA = MaximaSettings()
 REGIONS = RegionSettings()
 MIXTURES = MixtureSettings()
+RIDGES = RidgeSettings()
 IMPORTANCE = ImportanceSettings()
 COMPRESSION = CompressionSettings()
 CHAINS = ChainSettings()
