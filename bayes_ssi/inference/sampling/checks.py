@@ -74,11 +74,13 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
     if regions.n_regions == 1:
         return
     n_searches = sampled.searches_of_regions
+    n_draws = sampled.search.n_draws / sampled.search.n_searches
+    seen = sampled.prior_masses_of_regions * n_draws >= CHECKS.draws_that_see
     shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
     shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.draws]))
     for region in np.flatnonzero(region_shares > CHECKS.small_share):
         name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
-        if n_searches[region] < 2:
+        if n_searches[region] < 2 and not seen[region]:
             yield (
                 f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
                 "independent searches; there may be others"

@@ -201,7 +201,7 @@ class _Climb:
     def _proposal(self, level: float, others: FloatArray) -> Proposal:
         n, d = others.shape
         n_components = max(1, n // (COMPRESSION.particles_per_component * d))
-        mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng)
+        mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng).widened()
         around_maxima = self._maxima.above(level)
         if around_maxima is not None:
             mixture = mixture.mixed_with(around_maxima, COMPRESSION.maxima_share)

@@ -228,7 +228,9 @@ class _Sampling:
         importance, regions = self._importance(trial, (*ensembles, *compressions))
         resampled: tuple[Ensemble, ...] = ()
         longer_allowed = max_steps > self.chains.steps_of_check
-        if longer_allowed and not all(ensemble.is_long_enough for ensemble in ensembles):
+        if longer_allowed and not all(
+            ensemble.is_long_enough and ensemble.is_long_enough_for_tails for ensemble in ensembles
+        ):
             importance, resampled = self._in_place_of_chains(importance)
         return SamplingResult(
             search=search,

@@ -56,6 +56,17 @@ class Ensemble:
     def is_long_enough(self) -> bool:
         return self.n_steps >= self.needed_steps
 
+    @property
+    def is_long_enough_for_tails(self) -> bool:
+        """Whether it also is by the times in which walkers enter and leave the tails.
+
+        These may be several times as long, as in the neck of a funnel.
+        """
+        ends = np.quantile(self.draws, [CHAINS.tail, 1.0 - CHAINS.tail], axis=0)
+        in_tails = np.concatenate([self.positions < ends[0], self.positions > ends[1]], axis=2)
+        longest = autocorrelation_times(in_tails.astype(float)).max()
+        return bool(self.n_steps >= CHAINS.autocorrelation_times_of_tails * longest)
+
 
 def run_ensemble(
     target: Target,

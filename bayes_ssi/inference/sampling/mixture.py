@@ -210,7 +210,8 @@ class Chart(NamedTuple):
 
     def straight(self, z: FloatArray) -> FloatArray:
         """Coordinates (n, d) of points ``z`` (n, d)."""
-        return self.bend.straightened(np.linalg.solve(self.factor, (z - self.mean).T)).T
+        whitened = np.linalg.solve(self.factor, (z - self.mean).T).astype(float, copy=False)
+        return self.bend.straightened(whitened).T
 
     def curved(self, v: FloatArray) -> FloatArray:
         """Points (n, d) at these coordinates ``v`` (n, d)."""

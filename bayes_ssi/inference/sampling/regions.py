@@ -8,7 +8,7 @@ between neighbours, not by the spread of all draws, in which separate regions wo
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -102,10 +102,10 @@ def find_regions(
     """
     chosen = evenly_spaced_indices(len(draws), REGIONS.most_draws)
     draws, log_posteriors = draws[chosen], log_posteriors[chosen]
-    log_posterior = target.log_posterior
+    log_posterior: Callable[[FloatArray], FloatArray] = target.log_posterior
     if chart is not None:
         draws = chart.straight(draws)
-        log_posterior = lambda v: target.log_posterior(chart.curved(v))  # noqa: E731
+        log_posterior = partial(_in_chart, target, chart)
     paths = _Paths(log_posterior, draws, log_posteriors)
     whitened = draws @ _local_whitening(draws)
     nearest = nearest_neighbours(whitened)
@@ -114,6 +114,10 @@ def find_regions(
     # Groups whose draws are no other draw's neighbours.
     groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
     return Regions(draws, _without_the_smallest(groups, whitened), chart)
+
+
+def _in_chart(target: Target, chart: Chart, v: FloatArray) -> FloatArray:
+    return target.log_posterior(chart.curved(v))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,8 @@ from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.regions import Regions
+from bayes_ssi.inference.sampling.settings import REGIONS
+from bayes_ssi.inference.sampling.target import log_standard_normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,22 @@ class SamplingResult:
     def region_shares(self) -> FloatArray:
         """Share of the posterior in each region, (n_regions,)."""
         return self.regions.shares(self.importance.z, self.importance.weights)
+
+    @property
+    def prior_masses_of_regions(self) -> FloatArray:
+        """Prior mass of the bulk of each region, (n_regions,).
+
+        There, the likelihood is hardly below that of typical posterior draws.
+        """
+        sample = self.importance
+        groups, typical = self.regions.assign(sample.z), sample.weights > 0.1 / len(sample.z)
+        masses = np.exp(log_standard_normal(sample.z) - sample.log_proposals) / len(sample.z)
+        levels = sample.log_likelihoods
+        bulk = np.zeros(self.regions.n_regions)
+        for region in np.unique(groups[typical]):
+            lowest = np.median(levels[typical & (groups == region)]) - REGIONS.valley_depth
+            bulk[region] = masses[(groups == region) & (levels >= lowest)].sum()
+        return bulk
 
     @property
     def searches_of_regions(self) -> NDArray[np.intp]:

@@ -42,7 +42,7 @@ def _ridge(
     """
     variances, axes = np.linalg.eigh(factor @ factor.T)
     variances, axes = variances[::-1], axes[:, ::-1]
-    m, d = np.count_nonzero(variances > RIDGES.least_variance), len(mean)
+    m, d = int(np.sum(variances > RIDGES.least_variance)), len(mean)
     if m in (0, d):
         return None
     factor, top = axes * np.sqrt(variances), float(target.log_posterior(mean[None])[0])

@@ -253,6 +253,10 @@ class ChainSettings:
     # A chain is long enough at this many of its own estimated autocorrelation times; shorter ones
     # underestimate them (Foreman-Mackey et al. 2013).
     autocorrelation_times: int = 50
+    # And for the probabilities of both tails, of this size, at so many: fewer, because the longest
+    # of many times is overestimated.
+    tail: float = 0.05
+    autocorrelation_times_of_tails: int = 30
     # An ensemble that needs more steps than this mixes slowly, and starts again with a better
     # mixture.
     few_steps: int = 1000
@@ -294,6 +298,9 @@ class CheckSettings:
     missed_over_error: float = 2.0
     # A region with less of the posterior than this need not be found by every part of the sampling.
     small_share: float = 0.02
+    # Nor need one whose part of the prior had, on average, so many of the draws of each search: it
+    # was seen, but led to a higher neighbour.
+    draws_that_see: float = 5.0
     # A likelihood that is the same at more of the importance draws than this says nothing: at the
     # others, a model may have failed.
     flat_share: float = 0.999
