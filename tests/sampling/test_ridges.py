@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from bayes_ssi.inference.sampling.bends import bend_along
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
@@ -52,28 +51,6 @@ def test_ascents_along_axes_leave_other_directions_alone():
     # Of -50 (x - y²)² - x²/2 the maximum is 100 y² / 101.
     np.testing.assert_allclose(ends[:, 0], starts[:, 1] ** 2 * 100.0 / 101.0, atol=5e-3)
     np.testing.assert_allclose(heights, target.log_posterior(ends))
-
-
-def test_a_bend_along_points_without_noise_has_their_polynomials(rng):
-    wide = rng.standard_normal((2, 12))
-    thin = np.array([3.0 + wide[0] * wide[1] - 2.0 * wide[1] ** 2])
-    bend, widths = bend_along(wide, thin, np.ones(12), 2)
-    np.testing.assert_allclose(widths, 1.0, atol=1e-6)
-    # Monomials 1, a, a², b, ab, b².
-    np.testing.assert_allclose(bend.coefficients[2], [3.0, 0.0, 0.0, 0.0, 1.0, -2.0], atol=1e-5)
-    elsewhere = rng.standard_normal((3, 5))
-    bent = bend.bent(elsewhere)
-    curve = 3.0 + elsewhere[0] * elsewhere[1] - 2.0 * elsewhere[1] ** 2
-    np.testing.assert_allclose(bent, [*elsewhere[:2], elsewhere[2] + curve], atol=1e-4)
-    np.testing.assert_allclose(bend.straightened(bent), elsewhere, atol=1e-12)
-
-
-def test_points_that_polynomials_miss_widen_the_component(rng):
-    wide = rng.standard_normal((1, 4000))
-    thin = np.abs(wide)
-    _, widths = bend_along(wide, thin, np.ones(4000), 2)
-    # |x| less its least-squares quadratic has the variance 1 - 2/π - 1/π of a normal x.
-    assert widths[1] == pytest.approx(math.sqrt(1.0 + 1.0 - 3.0 / math.pi), rel=0.01)
 
 
 def test_the_component_of_a_sheet_is_nearly_the_posterior(rng):

@@ -59,8 +59,9 @@ class StudentMixture:
         whitened = factors @ z.T
         whitened -= means
         whitened = whitened.reshape(*self.means.shape, len(z))
-        for bent, bends in self._stacked_bends:
-            whitened[bent] = bends.straightened(whitened[bent])
+        for k, bend in enumerate(self.bends):
+            if bend is not None:
+                whitened[k] = bend.straightened(whitened[k])
         whitened *= whitened
         squares: FloatArray = whitened.sum(axis=1)
         return squares
@@ -179,18 +180,6 @@ class StudentMixture:
     @property
     def _all_bends(self) -> tuple[Bend | None, ...]:
         return self.bends or (None,) * self.n_components
-
-    @cached_property
-    def _stacked_bends(self) -> list[tuple[list[int], Bend]]:
-        """Bent components whose polynomials have the same monomials, and their bends as one."""
-        alike: dict[tuple[int, int], list[int]] = {}
-        for k, bend in enumerate(self.bends):
-            if bend is not None:
-                alike.setdefault((bend.degree, bend.n_variables), []).append(k)
-        return [
-            (bent, Bend.stacked([bend for k in bent if (bend := self.bends[k]) is not None]))
-            for bent in alike.values()
-        ]
 
     @property
     def all_weights(self) -> FloatArray:

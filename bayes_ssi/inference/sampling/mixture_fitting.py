@@ -9,18 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.bends import Bend, fit_bend, n_monomials
 from bayes_ssi.inference.sampling.mixture import StudentMixture, log_sum
 from bayes_ssi.inference.sampling.settings import MIXTURES
 
 
 def fit_mixture(
-    draws: FloatArray, n_components: int, dof: float, rng: np.random.Generator, degree: int = 1
+    draws: FloatArray, n_components: int, dof: float, rng: np.random.Generator
 ) -> StudentMixture:
     """Fit a Student-t mixture to ``draws`` (n, d) by expectation-maximisation.
 
     Components that lose their draws are dropped, so fewer than ``n_components`` may come back.
-    Above a ``degree`` of 1 they are bent.
     """
     n, d = draws.shape
     labels = _initial_labels(draws, n_components, rng)
@@ -29,9 +27,8 @@ def fit_mixture(
     # Far below the draws' variance, far above the rounding of their means.
     rounding = 1e3 * np.finfo(float).eps * float(np.abs(draws).max())
     floor = max(1e-10 * float(draws.var(axis=0).max()), rounding**2, np.finfo(float).tiny)
-    least = min(n, _n_regressors(d, degree) + 1.0)
+    least = min(n, d + 1.0)
     last = -math.inf
-    bends: tuple[Bend, ...] = ()
     for _ in range(50):  # or until a step gains less than a tenth of what a component must
         totals = responsibilities.sum(1)
         kept = totals >= least
@@ -43,13 +40,8 @@ def fit_mixture(
         centred = draws.T - means[:, :, None]
         scatter = np.matmul(centred * combined[:, None], centred.transpose(0, 2, 1))
         covariances = scatter / totals[:, None, None] + floor * np.eye(d)
-        if degree == 1:
-            factors = np.linalg.cholesky(covariances)
-        else:
-            factors, bends = _bent(centred, combined, totals, covariances, degree, floor)
-        mixture = StudentMixture(
-            totals / totals.sum(), means, factors, np.full(len(means), dof), bends=bends
-        )
+        factors = np.linalg.cholesky(covariances)
+        mixture = StudentMixture(totals / totals.sum(), means, factors, np.full(len(means), dof))
 
         squared_distances = mixture.squared_distances(draws)
         log_parts = mixture.log_components(squared_distances)
@@ -63,51 +55,26 @@ def fit_mixture(
     return mixture
 
 
-def _bent(
-    centred: FloatArray,
-    weights: FloatArray,
-    totals: FloatArray,
-    covariances: FloatArray,
-    degree: int,
-    floor: float,
-) -> tuple[FloatArray, tuple[Bend, ...]]:
-    """Factors (K, d, d) and bends of components along their principal axes."""
-    values, vectors = np.linalg.eigh(covariances)
-    values, vectors = values[:, ::-1], vectors[:, :, ::-1]  # the widest first
-    factors = vectors * np.sqrt(values)[:, None]
-    bends = []
-    for k, factor in enumerate(factors):
-        u = (vectors[k].T @ centred[k]) / np.sqrt(values[k])[:, None]
-        bend, widths = fit_bend(u, weights[k], float(totals[k]), degree, floor / values[k])
-        factor *= widths
-        bends.append(bend)
-    return factors, tuple(bends)
-
-
 def choose_mixture(
     draws: FloatArray, held_out: FloatArray, rng: np.random.Generator
 ) -> StudentMixture:
     """The mixture, fitted to ``draws``, under which ``held_out`` is most probable.
 
-    It is the nearest to the posterior in the Kullback-Leibler sense. The number of straight
-    components grows until two larger numbers in turn no longer help. Where as many bent ones do
-    better, their number and degree change as long as that helps. The weight of the tails comes
-    last.
+    It is the nearest to the posterior in the Kullback-Leibler sense. The number of components
+    grows until two larger numbers in turn no longer help. The weight of the tails comes last.
     """
     fitting = _Fitting(draws, held_out, rng)
     best = fitting.fitted(1)
     in_vain = 0
-    for count in MIXTURES.straight_counts[1:]:
+    for count in MIXTURES.counts[1:]:
         if in_vain == 2 or not fitting.affords(count):
             break
         candidate = fitting.fitted(count)
         in_vain += 1
         if candidate.improves_on(best):
             best, in_vain = candidate, 0
-    if draws.shape[1] > 1:
-        best = _with_bends(fitting, best)
     for dof in (MIXTURES.heavy_tails, MIXTURES.heaviest_tails):
-        candidate = fitting.fitted(best.n_components, best.degree, dof)
+        candidate = fitting.fitted(best.n_components, dof)
         if candidate.log_densities.mean() <= best.log_densities.mean():
             break
         best = candidate
@@ -119,7 +86,6 @@ class _Fitted(NamedTuple):
 
     mixture: StudentMixture
     n_components: int
-    degree: int
     log_densities: FloatArray
 
     def improves_on(self, other: _Fitted) -> bool:
@@ -134,41 +100,14 @@ class _Fitting(NamedTuple):
     held_out: FloatArray
     rng: np.random.Generator
 
-    def affords(self, count: int, degree: int = 1) -> bool:
+    def affords(self, count: int) -> bool:
         """Whether there are enough draws for so many components."""
         n, d = self.draws.shape
-        return count * _n_regressors(d, degree) * MIXTURES.draws_per_dimension <= n
+        return count * d * MIXTURES.draws_per_dimension <= n
 
-    def fitted(self, count: int, degree: int = 1, dof: float = MIXTURES.light_tails) -> _Fitted:
-        mixture = fit_mixture(self.draws, count, dof, self.rng, degree)
-        return _Fitted(mixture, count, degree, mixture.log_pdf(self.held_out))
-
-
-def _with_bends(fitting: _Fitting, straight: _Fitted) -> _Fitted:
-    """Bent components in place of straight ones, if they do better."""
-    counts = MIXTURES.bent_counts
-    best, tried = straight, {(straight.n_components, 1)}
-    while True:
-        place = counts.index(best.n_components)
-        twice, half = counts[place + 2 : place + 3], counts[max(place - 2, 0) : place][:1]
-        neighbours = [(best.n_components, min(best.degree + 1, MIXTURES.highest_degree))]
-        if best.degree > 1:
-            neighbours += [(count, best.degree) for count in (*twice, *half)]
-        for count, degree in neighbours:
-            if (count, degree) in tried or not fitting.affords(count, degree):
-                continue
-            tried.add((count, degree))
-            candidate = fitting.fitted(count, degree)
-            if candidate.improves_on(best):
-                best = candidate
-                break
-        else:
-            return best
-
-
-def _n_regressors(n_dimensions: int, degree: int) -> int:
-    """What one coordinate of a component depends on at most."""
-    return n_dimensions if degree == 1 else n_monomials(n_dimensions - 1, degree)
+    def fitted(self, count: int, dof: float = MIXTURES.light_tails) -> _Fitted:
+        mixture = fit_mixture(self.draws, count, dof, self.rng)
+        return _Fitted(mixture, count, mixture.log_pdf(self.held_out))
 
 
 def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:

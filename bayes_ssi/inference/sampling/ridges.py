@@ -30,7 +30,21 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
             dof[k] = MIXTURES.light_tails
     if not any(bends):
         return None
-    return replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
+    bent = replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
+    return bent.mixed_with(_thickened(bent), RIDGES.share_of_thicker)
+
+
+def _thickened(mixture: StudentMixture) -> StudentMixture:
+    """The mixture with its bent components thicker, which covers where polynomials miss a ridge.
+
+    Along the ridge, they are as wide as before: more would be far from nearly all of it.
+    """
+    factors, bends = mixture.factors.copy(), list(mixture.bends)
+    for k, bend in enumerate(bends):
+        if bend is not None:
+            factors[k][:, bend.n_wide :] *= RIDGES.thicker
+            bends[k] = replace(bend, coefficients=bend.coefficients / RIDGES.thicker)
+    return replace(mixture, factors=factors, bends=tuple(bends))
 
 
 def _ridge(
@@ -48,11 +62,12 @@ def _ridge(
     factor, top = axes * np.sqrt(variances), float(target.log_posterior(mean[None])[0])
     wide, thin, weights = np.empty((m, 0)), np.empty((d - m, 0)), np.empty(0)
     found = None
-    for degree in range(2, MIXTURES.highest_degree + 1):
+    for degree in range(2, RIDGES.highest_degree + 1):
         n_fitted = n_monomials(m, degree)
         if n_fitted > RIDGES.most_monomials:
             break
-        new = rng.standard_normal((m, RIDGES.points_per_monomial * n_fitted - wide.shape[1]))
+        n_points = n_fitted + max(n_fitted, RIDGES.least_points_left)
+        new = rng.standard_normal((m, n_points - wide.shape[1]))
         inverse = np.tile(np.diag(variances[m:]), (new.shape[1], 1, 1))
         starts = mean + (factor[:, :m] @ new).T
         z, heights = ascend(target, starts, inverse, axes[:, m:].T)

@@ -147,18 +147,12 @@ class MixtureSettings:
     # Weight of components added in case a mixture misses a part of the posterior: the importance
     # weights of the other draws rise by a ninth at most.
     defensive_share: float = 0.1
-    # More components or bends must raise the mean log density of held-out draws by so many nats.
+    # More components must raise the mean log density of held-out draws by so many nats.
     least_gain: float = 0.01
-    # A component needs this many draws for each dimension, or each monomial of a bend.
+    # A component needs this many draws for each dimension.
     draws_per_dimension: int = 10
-    # Numbers of components that are tried; the larger ones only a curved ridge needs.
-    straight_counts: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16)
-    bent_counts: tuple[int, ...] = (*straight_counts, 24, 32)
-    # A thin ridge of constant curvature needs half as many components for each degree more.
-    highest_degree: int = 4
-    # The polynomials' arguments end at this multiple of a component's width: hardly a draw is
-    # further out, and powers of polynomials of polynomials stay finite.
-    bend_reach: float = 10.0
+    # Numbers of components that are tried.
+    counts: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16)
 
     def tails_within(self, n_dimensions: int) -> float:
         """Degrees of freedom of proposals within a level, where a density has no tails.
@@ -178,11 +172,21 @@ class RidgeSettings:
     # A direction is along the ridge if the posterior has more than this share of the prior's
     # variance in it.
     least_variance: float = 0.1
+    # Polynomials are of this degree at most.
+    highest_degree: int = 6
+    # Their arguments end at this multiple of a component's width: hardly a draw is further out.
+    reach: float = 10.0
     # Most coefficients of a thin coordinate: to solve for them takes as long as some ten thousand
     # evaluations of a small structure. Those of three thin in twenty coordinates are fewer, to the
     # third degree.
     most_monomials: int = 1200
-    points_per_monomial: int = 2
+    # Points, at least as many again as coefficients, and at least so many more, to know by how much
+    # polynomials miss the ridge.
+    least_points_left: int = 60
+    # Where polynomials are far from a ridge, which they are at few places, components so many times
+    # as thick cover it. Their share costs as much of the other draws.
+    thicker: float = 3.0
+    share_of_thicker: float = 0.15
     # Polynomials are good enough where they widen a ridge by no more than this factor.
     enough: float = 1.1
 

@@ -85,10 +85,17 @@ class Checkpoint:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other runs from this checkpoint, also between two model classes and while saving."""
+        """Keep other runs from this checkpoint, also between two model classes and while saving.
+
+        Where an earlier run was killed before it began a journal, as in the first steps of a
+        search, a message says so.
+        """
         self.directory.mkdir(exist_ok=True)
+        left_behind = [path.name for path in self.directory.iterdir()]
         # A journal without evaluations: its lock ends with this process, however that ends.
         lock = Journal(self.directory / LOCK, {})
+        if LOCK in left_behind and not any(name.endswith((SUFFIX, SAVING)) for name in left_behind):
+            self.say("an earlier run was interrupted before it kept an evaluation; begins again")
         try:
             yield
         finally:
