@@ -350,3 +350,19 @@ def test_a_run_that_was_refused_leaves_nothing_in_the_way(one_class, directory):
         bs.rank(study, run=bs.Run(checkpoint=directory))
     assert not directory.exists()
     bs.rank(one_class, run=bs.Run(checkpoint=directory))
+
+
+def test_a_run_that_was_killed_before_it_kept_anything_is_said_to_begin_again(
+    directory, checkpoint, one_k, said
+):
+    with checkpoint.locked():
+        left = (directory / "lock").read_bytes()
+    assert said == []
+    directory.mkdir()
+    (directory / "lock").write_bytes(left)  # as the kill left it
+    with checkpoint.locked():
+        assert said == ["an earlier run was interrupted before it kept an evaluation; begins again"]
+        checkpoint.journal(one_k, 7, SETTINGS).close()
+    (directory / "lock").write_bytes(left)
+    with checkpoint.locked():
+        assert len(said) == 1, "a journal speaks for itself"

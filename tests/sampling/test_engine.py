@@ -1,10 +1,14 @@
 """The five steps together, on targets with known answers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.integrate import quad
+from scipy.special import ndtr, ndtri
+from scipy.stats import norm
 
 from bayes_ssi.inference.sampling import chains, engine
 from bayes_ssi.inference.sampling.chains import ProposalFitting
@@ -386,3 +390,44 @@ def test_a_stripe_without_likelihood_through_the_mode_is_no_reason_for_doubt(wid
     assert result.evidence.log_evidence == pytest.approx(exact, abs=4.0 * result.evidence.error)
     assert result.regions.n_regions == 2
     assert failed_checks(result) == []
+
+
+def half_normal_errors(z):
+    """Three exact data, and the size of their errors with a half-normal prior."""
+    sigma = -ndtri(0.5 * ndtr(-z[:, :1]))
+    return norm.logpdf(z[:, 1:], 0.0, sigma).sum(1)
+
+
+def test_the_neck_of_a_funnel_has_its_share_of_the_draws():
+    """By quadrature over the size, 14 % of the posterior is below a tenth of its prior's scale."""
+    result = sample_target(Target(half_normal_errors, 4), np.random.SeedSequence(1))
+    assert failed_checks(result) == []
+    density = lambda s: np.exp(-0.5 * s * s) * (1.0 + s * s) ** -1.5  # noqa: E731
+    whole, neck = (quad(density, 0.0, end)[0] for end in (40.0, 0.1))
+    draws = np.concatenate([part.draws for part in result.draws])[:, 0]
+    below = draws < norm.ppf(2.0 * norm.cdf(0.1) - 1.0)
+    size = result.importance.effective_sample_size
+    share = neck / whole
+    assert below.mean() == pytest.approx(share, abs=4.0 * math.sqrt(share * (1.0 - share) / size))
+
+
+def test_tails_that_walkers_hardly_enter_need_longer_chains():
+    rng = np.random.default_rng(8)
+    positions = rng.standard_normal((100, 32, 1))
+    there = Ensemble(positions, np.zeros((100, 32)), np.ones(1), 0.5)
+    assert there.is_long_enough_for_tails
+    stuck = np.where(np.arange(32)[:, None] < 3, 2.5, 0.5 * positions)
+    assert not replace(there, positions=stuck).is_long_enough_for_tails
+
+
+@pytest.mark.parametrize("seed", [0, 2, 9])
+def test_pieces_of_a_region_that_searches_drew_in_are_no_reason_for_doubt(seed):
+    def chessboard(z):
+        black = (np.floor(z[:, 0] / 0.25) + np.floor(z[:, 1] / 0.25)) % 2 == 1
+        return np.where(black, -np.inf, norm.logpdf(z, 0.3, 0.5).sum(1))
+
+    result = sample_target(Target(chessboard, 2), np.random.SeedSequence(seed))
+    assert failed_checks(result) == []
+    assert result.regions.n_regions > 1
+    # Half of the prior near the mode.
+    assert 0.05 < result.prior_masses_of_regions.sum() < 0.5

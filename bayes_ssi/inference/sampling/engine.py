@@ -1,9 +1,10 @@
 """From a log-likelihood to draws of its posterior and its evidence.
 
 1. Independent searches (``multistart``) find the maxima of the posterior (``maxima``).
-2. Importance draws (``importance``) from Laplace's approximation around them give a mixture close
-   to the posterior (``mixture``, ``mixture_fitting``), where the target knows its problem, its
-   searches agree, and the draws are good. Else two independent compressions of the prior
+2. Importance draws (``importance``) from Laplace's approximation around them, bent along thin
+   ridges (``ridges``, ``bends``), give a mixture close to the posterior (``mixture``,
+   ``mixture_fitting``), where the target knows its problem, its searches agree, and the draws are
+   good. Else two independent compressions of the prior
    (``compression``) carry particles to the regions around the maxima and to others, from which
    further ascents begin, and the mixture is fitted to the particles.
 3. Two independent emcee ensembles (``chains``, ``ensembles``, ``moves``) sample the posterior, with

@@ -52,13 +52,16 @@ class _DifferentialEvolution(_BatchAcceptance, emcee.moves.DEMove):
     def get_proposal(self, s: FloatArray, c: Any, random: Any) -> tuple[FloatArray, FloatArray]:
         """As emcee's, without its list of all pairs, longer than a matrix in many dimensions."""
         others = np.concatenate(c)
-        first, more = (
-            random.randint(len(others), size=len(s)),
-            random.randint(len(others) - 1, size=len(s)),
-        )
-        second = (first + 1 + more) % len(others)
+        n_pairs = len(others) * (len(others) - 1) // 2
+        chosen = random.choice(2 * n_pairs, size=len(s))
+        # Pairs are numbered row by row below the diagonal; then come those of opposite sign.
+        number = chosen % n_pairs
+        row = ((1.0 + np.sqrt(1.0 + 8.0 * number)) / 2.0).astype(np.intp)
+        column = number - row * (row - 1) // 2
+        sign = np.where(chosen < n_pairs, 1.0, -1.0)
         lengths = self.g0 * (1.0 + self.sigma * random.randn(len(s), 1))
-        return s + lengths * (others[second] - others[first]), np.zeros(len(s))
+        steps = lengths * sign[:, None] * (others[column] - others[row])
+        return s + steps, np.zeros(len(s))
 
 
 class _Stretch(_BatchAcceptance, emcee.moves.StretchMove):
