@@ -225,6 +225,18 @@ def test_a_region_that_fewer_than_two_searches_found_is_reported(sampled, n):
     assert failed_checks(searched(sampled, n)) == ([expected] if n < 2 else [])
 
 
+def test_a_region_that_every_search_drew_in_is_not_doubted(sampled):
+    """The prior mass of its bulk times the draws of a search decides, at five draws."""
+    unfound = searched(sampled, 0)
+    needed = 5.0 / sampled.prior_masses_of_regions[1] * sampled.search.n_searches
+    for factor, doubted in ((0.9, True), (1.1, False)):
+        search = replace(unfound.search, n_draws=round(factor * needed))
+        assert (
+            any("found by 0" in c for c in failed_checks(replace(unfound, search=search)))
+            == doubted
+        )
+
+
 def cut_off_bump(z):
     """A normal of height 1, cut off at e^-690: above that in 8e-6 of the prior."""
     squares = ((z - np.array([1.5, -1.0])) ** 2).sum(1) / 2.5e-4**2
