@@ -7,8 +7,8 @@ oracle: gains of all layouts of the numerical study, and of a harder one, agains
 million prior draws of each class, on the same simulated tests and on others.
 exhaustive: all 495 layouts of 4 of 12 floors, and the greedy search.
 frame: 6 of 36 sensors of a finite-element model of 2302 degrees of freedom.
-forecasts: 200 tests are simulated with the best, an evenly spread and the worst layout, and ranked;
-the share in which the right class wins stands beside the share that was forecast.
+forecasts: 200 other tests with the best, an evenly spread and the worst layout of two sensors: the
+share in which the right class wins beside the forecast; of some tests also by ranking them.
 steel: what a sensor on a brace of the steel frame would have been worth.
 """
 
@@ -186,29 +186,35 @@ def frame(given):
         bs.ModelClass(name, each.reduced(), modes, error, pairing="any")
         for name, each in frames.items()
     ])  # fmt: skip
+    names = modes.sensors[:36]
+    places = tuple(Candidate(name, name) for name in names)
+    classes = [
+        PlannedClass(c, c.configurations[0], places, 0.5).made_accurate()
+        for c in whole.model_classes
+    ]
     started = perf_counter()
-    times = {}
-    of = SimulatedPlan.of
-
-    def timed(*arguments):
-        begun = perf_counter()
-        made = of(*arguments)
-        times.setdefault("draws", []).append(perf_counter() - begun)
-        return made
-
-    with mock.patch.object(SimulatedPlan, "of", timed):
-        plan = bs.plan(whole, 6, candidates=modes.sensors[:36],
-                       settings=bs.PlanSettings(given.tests, given.inner))  # fmt: skip
-    took = perf_counter() - started
-    print(f"{took:.0f} s, of which draws {times['draws']}; the rest "
-          f"{took - sum(times['draws']):.0f} s; {plan.n_tried} layouts")  # fmt: skip
-    print(plan, plan.by_number, plan.compared, plan.changes, plan.other_start, sep="\n")
-    print(f"effective draws {plan.effective_draws:.0f}, bias {plan.bias:+.4f}; "
-          f"{plan.failed_checks}")  # fmt: skip
+    simulated = SimulatedPlan.of(classes, given.tests, given.inner, given.seed)
+    print(f"draws: {perf_counter() - started:.0f} s", flush=True)
+    some = simulated.part(300, 100)
+    search = layout_search.LayoutSearch(
+        lambda layout: some.mean(class_worth(some, layout).values)[0], (), tuple(range(36))
+    )
+    started, layout = perf_counter(), ()
+    for number in range(2, 7):
+        layout = search.best(number, layout)
+        gain, error = simulated.mean(class_worth(simulated, layout).values)
+        took = perf_counter() - started
+        chosen = ", ".join(names[i] for i in layout)
+        print(f"{number} sensors: {chosen}: {gain:.4f} ± {error:.4f}", flush=True)
+        print(f"  {len(search.tried)} layouts in {took:.1f} s", flush=True)
+    worth = class_worth(simulated, layout)
+    even = tuple(range(0, 36, 6))
+    print(f"evenly spread {simulated.mean(class_worth(simulated, even).values)}; effective draws "
+          f"{np.median(worth.draws):.0f}, bias {simulated.mean(worth.bias)[0]:+.4f}")  # fmt: skip
 
 
 def forecasts(given):
-    """The ranking is that of rank, with coarse settings; evidences are within 0.1 nats."""
+    """By evidences of other tests and draws; of some of these tests, by rank, too."""
     study = harder(given.mass)
     classes = planned(study)
     simulated = SimulatedPlan.of(classes, 2000, 200, given.seed)
@@ -216,32 +222,33 @@ def forecasts(given):
     by_gain = sorted(worths, key=lambda each: simulated.mean(worths[each].values)[0])
     kinds = {"best": by_gain[-1], "evenly spread": (0, 2), "worst": by_gain[0]}
     coarse = bs.SamplingSettings(particles=100, searches=1, max_steps=400)
-    fresh = SimulatedPlan.of(classes, 200, 50, given.seed + 99)
-    for kind, layout in kinds.items():
+    for i, (kind, layout) in enumerate(kinds.items(), 1):
         forecast, error = simulated.mean(worths[layout].named)
         gain, _ = simulated.mean(worths[layout].values)
-        right, empty = [], 0
         names = tuple(PLACES[i] for i in layout)
-        for n, true in enumerate(fresh.true_class):
+        fresh = SimulatedPlan.of(classes, 200, 1000, given.seed + 99 * i)
+        named = class_worth(fresh, layout).named
+        print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast {forecast:.3f} "
+              f"± {error:.3f}, came out in {named.mean():.3f} ± "
+              f"{named.std() / math.sqrt(len(named)):.3f} of {len(named)}", flush=True)  # fmt: skip
+        same = []
+        for n in range(0, 200, max(1, 200 // max(given.ranked, 1)))[: given.ranked]:
             found = fresh.tests.frequencies_hz[n]
             shapes = fresh.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))[0]
             modes = tuple(bs.IdentifiedMode(str(j), found[j], shapes[:, j])
                           for j in np.flatnonzero(np.isfinite(found)))  # fmt: skip
             if not modes:
-                empty += 1
                 continue
             data = bs.ModalData(modes, classes[0].configuration.data.band_hz, names)
             own = bs.Study(str(n), [
                 bs.ModelClass(c.name, c.structure, data, c.error, pairing="any",
                               identification=c.identification) for c in study.model_classes
             ])  # fmt: skip
-            ranking = bs.rank(own, settings=coarse)
-            right.append(ranking.comparison.best.name == study.names[true])
-        share = np.mean(right)
-        print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast "
-              f"{forecast:.3f} ± {error:.3f}, came out in {share:.3f} ± "
-              f"{math.sqrt(share * (1 - share) / len(right)):.3f} of {len(right)} "
-              f"({empty} without modes)", flush=True)  # fmt: skip
+            best = bs.rank(own, settings=coarse).comparison.best.name
+            right = best == study.names[fresh.true_class[n]]
+            same.append(right == bool(named[n]))
+        if same:
+            print(f"  rank agrees in {sum(same)} of {len(same)}", flush=True)
 
 
 def steel(given):
@@ -276,6 +283,7 @@ def main():
     arguments.add_argument("--inner", type=int, default=200)
     arguments.add_argument("--oracle-tests", type=int, default=100)
     arguments.add_argument("--draws", type=int, default=4_000_000)
+    arguments.add_argument("--ranked", type=int, default=20)
     arguments.add_argument("--mass", type=float, default=0.005)
     arguments.add_argument("--seed", type=int, default=0)
     given = arguments.parse_args()

@@ -42,7 +42,7 @@ def centred_draws(
     """Draws of the class about tests, which it or another class gave."""
     pool_z = planned.draw(PLANNING.n_pool, rng)
     pool = planned.modes(pool_z)
-    per_test = n_draws * pool.shapes[0].size
+    per_test = n_draws * max(pool.shapes[0].size, PLANNING.n_starts * pool_z.shape[1] ** 2)
     step, parts = max(1, PLANNING.batch // max(per_test, PLANNING.n_pool)), []
     for first in range(0, len(tests.shapes), step):
         some = tests.rows(slice(first, first + step))

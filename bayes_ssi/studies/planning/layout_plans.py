@@ -108,8 +108,10 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
         study = study.with_any_pairing()
         weights = dict(study.prior_weights or dict.fromkeys(study.names, 1.0))
     else:
-        classes = {each.name: each for each in study.model_classes}
         posteriors: Mapping[str, Posterior] = {each.name: each for each in after.posteriors}
+        if not set(posteriors) <= set(study.names):
+            study = study.with_any_pairing()
+        classes = {each.name: each for each in study.model_classes}
         require_known("plan: the study has no model class", posteriors, classes)
         for name, posterior in posteriors.items():
             if posterior.data_digest != classes[name].data_digest:
@@ -216,6 +218,13 @@ class _Planning:
     seed: int
 
     def _simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
+        per_draw = sum(c.configuration.structure.n_modes for c in classes) * len(self.free)
+        if self.settings.n_tests * self.settings.n_draws * per_draw > PLANNING.most_kept:
+            raise ValueError(
+                f"plan: {self.settings.n_tests} tests with {self.settings.n_draws} draws of "
+                f"{len(classes)} classes at {len(self.free)} candidates do not fit into memory; "
+                "take fewer of one of them"
+            )
         return SimulatedPlan.of(classes, self.settings.n_tests, self.settings.n_draws, self.seed)
 
     @cached_property

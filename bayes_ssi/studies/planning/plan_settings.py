@@ -28,6 +28,7 @@ class PlanningNumbers:
     """What users do not choose."""
 
     batch: int = 4_000_000  # numbers in the largest array of a batch: 32 MB
+    most_kept: int = 1_000_000_000  # numbers of all draws' shapes, 4 GB
     n_for_moments: int = 2000  # draws of which moments are taken
     # Draws of a class, of which the best of every so many starts a search.
     n_pool: int = 990
