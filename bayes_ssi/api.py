@@ -33,6 +33,7 @@ from bayes_ssi.measurements.records.record_files import read_record as read_reco
 from bayes_ssi.parameters.families import HalfNormal as HalfNormal
 from bayes_ssi.parameters.families import LogNormal as LogNormal
 from bayes_ssi.parameters.families import LogUniform as LogUniform
+from bayes_ssi.parameters.families import NearOne as NearOne
 from bayes_ssi.parameters.families import Normal as Normal
 from bayes_ssi.parameters.families import TruncatedNormal as TruncatedNormal
 from bayes_ssi.parameters.families import Uniform as Uniform

@@ -98,18 +98,15 @@ def cpu_seconds():
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
-def all_full_solutions(result, n_tests=1):
-    """Number of full solutions of a search: of the basis that all share, and of each class.
-
-    A draw is confirmed by one solution for each test.
-    """
+def all_full_solutions(result):
+    """Number of full solutions of a search: of the basis that all share, and of each class."""
     of_bases, confirming = [], 0
     for posterior in result.ranking.posteriors:
         for remark in posterior.remarks:
             if count := re.search(r"reduced to \d+ by (\d+) full solutions", remark):
                 of_bases.append(int(count.group(1)))
             elif count := re.search(r"(\d+) full solutions at draws", remark):
-                confirming += n_tests * int(count.group(1))
+                confirming += int(count.group(1))
     shared = min(of_bases)
     return shared + sum(each - shared for each in of_bases) + confirming
 

@@ -92,7 +92,7 @@ def changes(
         common_sd=common,
         covariate=None if covariate is None else read_covariate(covariate)[1],
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
-        shared=None if independent else Uniform(0.0, 1.0),
+        shared=None if independent else ChangeSettings().shared,
     )
     grouping: dict[str, Any] = {
         "joined": named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),

@@ -162,6 +162,37 @@ class LogUniform(Prior):
 
 
 @dataclass(frozen=True)
+class NearOne(Prior):
+    """One minus a log-uniform distance: for a correlation that may be near one in any degree.
+
+    Attributes:
+        least: the smallest distance from one; the largest is 1.
+
+    Raises:
+        ValueError: ``least`` is not positive, or not below 1.
+    """
+
+    least: float
+
+    def __post_init__(self) -> None:
+        require_positive(self, least=self.least)
+        require_ordered(self, self.least, 1.0)
+
+    @property
+    def _distance(self) -> LogUniform:
+        return LogUniform(self.least, 1.0)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return 1.0 - self._distance.from_normal(-np.asarray(z, dtype=float))
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        return -self._distance.to_normal(1.0 - np.asarray(value, dtype=float))
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        return self._distance.log_density(1.0 - np.asarray(value, dtype=float))
+
+
+@dataclass(frozen=True)
 class TruncatedNormal(Prior):
     """Normal distribution, cut to [lower, upper].
 
@@ -281,7 +312,7 @@ def _log_difference(log_a: ArrayLike, log_b: ArrayLike) -> FloatArray:
 
 FAMILIES = {
     kind.__name__: kind
-    for kind in (Normal, LogNormal, Uniform, LogUniform, TruncatedNormal, HalfNormal)
+    for kind in (Normal, LogNormal, Uniform, LogUniform, NearOne, TruncatedNormal, HalfNormal)
 }
 
 

@@ -11,6 +11,7 @@ from bayes_ssi.parameters.families import (
     HalfNormal,
     LogNormal,
     LogUniform,
+    NearOne,
     Normal,
     TruncatedNormal,
     Uniform,
@@ -20,12 +21,37 @@ from bayes_ssi.parameters.prior import Prior, Widened
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 
+
+class OneMinus:
+    """One minus a variable of a distribution in scipy."""
+
+    def __init__(self, distribution):
+        self.of = distribution
+
+    def ppf(self, probability):
+        return 1.0 - self.of.isf(probability)
+
+    def cdf(self, value):
+        return self.of.sf(1.0 - np.asarray(value))
+
+    def pdf(self, value):
+        return self.of.pdf(1.0 - np.asarray(value))
+
+    def logpdf(self, value):
+        return self.of.logpdf(1.0 - np.asarray(value))
+
+    def support(self):
+        low, high = self.of.support()
+        return 1.0 - high, 1.0 - low
+
+
 # Each prior, the same distribution in scipy, and an interval that holds all but nothing of it.
 CASES = {
     "normal": (Normal(2.0, 0.5), stats.norm(2.0, 0.5), (-8.0, 12.0)),
     "lognormal": (LogNormal(3.0, 0.3), stats.lognorm(LOG_SD_03, scale=3.0), (0.0, 60.0)),
     "uniform": (Uniform(-1.0, 5.0), stats.uniform(-1.0, 6.0), (-1.0, 5.0)),
     "log-uniform": (LogUniform(0.1, 20.0), stats.loguniform(0.1, 20.0), (0.1, 20.0)),
+    "near one": (NearOne(1e-3), OneMinus(stats.loguniform(1e-3, 1.0)), (0.0, 0.999)),
     "truncated": (
         TruncatedNormal(1.0, 0.8, 0.2, 3.0),
         stats.truncnorm(-1.0, 2.5, 1.0, 0.8),
@@ -150,6 +176,7 @@ def test_lognormal_by_median_and_cov():
         (lambda: Uniform(0.0, math.inf), "Uniform: upper must be a finite number, got inf"),
         (lambda: LogUniform(0.0, 1.0), "LogUniform: lower must be positive, got 0.0"),
         (lambda: LogUniform(2.0, 1.0), "LogUniform: lower must be less than upper"),
+        (lambda: NearOne(0.0), "NearOne: least must be positive, got 0.0"),
         (lambda: TruncatedNormal(1.0, -1.0), "TruncatedNormal: sd must be positive, got -1.0"),
         (lambda: TruncatedNormal(1.0, 1.0, math.nan), "TruncatedNormal: bounds must be numbers"),
         (lambda: TruncatedNormal(1.0, 1.0, 2.0, 1.0), "TruncatedNormal: lower must be less than"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from bayes_ssi.parameters.families import Uniform
+from bayes_ssi.parameters.families import NearOne, Uniform
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.search.family import SearchLimits
 
@@ -34,7 +34,8 @@ class ChangeSettings(SearchLimits):
     loss: Prior = field(default_factory=lambda: Uniform(0.0, 1.0))
     common_sd: float | None = None
     covariate: Mapping[str, float] | None = None
-    shared: Prior | None = field(default_factory=lambda: Uniform(0.0, 1.0))
+    # What is not shared has any order of size, down to a hundredth of an error.
+    shared: Prior | None = field(default_factory=lambda: NearOne(1e-4))
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -93,7 +93,8 @@ class Changes(Family[ChangePlace]):
             z = np.clip(rng.standard_normal((len(own), len(made.parameters))), -2.0, 2.0)
             z[:, [made.parameter_names.index(name) for name in chosen.parameter_names]] = own
             at.append((made, z))
-        return _sharing_a_basis(chosen, at, RefinementSettings(error_share=1.0))
+        accurate = _sharing_a_basis(chosen, at, RefinementSettings(error_share=1.0))
+        return _sharing_a_basis(accurate, at, None)
 
     def accurate(self, best: Hypothesis[ChangePlace]) -> ModelClass:
         chosen = self[best.key.baseline]
@@ -111,18 +112,19 @@ class Changes(Family[ChangePlace]):
 def _sharing_a_basis(
     baseline: ModelClass,
     hypotheses: Sequence[tuple[ModelClass, FloatArray]],
-    settings: RefinementSettings,
+    settings: RefinementSettings | None,
 ) -> ModelClass:
     """The baseline, its structures accurate where hypotheses lie: one for all its tests.
 
     Args:
         hypotheses: classes on it, and where each lies (n, d), in standard-normal coordinates.
+        settings: how accurate; as far as a small basis is, of what there is, if None.
     """
     if not is_approximate(baseline):
         return baseline
     needed: dict[int, list[Requirement]] = {}
     for made, z in hypotheses:
-        of_tests = requirements(made, made.values(z), settings)
+        of_tests = requirements(made, made.values(z), settings or RefinementSettings())
         tests = zip(baseline.configurations, made.configurations, of_tests, strict=True)
         for own, test, required in tests:
             if isinstance(test.structure, ChangedStructure):
@@ -134,8 +136,10 @@ def _sharing_a_basis(
         key = id(structure)
         if key not in better:
             values, frequency, shape, n_modes = zip(*needed[key], strict=True)
-            limits = min(frequency), min(shape), max(n_modes)
-            better[key] = structure.accurate_at(np.concatenate(values), *limits)
+            at, limits = np.concatenate(values), (min(frequency), min(shape), max(n_modes))
+            better[key] = (
+                structure.compact(at) if settings is None else structure.accurate_at(at, *limits)
+            )
         return better[key]
 
     return baseline.with_structures(shared)
@@ -210,4 +214,7 @@ def _of_tests(
                 f"compared; got {' and '.join(labels)}"
             )
         error = replace(error, between_tests=Parameter(SHARED, options.shared))
-    return replace(model_class, configurations=tests, error=error)
+    restricted = replace(model_class, configurations=tests, error=error, priors={})
+    names = restricted.parameter_names
+    own = {name: prior for name, prior in model_class.priors.items() if name in names}
+    return replace(restricted, priors=own)
