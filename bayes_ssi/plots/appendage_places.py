@@ -21,6 +21,7 @@ from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_spac
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.places import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord
+from bayes_ssi.studies.changes.change_result import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
@@ -121,12 +122,15 @@ Kind = tuple[type[AppendagePlace], Point | None]
 
 
 def plot_places_on_building(
-    places: Sequence[Any], ax: Axes | None = None, what: str = "an appendage"
+    places: Sequence[Any],
+    ax: Axes | None = None,
+    what: str = "an appendage",
+    highest: float | None = None,
 ) -> Axes:
     """The building, and in colour the probability of ``what`` at each place of a search.
 
     Each kind of place has its own marker, next to its floor or in its storey, and the
-    probability is written next to it.
+    probability is written next to it. Colours reach to the ``highest``, of all places if None.
     """
     heights = [each.place.height or 0.0 for each in places]
     n_floors = math.ceil(max(heights))
@@ -140,7 +144,7 @@ def plot_places_on_building(
     for floor in range(1, n_floors + 1):
         ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
         ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=STYLE.small)
-    scale = _colour_scale(max(each.probability for each in places))
+    scale = _colour_scale(highest or max(each.probability for each in places))
     for each, y in zip(places, heights, strict=True):
         place, text = each.place, probability_text(each.probability)
         x = columns[_kind(place)]
@@ -221,7 +225,9 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     if len(drawn) == len(places) and all(
         height is not None and height <= STYLE.most_floors for height in heights
     ):
-        return plot_places_on_building(places, ax, search.a_feature)
+        # A change is there or not; an appendage that is there may be anywhere.
+        highest = 1.0 if isinstance(search, ChangeRecord) else None
+        return plot_places_on_building(places, ax, search.a_feature, highest)
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search.places, search.geometry, ax)
     return plot_place_bars(search.places_by_probability, ax, search.a_feature)
