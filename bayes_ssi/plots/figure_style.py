@@ -41,7 +41,6 @@ class FigureStyle:
     panel: float = 1.13  # width of a panel of a mode shape
     # Next to one another, as many as a width holds; of many modes, twice that.
     panels_across: int = 3
-    tallest: float = 4.0  # height of a structure in space
     sds_of_90_percent: float = 1.645  # standard deviations to either side that hold 90 %
     most_classes: int = 12  # model classes that one figure can show legibly
     # Whose labels fit a panel; with more, panels grow no taller and labels smaller.
