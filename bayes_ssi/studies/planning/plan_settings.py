@@ -51,7 +51,7 @@ class PlanningNumbers:
     most_bias: float = 0.02
     n_searched: tuple[int, int] = (300, 100)  # tests and draws with which layouts are searched
     n_shown: int = 5  # of the best layouts
-    most_exhaustive: int = 1000  # layouts that are all tried; with more, the search is greedy
+    most_exhaustive: int = 500  # layouts that are all tried; with more, the search is greedy
     most_candidates: int = 60  # degrees of freedom that are candidates without being named
     enough: float = 0.95  # of the largest gain, at the knee
     smaller: float = 0.5  # errors, as of a record four times as long
