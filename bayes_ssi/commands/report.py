@@ -1,12 +1,11 @@
 """``bayes-ssi report``: a stored result as an HTML page."""
 
-from functools import partial
 from pathlib import Path
 
 import click
 
 from bayes_ssi.commands.options import flag, path_option, result_argument
-from bayes_ssi.commands.terminal import console, json_option, print_record, progress_bars, say
+from bayes_ssi.commands.terminal import console, json_option, print_record, say
 
 
 @click.command()
@@ -23,7 +22,6 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """
     from bayes_ssi.report.write import write_report
 
-    with progress_bars() as progress:
-        page = write_report(result, out, overwrite=overwrite, progress=partial(progress, "report"))
+    page = write_report(result, out, overwrite=overwrite)
     print_record(lambda: {"page": str(page)})
     say(console(), f"Report saved in {page}.")

@@ -1,6 +1,6 @@
 """The figures of a report: which it shows, and where.
 
-To add one, plan its caption and how it is drawn in the section that shows it.
+To add one, state its caption and draw it in the section that shows it.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,8 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# A caption, and how the figure is drawn.
-Plot = tuple[str, Callable[[], "Axes | Figure"]]
+# A caption, and the figure that is drawn when it is asked for.
+Plot = tuple[str, "Axes | Figure"]
 
 
 @dataclass(frozen=True)
@@ -127,41 +126,46 @@ def draw_figures(
     stored: StoredResult,
     predictions: SavedPredictions | None,
     sensitivity: Sensitivity | None = None,
-    progress: Callable[[float], object] = float,
     plan: Plan | None = None,
 ) -> ReportFigures:
-    """Every figure of a report; ``progress`` is called with the fraction drawn so far."""
-    figures = ReportFigures()
-    planned: list[tuple[list[EmbeddedFigure], Plot]] = []
-    evidence = partial(plot_evidence, stored.comparison, most=STYLE.most_classes)
-    planned.append((figures.ranking, ("Log evidence of every model class", evidence)))
-    if stored.search is not None:
-        places = partial(plot_places, stored.search)
-        caption = f"Probability of {stored.search.a_feature} by place"
-        planned.append((figures.search, (caption, places)))
-    if sensitivity is not None:
-        changes = partial(plot_sensitivity, sensitivity)
-        planned.append((figures.sensitivity, ("How the ranking changes with settings", changes)))
-    if plan is not None:
-        planned.append((figures.plan, ("Sensors of the next test", partial(plot_layout, plan))))
-        planned.append((figures.plan, ("What they are worth", partial(plot_gains, plan))))
-    for name, data in stored.tests.items():
-        section = figures.tests.setdefault(name, [])
-        planned += [(section, plot) for plot in _of_test(name, data, stored.ranked_posteriors)]
-    for name, with_corner in _drawn_classes(stored):
-        section = figures.classes.setdefault(name, [])
-        plots = _of_class(stored, stored.posterior(name), with_corner)
-        planned += [(section, plot) for plot in plots]
-
+    """Every figure of a report."""
     from matplotlib import rc_context
 
+    figures = ReportFigures()
     # The same result gives exactly the same page.
     with figures_for_files(), rc_context({"svg.hashsalt": "bayes_ssi"}):
-        for i, (section, (caption, plot)) in enumerate(planned, 1):
-            section.append(embedded_drawing(whole_figure(plot()), caption, f"figure-{i}"))
-            progress(i / len(planned))
+        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan, figures), 1):
+            section.append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
     _embed_saved(stored, predictions, figures)
     return figures
+
+
+def _drawn(
+    stored: StoredResult,
+    sensitivity: Sensitivity | None,
+    plan: Plan | None,
+    figures: ReportFigures,
+) -> Iterator[tuple[list[EmbeddedFigure], str, Axes | Figure]]:
+    """The section, the caption and the drawing of each figure, drawn one after the other."""
+    evidence = plot_evidence(stored.comparison, most=STYLE.most_classes)
+    yield figures.ranking, "Log evidence of every model class", evidence
+    if stored.search is not None:
+        caption = f"Probability of {stored.search.a_feature} by place"
+        yield figures.search, caption, plot_places(stored.search)
+    if sensitivity is not None:
+        caption = "How the ranking changes with settings"
+        yield figures.sensitivity, caption, plot_sensitivity(sensitivity)
+    if plan is not None:
+        yield figures.plan, "Sensors of the next test", plot_layout(plan)
+        yield figures.plan, "What they are worth", plot_gains(plan)
+    for name, data in stored.tests.items():
+        section = figures.tests.setdefault(name, [])
+        for caption, plot in _of_test(name, data, stored.ranked_posteriors):
+            yield section, caption, plot
+    for name, with_corner in _drawn_classes(stored):
+        section = figures.classes.setdefault(name, [])
+        for caption, plot in _of_class(stored, stored.posterior(name), with_corner):
+            yield section, caption, plot
 
 
 def _embed_saved(
@@ -206,13 +210,10 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
     where = label_in(name, "")
     best = ranked[: LIMITS.classes_in_frequencies]
     scale = "; shapes are scaled to a largest component of ±1" if data.sensors else ""
-    yield (
-        f"{where}Identified modes{scale}",
-        partial(plot_identified_modes, data, configuration=name),
-    )
+    yield f"{where}Identified modes{scale}", plot_identified_modes(data, configuration=name)
     yield (
         f"{where}Model frequencies relative to the identified ones",
-        partial(plot_frequencies, data, best, configuration=name),
+        plot_frequencies(data, best, configuration=name),
     )
 
 
@@ -222,38 +223,29 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     for modes in posterior.configurations:
         if modes.updated.modes:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
-            yield (
-                f"{where}Mode shapes {of}, {SHAPE_SCALE}",
-                partial(plot_mode_shapes, modes.updated, data),
-            )
+            yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", plot_mode_shapes(modes.updated, data)
     for modes in posterior.configurations:
         where, updated = label_in(modes.name, ""), modes.updated.modes
         if updated:
             yield (
                 f"{where}Frequencies {of} before and after updating",
-                partial(plot_frequency_change, updated, stored.tests[modes.name]),
+                plot_frequency_change(updated, stored.tests[modes.name]),
             )
         if any(mode.mac_after is not None for mode in updated):
-            yield (
-                f"{where}MACs {of} before and after updating",
-                partial(plot_mac_change, updated),
-            )
+            yield f"{where}MACs {of} before and after updating", plot_mac_change(updated)
         if modes.inferred_pairing is not None:
             yield (
                 f"{where}Probabilities of pairings {of}",
-                partial(plot_pairing, modes.inferred_pairing, modes.n_modes),
+                plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
-    yield f"Parameters {of}, prior and posterior", partial(plot_parameters, posterior)
+    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
         first = stored.search and f"those of the {stored.search.feature}s, and "
         which = f"{first or ''}the best determined ones"
         note = f": {len(names)} parameters, {which}" if few else ""
-        yield (
-            f"Joint posterior densities {of}{note}",
-            partial(plot_corner, posterior, parameters=names),
-        )
+        yield f"Joint posterior densities {of}{note}", plot_corner(posterior, parameters=names)
 
 
 def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:

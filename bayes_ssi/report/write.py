@@ -101,7 +101,6 @@ def write_report(
     directory: str | Path | None = None,
     *,
     overwrite: bool = False,
-    progress: Callable[[str, float], None] | None = None,
 ) -> Path:
     """Write the report of a stored result as one HTML page that needs no other file.
 
@@ -111,7 +110,6 @@ def write_report(
         result: the result directory.
         directory: where the report goes; ``report`` in the result directory if None.
         overwrite: replace a report that exists.
-        progress: called with the name of a step and the completed fraction of the work.
 
     Returns:
         The path of the page, ``report.html`` in the directory.
@@ -129,11 +127,6 @@ def write_report(
     from bayes_ssi.results.predictions.prediction_files import load_saved_predictions
     from bayes_ssi.results.stored_what_if import every_setting
 
-    def report(step: str, done: float) -> None:
-        if progress is not None:
-            progress(step, done)
-
-    report("reading", 0.0)
     stored = load_result(result)
     predictions = load_saved_predictions(stored.directory)
     saved = stored.directory / SAVED
@@ -150,14 +143,10 @@ def write_report(
     environment.filters.update(FILTERS)
     environment.tests["of_numbers"] = of_numbers
     try:
-        report("figures", 0.1)
         can_be_varied = all(each.sensor_shapes is not None for each in stored.posteriors)
         several = len(stored.posteriors) > 1
         sensitivity = every_setting(stored) if several and can_be_varied else None
-        figures = draw_figures(
-            stored, predictions, sensitivity, lambda done: report("figures", 0.1 + 0.8 * done), plan
-        )
-        report("page", 0.9)
+        figures = draw_figures(stored, predictions, sensitivity, plan)
         page = environment.get_template(f"{PAGE}.j2").render(
             page_content(stored, predictions, sensitivity, figures, plan),
             page_versions=versions(),
@@ -168,5 +157,4 @@ def write_report(
         raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error
     with new_directory(directory, marker=PAGE, overwrite=overwrite) as partial:
         (partial / PAGE).write_text(page.rstrip() + "\n", encoding="utf-8")
-    report("page", 1.0)
     return directory / PAGE
