@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.workers.checkpoint import Checkpoint
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.inference.workers.workers import Workers
-    from bayes_ssi.plots.result_figures import ResultFigure
     from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.study import Ranking, Study
 
@@ -144,8 +144,9 @@ class RunOptions:
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
     ) -> StoredResult:
         """Save a ranking, further records by file name, and figures; remove the checkpoint."""
+        from bayes_ssi.plots.result_figures import save_result_figures
         from bayes_ssi.results.result_files import require_new
-        from bayes_ssi.results.stored_result import MARKER, save_result
+        from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
 
         # Another result may have appeared since the run began.
         require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
@@ -159,7 +160,7 @@ class RunOptions:
             accept_failed_checks=self.accept_failed_checks,
             command=command_line(),
             extra=records,
-            figures=_figures(ranking, records),
+            figures=partial(save_result_figures, ranking, records.get(SEARCH)),
         )
         run.report("saving", "result and figures", 1.0)
         place.checkpoint.remove(ranking.study.names)
@@ -248,26 +249,6 @@ def _recorded(place: ResultPlace) -> Path:
     here = Path.cwd()
     below = place.directory.absolute().is_relative_to(here)
     return place.study_file if below else place.study_file.absolute()
-
-
-def _figures(ranking: Ranking, records: Mapping[str, Any]) -> list[ResultFigure]:
-    """The figures of a ranking, and of a search if the records hold one."""
-    from bayes_ssi.plots import result_figures
-    from bayes_ssi.results.stored_result import SEARCH
-
-    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
-    ranked = [by_name[row.name] for row in ranking.comparison.classes]
-    classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
-    return [
-        *result_figures.result_figures(
-            {each.name: each.data for each in ranking.study.model_classes[0].configurations},
-            ranked,
-            ranking.comparison,
-            records.get(SEARCH),
-        ),
-        *result_figures.figures_of_modes(classes[ranked[0].name], ranked[0]),
-        *result_figures.figures_of_identified_shapes(classes[ranked[0].name]),
-    ]
 
 
 def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:

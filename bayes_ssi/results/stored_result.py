@@ -10,7 +10,7 @@ commands have ``figures``. ``digests.json`` holds the digests of all these files
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -199,7 +199,7 @@ def save_result(
     accept_failed_checks: bool = False,
     command: str = "",
     extra: Mapping[str, Any] | None = None,
-    figures: Sequence[Callable[[Path], object]] = (),
+    figures: Callable[[Path], object] | None = None,
 ) -> StoredResult:
     """Write a ranking to a new directory; nothing is left there if writing fails.
 
@@ -211,8 +211,8 @@ def save_result(
         accept_failed_checks: record that failed checks were accepted.
         command: the command that reproduces the result, for the record.
         extra: name of a further JSON file → the object whose record it holds.
-        figures: functions that write figures into the directory that they are called with, which
-            becomes ``figures`` of the result.
+        figures: writes figures into the directory that it is called with, ``figures`` of the
+            result.
 
     Raises:
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something other
@@ -233,10 +233,9 @@ def save_result(
         for name, further in (extra or {}).items():
             write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
-        if figures:
+        if figures is not None:
             (partial / FIGURES).mkdir()
-        for figure in figures:
-            figure(partial / FIGURES)
+            figures(partial / FIGURES)
         write_digests(partial)
     return load_result(directory)
 

@@ -96,4 +96,4 @@ def test_without_a_shape_there_is_nothing_to_draw():
 )
 def test_a_result_has_a_figure_of_shapes_with_errors(building, sensors, arguments, names):
     candidate = bs.ModelClass("a", building, data(sensors, **arguments), pairing={"1": 1})
-    assert [each.name for each in figures_of_identified_shapes(candidate)] == names
+    assert [name for name, _ in figures_of_identified_shapes(candidate)] == names

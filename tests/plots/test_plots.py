@@ -12,7 +12,7 @@ from bayes_ssi.inference.posterior.configuration_modes import (
     UpdatedMode,
     UpdatedModes,
 )
-from bayes_ssi.plots.figure_style import figures_for_files, style
+from bayes_ssi.plots.figure_style import figures_for_files, save_figure, style
 from bayes_ssi.plots.parameter_plots import plot_corner
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.result_figures import result_figures
@@ -155,8 +155,9 @@ def test_the_style_does_not_outlive_its_block():
 
 def test_figures_are_written_and_closed(tmp_path, data, posteriors):
     comparison = bs.compare(posteriors)
-    figures = result_figures({"": data}, posteriors[::-1], comparison)
-    paths = [figure(tmp_path) for figure in figures]
+    with figures_for_files():
+        figures = result_figures({"": data}, posteriors[::-1], comparison)
+        paths = [save_figure(figure, tmp_path / f"{name}.png") for name, figure in figures]
     assert sorted(path.name for path in paths) == ["corner.png", "evidence.png", "frequencies.png"]
     for path in paths:
         assert path.read_bytes()[: len(PNG)] == PNG
@@ -166,8 +167,9 @@ def test_figures_are_written_and_closed(tmp_path, data, posteriors):
 @pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
 def test_names_are_drawn_literally(tmp_path, data, make_posterior, name):
     posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
-    for figure in result_figures({"": data}, posteriors, bs.compare(posteriors)):
-        figure(tmp_path)
+    with figures_for_files():
+        for file, figure in result_figures({"": data}, posteriors, bs.compare(posteriors)):
+            save_figure(figure, tmp_path / f"{file}.png")
     ax = plot_frequencies(data, posteriors)
     assert texts(ax.figure.legends[0]) == [name, "b", "called spurious"]
 

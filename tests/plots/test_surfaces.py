@@ -135,7 +135,7 @@ def test_a_result_has_a_figure_of_its_modes_where_coordinates_are_known(cube):
             geometry=geometry,
         )  # fmt: skip
         candidate = bs.ModelClass("a", structure, data, pairing={"a": 2})
-        names.append([figure.name for figure in figures_of_modes(candidate, posterior)])
+        names.append([name for name, _ in figures_of_modes(candidate, posterior)])
     assert names == [["modes"], []]
 
 
