@@ -58,10 +58,6 @@ def error_percent(model: Any, identified: float) -> str:
     return f"{error:+.1f} %" if error else "0.0 %"
 
 
-def replaced(items: Sequence[Any], old: str, new: str) -> list[Any]:
-    return [new if item == old else item for item in items]
-
-
 def settings(given: SamplingSettings) -> str:
     """Settings in a line, without those that leave a choice to the sampling."""
     words = {True: "yes", False: "no"}
@@ -86,7 +82,7 @@ def of_numbers(name: str) -> bool:
 
 
 FORMATS: tuple[Callable[..., Any], ...] = (
-    number, fixed, interval, percent, error_percent, replaced, settings, heading
+    number, fixed, interval, percent, error_percent, settings, heading
 )  # fmt: skip
 FILTERS = {form.__name__: form for form in FORMATS} | {
     "probability": probability_text,
