@@ -74,14 +74,14 @@ def brute_force(classes, simulated, chosen, n_draws, rng, block=250_000):
         for b in range(parts.shape[3]):
             modes = each.modes(each.draw(block, rng))
             for t, n in enumerate(chosen):
-                # Draws whose frequencies pair badly weigh less than a millionth of the best.
+                # Draws whose frequencies pair badly weigh less than e^-18 of the best.
                 alone = modes._replace(shapes=modes.shapes[:, :1])
                 ratios = log_ratios(each, found[t : t + 1], np.zeros((1, 1, found.shape[1])),
                                     _batched(alone, (1, block)), 0.0)  # fmt: skip
                 bound = ratios.unpaired[0] + np.logaddexp(
                     0.0, logsumexp(ratios.frequency[0], axis=2)
                 ).sum(axis=1)
-                kept = np.flatnonzero(bound > bound.max() - 30.0)
+                kept = np.flatnonzero(bound > bound.max() - 18.0)
                 own = type(modes)(*(array[kept] for array in modes))
                 for i, layout in enumerate(layouts):
                     seen = simulated.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))
