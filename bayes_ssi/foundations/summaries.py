@@ -32,6 +32,14 @@ class Summary:
 
 
 def weighted_quantiles(values: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
-    """The 5, 50 and 95 % quantiles of weighted ``values`` (n,)."""
-    low, median, high = np.quantile(values, LEVELS, weights=weights, method="inverted_cdf")
+    """The 5, 50 and 95 % quantiles of weighted ``values`` (n,).
+
+    The smallest value that this share of the weights does not exceed. Where the weights up to a
+    value add up to just 5 %, as they may in equal draws, the sum's rounding must not choose.
+    """
+    order = np.argsort(values)
+    ends = np.cumsum(weights[order])
+    rounding = len(values) * np.finfo(float).eps
+    places = np.searchsorted(ends, np.multiply(LEVELS, ends[-1] * (1.0 - rounding)))
+    low, median, high = values[order[places]]
     return float(low), float(median), float(high)

@@ -160,8 +160,8 @@ def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
     assert record.n_unsampled == 5
     best = record.hypotheses[0]
     assert (best.name, best.is_sampled) == ("infill 1-2", True)
-    masses = expected["infill 1-2"].appendages[0].mass
-    assert best.appendages[0].mass == pytest.approx(masses, rel=0.2)
+    # Of model_classes/bare_building.py, the same class and data, sampled to 0.01 nats.
+    assert best.appendages[0].mass == pytest.approx((0.046, 0.071, 0.098), rel=0.2)
 
 
 def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatch):

@@ -27,7 +27,7 @@ def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
 
 def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
     (best,) = [p for p in found_in_case_c.ranking.posteriors if p.name == "infill 1-2"]
-    assert list(best.pairing.values()) == [1, 2, 3, 4]
+    assert list(best.configurations[0].pairing.values()) == [1, 2, 3, 4]
 
 
 def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_workers):

@@ -206,7 +206,7 @@ def test_a_configuration_must_be_chosen(of_two_tests, saved):
         load_predictions(directory)
     with pytest.raises(ValueError, match="no configuration 'x'; choose from 'bare', 'heavy'"):
         load_predictions(directory, configuration="x")
-    with pytest.raises(ValueError, match="no configuration 'x'; choose from ''"):
+    with pytest.raises(ValueError, match="one configuration, without a name; got 'x'"):
         load_predictions(saved, configuration="x")
 
 

@@ -139,5 +139,7 @@ def choose_configuration(items: Mapping[str, T], name: str | None, owner: str) -
         raise ValueError(
             f"{owner} has {len(items)} configurations; choose one of {listed_choices(items)}"
         )
+    if list(items) == [""] and name:
+        raise ValueError(f"{owner} has one configuration, without a name; got {name!r}")
     require_known(f"{owner} has no configuration", [name], items)
     return items[name]
