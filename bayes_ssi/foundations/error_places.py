@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
+SENT = "<dynamic-code>"  # file of what cloudpickle sent, from its version 3.1.3 on
 
 
 def rows_at_fault(
@@ -39,14 +40,17 @@ def own_lines(error: BaseException) -> list[tuple[str, int]]:
     Those are the files outside this package, Python's library and installed packages.
     """
     return [
-        (frame.filename, frame.lineno)
+        (frame.name if frame.filename == SENT else frame.filename, frame.lineno)
         for frame in traceback.extract_tb(error.__traceback__)
         if frame.lineno is not None and _is_own(frame.filename)
     ]
 
 
 def with_place(error: BaseException) -> str:
-    """An error in one line: its type and message, and the user's own line where it was raised."""
+    """An error in one line: its type and message, and the user's own line where it was raised.
+
+    Of a function that was sent to another process the file may not be known; it is named instead.
+    """
     lines = own_lines(error)
     place = f" ({Path(lines[-1][0]).name}, line {lines[-1][1]})" if lines else ""
     return " ".join(f"{type(error).__name__}: {error}{place}".split())
@@ -57,5 +61,6 @@ def _is_own(filename: str) -> bool:
     installed = (sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib"))
     roots = (Path(__file__).parents[1], *map(Path, installed))
     path = Path(filename)
-    # Code without a file has a name in angle brackets.
-    return path.is_absolute() and not any(path.is_relative_to(root) for root in roots)
+    # Other code without a file has a name in angle brackets, too.
+    is_installed = any(path.is_relative_to(root) for root in roots)
+    return filename == SENT or (path.is_absolute() and not is_installed)

@@ -203,7 +203,7 @@ BAD = {
     "no degree of freedom 'roof'": {"candidates": ["floor 1", "roof"]},
     "fixed: no candidate 'roof'": {"fixed": ["roof"]},
     "no aim 'k9'": {"aim": "k9"},
-    "no configuration 'bare'; choose from ''": {"configurations": ["bare"]},
+    "one configuration, without a name; got 'bare'": {"configurations": ["bare"]},
 }
 
 

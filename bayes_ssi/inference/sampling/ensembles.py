@@ -65,7 +65,7 @@ class Ensemble:
         ends = np.quantile(self.draws, [CHAINS.tail, 1.0 - CHAINS.tail], axis=0)
         in_tails = np.concatenate([self.positions <= ends[0], self.positions >= ends[1]], axis=2)
         longest = autocorrelation_times(in_tails.astype(float)).max()
-        return bool(self.n_steps >= CHAINS.autocorrelation_times_of_tails * longest)
+        return bool(self.n_steps >= CHAINS.autocorrelation_times * longest)
 
 
 def run_ensemble(

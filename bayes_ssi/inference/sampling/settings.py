@@ -257,10 +257,7 @@ class ChainSettings:
     # A chain is long enough at this many of its own estimated autocorrelation times; shorter ones
     # underestimate them (Foreman-Mackey et al. 2013).
     autocorrelation_times: int = 50
-    # And for the probabilities of both tails, of this size, at so many: fewer, because the longest
-    # of many times is overestimated.
-    tail: float = 0.05
-    autocorrelation_times_of_tails: int = 30
+    tail: float = 0.05  # probability of either tail, whose times in and out count as well
     # An ensemble that needs more steps than this mixes slowly, and starts again with a better
     # mixture.
     few_steps: int = 1000
