@@ -229,12 +229,16 @@ def test_particles_that_fall_behind_enlarge_the_error():
 def test_particles_keep_their_width_on_a_long_way_from_the_prior():
     """A Gaussian 13 standard deviations away: in four dimensions, some eighty nats.
 
-    Within a level, moves proposed from particles alone make these narrower, level after level.
+    Within a level, moves proposed from particles alone make these narrower, level after level. One
+    claimed error is known to a half: over 32 seeds their mean is 1.2, their scatter 0.5.
     """
     sd, at = 0.3, 6.0 * (1.0 + 0.3**2)
     target = Target(lambda z: norm.logpdf(z, at, sd).sum(1), 4)
     maxima = find_maxima(target, np.full((1, 4), 6.0))
-    estimate = compression_estimate(compress_prior(target, 500, maxima, seeds(3)))
     exact = 4.0 * norm.logpdf(at, 0.0, math.hypot(1.0, sd))
-    assert estimate.error < 1.2
-    assert abs(estimate.log_evidence - exact) < 4.0 * estimate.error
+    estimates = [
+        compression_estimate(compress_prior(target, 500, maxima, seeds(seed))) for seed in range(4)
+    ]
+    for estimate in estimates:
+        assert abs(estimate.log_evidence - exact) < 4.0 * estimate.error
+    assert np.mean([estimate.error for estimate in estimates]) < 1.2 + 4.0 * 0.5 / 2.0
