@@ -73,10 +73,14 @@ def differences(table: DocumentedTable, now: Sequence[Row]) -> Iterator[str]:
 
 
 def ranked_now(command: Sequence[str]) -> list[Row]:
-    """The rows of the ranking that a command prints today."""
+    """The rows of the ranking that a command prints today; a study of ``new`` is written first."""
     with tempfile.TemporaryDirectory() as directory:
+        study, folder = Path(command[2]), ROOT
+        if not (ROOT / study).exists():
+            folder = Path(directory)
+            subprocess.run(["bayes-ssi", "new", study.stem], cwd=folder, check=True)
         own = [*command, "--json", "--out", str(Path(directory) / "result")]
-        done = subprocess.run(own, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+        done = subprocess.run(own, cwd=folder, stdout=subprocess.PIPE, text=True, check=True)
     classes = json.loads(done.stdout)["classes"]
     return [Row(each["name"], each["log_evidence"], each["error"]) for each in classes]
 
