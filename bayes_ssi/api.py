@@ -91,6 +91,6 @@ from bayes_ssi.studies.planning.plan_settings import PlanSettings as PlanSetting
 from bayes_ssi.studies.ranking.changed_settings import ChangedSettings as ChangedSettings
 from bayes_ssi.studies.ranking.comparison import compare as compare
 from bayes_ssi.studies.ranking.study import Study as Study
-from bayes_ssi.studies.ranking.study_file import load_study as load_study
+from bayes_ssi.studies.ranking.study import load_study as load_study
 
 __all__ = sorted(name for name in globals() if not name.startswith("_"))

@@ -11,7 +11,7 @@ import re
 
 import click
 
-from bayes_ssi.commands.calibrate import calibrate
+from bayes_ssi.commands.calibrate import calibrate, sensitivities
 from bayes_ssi.commands.changes import changes
 from bayes_ssi.commands.check import check
 from bayes_ssi.commands.export import export
@@ -26,7 +26,6 @@ from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
-from bayes_ssi.commands.sensitivities import sensitivities
 from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parent.parent / "model_classes" / "liverpool_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)

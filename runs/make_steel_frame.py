@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parent.parent / "model_classes"
 # Table 5, model M3+; Icx2 and Icy2 are 1.

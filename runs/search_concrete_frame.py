@@ -40,8 +40,8 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.studies.appendages.hypotheses import frequency_name, hypothesis, mass_name, scale_of
-from bayes_ssi.studies.appendages.places import PendulumPlace
+from bayes_ssi.studies.appendages.baselines import frequency_name, hypothesis, mass_name, scale_of
+from bayes_ssi.studies.appendages.candidates import PendulumPlace
 
 FACTOR_COV = 0.1
 N_MODES = 6  # five in the band, and one above

@@ -19,7 +19,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.plots.record_plots import save_record_figures
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "steel_frame.py"

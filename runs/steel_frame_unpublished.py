@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 HERE = Path(__file__).parent
 TABLES = runpy.run_path(str(HERE / "tables_2_to_5.py"))

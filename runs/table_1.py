@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parent.parent / "model_classes" / "shear_building.py"
 PAPER = {

@@ -22,7 +22,7 @@ from rich.table import Table
 import bayes_ssi as bs
 from bayes_ssi.report.tables.ranking_tables import parameter_table, ranking_table
 from bayes_ssi.results.stored_result import load_result
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "steel_frame.py"

@@ -26,7 +26,7 @@ from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.workers.local_workers import LocalWorkers
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -335,7 +335,7 @@ def coarse_command(monkeypatch):
 def no_automatic_workers(monkeypatch):
     """Commands stay in this process, where tests replace parts of them, unless told otherwise."""
     monkeypatch.setattr(
-        "bayes_ssi.studies.ranking.automatic_workers.automatic_workers", lambda *_: None
+        "bayes_ssi.studies.ranking.class_sampling.automatic_workers", lambda *_: None
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.appendages.places import InfillPlace, PendulumPlace, places_of
+from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.studies.appendages.search_result import AppendageSummary, PlaceRecord
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.search.approximate_evidence import Screened

@@ -25,7 +25,7 @@ FOLDERS = {
         "likelihood", "model_class", "workers", "sampling", "calibration", "criticism",
         "posterior", "posterior_sampling",
     ),
-    "studies": ("diagnosis", "ranking", "search", "appendages", "changes", "planning"),
+    "studies": ("ranking", "search", "appendages", "changes", "planning"),
     "results": ("", "predictions", "hierarchy"),
     "report": ("tables", ""),
 }  # fmt: skip

@@ -81,8 +81,7 @@ def import_model(
     Stiffness and mass become sums of matrices times powers of factors of the altered properties,
     by differences of the exports. Nothing is overwritten.
     """
-    from bayes_ssi.commands.imported_sensors import imported_sensors
-    from bayes_ssi.commands.imported_study import ENDINGS, write_imported_study
+    from bayes_ssi.commands.imported_study import ENDINGS, imported_sensors, write_imported_study
     from bayes_ssi.commands.new import new_paths
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.structures.solver_files.model_files import read_model

@@ -96,7 +96,7 @@ def named_values(
 
 def load(path: Path, only: str | None = None) -> Study:
     """The study from a file, with all its model classes or only the listed ones."""
-    from bayes_ssi.studies.ranking.study_file import load_study
+    from bayes_ssi.studies.ranking.study import load_study
 
     study = load_study(path)
     if only is None:

@@ -121,7 +121,7 @@ class RunOptions:
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.dask_workers import DaskWorkers
         from bayes_ssi.inference.workers.local_workers import usable_cores
-        from bayes_ssi.studies.ranking.automatic_workers import automatic_workers, chosen_workers
+        from bayes_ssi.studies.ranking.class_sampling import automatic_workers, chosen_workers
 
         if self.workers is not None and self.dask is not None:
             raise ValueError("--workers and --dask: give one of them")

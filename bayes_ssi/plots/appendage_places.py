@@ -19,7 +19,7 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_space
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
-from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord
 from bayes_ssi.studies.changes.change_result import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import probability_text

@@ -22,8 +22,8 @@ from bayes_ssi.plots.figure_style import (
     width_of_modes,
     without_math,
 )
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -42,8 +42,8 @@ from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.averages import averaged_parameters
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import RankedClass
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 
 def page_content(

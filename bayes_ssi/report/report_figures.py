@@ -30,7 +30,7 @@ from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
 if TYPE_CHECKING:

@@ -20,11 +20,12 @@ from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 from bayes_ssi.studies.ranking.changed_settings import (
     ChangedSettings,
+    Sensitivity,
     WhatIf,
+    sensitivity,
     with_changed_settings,
 )
 from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity, sensitivity
 from bayes_ssi.studies.ranking.variations import SampledClasses
 
 

@@ -31,7 +31,7 @@ import numpy as np
 import bayes_ssi as bs
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 from bayes_ssi.studies.search.efforts import EFFORTS, Effort
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 

@@ -26,7 +26,7 @@ import numpy as np
 from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = load_study(Path(__file__).parents[2] / "model_classes" / "shear_building.py")
 SENSORS = ("floor 1", "floor 2", "floor 3")

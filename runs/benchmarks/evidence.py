@@ -16,7 +16,7 @@ import dynesty
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 REFERENCE = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}

@@ -13,7 +13,7 @@ import numpy as np
 from problems import STUDY, several_maxima_class
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 REFERENCE = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
 SEVERAL_MAXIMA = 2.694

@@ -31,7 +31,7 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.studies.ranking.comparison import RankedClass
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 KERNELS = ("Prescott", "Nehalem", "Haswell", "SkylakeX")
 STUDIES = Path(__file__).parents[2] / "model_classes"

@@ -27,7 +27,7 @@ import numpy as np
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.appendages.ranked_study import rank
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()", "rank"]
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"

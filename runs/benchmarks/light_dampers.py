@@ -24,7 +24,7 @@ import numpy as np
 from simulated import IdentificationErrors, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.places import places_of
+from bayes_ssi.studies.appendages.candidates import places_of
 from bayes_ssi.studies.appendages.search_result import credible
 
 POINTS, LENGTH, MASS, RIGIDITY = 9, 10.0, 100.0, 2.0e6

@@ -30,7 +30,7 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
 from bayes_ssi.inference.sampling.multistart import search_maxima
 from bayes_ssi.parameters.parameters import Value
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ERRORS = (1e-2, 1e-3, 1e-4)
 INFERRED = bs.LogNormal(median=0.01, cov=1.0)

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 

@@ -15,7 +15,7 @@ from problems import STUDY
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ERRORS = (1e-2, 1e-3, 1e-4)
 

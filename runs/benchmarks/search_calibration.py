@@ -45,15 +45,15 @@ from simulated import IdentificationErrors, print_bands, simulate
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.required_accuracy import with_exact_structures
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.hypotheses import (
+from bayes_ssi.studies.appendages.baselines import (
+    choose_baselines,
     frequency_name,
     hypothesis,
     mass_name,
     scale_of,
 )
-from bayes_ssi.studies.appendages.places import AppendagePlace, places_of
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.appendages.candidates import AppendagePlace, places_of
+from bayes_ssi.studies.ranking.study import load_study
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "bare_building.py"

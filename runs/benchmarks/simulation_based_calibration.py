@@ -24,7 +24,7 @@ from scipy.stats import chisquare
 from simulated import print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 NAMES = {"infill as mass": "1-a", "resonant infill": "3"}

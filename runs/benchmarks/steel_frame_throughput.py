@@ -13,7 +13,7 @@ from time import process_time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "steel_frame.py"
 BATCH = 512

@@ -8,7 +8,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 # Published least-squares fit to four frequencies and four shapes.

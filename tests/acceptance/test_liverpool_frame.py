@@ -9,7 +9,7 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 MODES = {

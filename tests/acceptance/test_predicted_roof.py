@@ -10,7 +10,7 @@ import bayes_ssi as bs
 from bayes_ssi.results.predictions.predictions import predict_class
 from bayes_ssi.structures.response.modal_response import transfer_functions
 from bayes_ssi.structures.response.output import Output
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 CLASSES = Path(__file__).parents[2] / "model_classes"
 ROOF = Output("acceleration", ("floor 3",))

@@ -9,7 +9,7 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 NOMINAL_HZ = [3.23, 4.02, 5.70, 9.74, 14.55, 18.42]

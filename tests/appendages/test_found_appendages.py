@@ -8,15 +8,15 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.results.search_answer import search_sentences
-from bayes_ssi.studies.appendages.appendage_search import hypothesis_records
-from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.found_appendages import (
+from bayes_ssi.studies.appendages.appendage_search import (
     AppendageDraws,
     appendage_draws,
+    hypothesis_records,
     matched,
     matched_appendages,
     ranked_draws,
 )
+from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 

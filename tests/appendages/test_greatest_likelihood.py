@@ -13,8 +13,7 @@ from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
 from bayes_ssi.studies.search.efforts import EFFORTS
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
-from bayes_ssi.studies.search.greatest_likelihood import looks_at
-from bayes_ssi.studies.search.ladder import screen_best
+from bayes_ssi.studies.search.ladder import looks_at, screen_best
 
 N, PLACES = 40, range(6, 40, 6)
 TWO_IN_FULL = replace(EFFORTS, most_full=2)

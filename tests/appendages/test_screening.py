@@ -11,7 +11,7 @@ from searches import INFILL_12, ONE, PENDULUM_1, screened
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import hypothesis
+from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen, screen_all
 from bayes_ssi.studies.search.efforts import EFFORTS

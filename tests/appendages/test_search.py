@@ -24,8 +24,8 @@ from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.hypotheses import hypothesis
-from bayes_ssi.studies.appendages.places import KINDS, AppendagePlace
+from bayes_ssi.studies.appendages.baselines import hypothesis
+from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 
@@ -207,7 +207,7 @@ class RoofPlace(AppendagePlace):
 
 
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.studies.appendages.places.KINDS", (*KINDS, RoofPlace))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.candidates.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     result = search(bare, ONE)
     assert "mast 3" in levels[1]

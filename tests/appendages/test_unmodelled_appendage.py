@@ -12,7 +12,7 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.appendages import ranked_study as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.ranked_study import unmodelled_appendage
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 QUICK = bs.SamplingSettings(log_evidence_error=0.1)

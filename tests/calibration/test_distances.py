@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 

@@ -155,7 +155,7 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
         chosen.append(n)
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.studies.ranking.automatic_workers.LocalWorkers", refuse)
+    monkeypatch.setattr("bayes_ssi.studies.ranking.class_sampling.LocalWorkers", refuse)
     arguments = ("rank", tiny_study_file, "--out", tmp_path / "r", "--workers")
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")

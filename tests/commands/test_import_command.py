@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 DATA = Path(__file__).parent.parent / "solver_files" / "data"
 SENSORS = ("100 x", "200 x", "340 x", "340 y")

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from click.testing import CliRunner
 
 from bayes_ssi.cli import main
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 FACTORS = {"frame": (1.0, 1.0), "lower": (1.2, 1.0), "upper": (1.0, 0.8), "both": (0.9, 1.3)}
 M = np.diag([5e3, 4e3])

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from bayes_ssi.cli import main
 from bayes_ssi.commands.new import KINDS
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 
 def run(*arguments):

@@ -15,7 +15,7 @@ from pools import Minimal, points, spawning, sums, workers_of
 
 from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
 from bayes_ssi.inference.workers.workers import evaluate
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 

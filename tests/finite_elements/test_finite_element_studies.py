@@ -8,7 +8,7 @@ import pytest
 from code_blocks import ROOT
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 STUDIES = ROOT / "model_classes" / "finite_elements"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {

@@ -27,7 +27,7 @@ from bayes_ssi.plots.shape_plots import (
 )
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.bands import Band
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 LONG = "each storey, free errors, infill of mass 0.15"
 

@@ -13,7 +13,7 @@ from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, p
 from bayes_ssi.plots.parameter_plots import plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_mode_shapes
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity, SensitivityRow
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

@@ -12,7 +12,7 @@ from scipy.stats import binom, norm, vonmises_fisher
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.studies.diagnosis.repairs import repair_of_pairing
+from bayes_ssi.studies.ranking.diagnosis import repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=256, searches=2, economical=True)

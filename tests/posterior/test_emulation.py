@@ -17,7 +17,7 @@ from bayes_ssi.inference.workers.checkpoint import Checkpoint
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.structures.modal import Modes
-from bayes_ssi.studies.diagnosis.diagnosis import diagnose
+from bayes_ssi.studies.ranking.diagnosis import diagnose
 
 ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
 ONE_ROUND = RefinementSettings(most_rounds=1)

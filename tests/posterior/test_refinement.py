@@ -13,7 +13,7 @@ from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
-from bayes_ssi.studies.diagnosis.diagnosis import diagnose
+from bayes_ssi.studies.ranking.diagnosis import diagnose
 
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.02)
 

@@ -18,7 +18,7 @@ from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 ROOF = Output("acceleration", ("floor 2",))
 FREQUENCIES = np.linspace(0.2, 2.0, 20)

@@ -9,8 +9,8 @@ import pytest
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking import automatic_workers as module
-from bayes_ssi.studies.ranking.automatic_workers import (
+from bayes_ssi.studies.ranking import class_sampling as module
+from bayes_ssi.studies.ranking.class_sampling import (
     automatic_workers,
     chosen_workers,
     holds_user_code,

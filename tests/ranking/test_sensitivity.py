@@ -12,7 +12,7 @@ from bayes_ssi.inference.posterior.known_modes import known_at_draws
 from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.stored_what_if import every_setting
-from bayes_ssi.studies.ranking.sensitivity import (
+from bayes_ssi.studies.ranking.changed_settings import (
     Sensitivity,
     SensitivityRow,
     sensitivity,
@@ -111,7 +111,9 @@ def test_widths_of_priors_by_quadrature(answers, tiny_ranking, factor):
 def far_wider(monkeypatch):
     """Ten times the error size makes a posterior far wider than the draws."""
     wide = Variation("far wider", lambda c: with_errors(10.0, 10.0, c))
-    monkeypatch.setattr("bayes_ssi.studies.ranking.sensitivity.default_variations", lambda: (wide,))
+    monkeypatch.setattr(
+        "bayes_ssi.studies.ranking.changed_settings.default_variations", lambda: (wide,)
+    )
     return wide
 
 

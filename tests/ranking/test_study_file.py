@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_ssi.inference.workers.workers import evaluate
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import load_study
 
 
 def test_loading_a_file(tiny_study_file):

@@ -7,8 +7,7 @@ import pytest
 import scipy.linalg
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.hypotheses import hypothesis
+from bayes_ssi.studies.appendages.baselines import choose_baselines, hypothesis
 
 K = np.array([[300.0, -200.0, 0.0], [-200.0, 400.0, -200.0], [0.0, -200.0, 200.0]])
 NAMES = ("a", "b", "c")

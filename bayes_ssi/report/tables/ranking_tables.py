@@ -17,9 +17,8 @@ from bayes_ssi.report.tables.layout import (
     number,
 )
 from bayes_ssi.studies.ranking.averages import AveragedParameter
-from bayes_ssi.studies.ranking.changed_settings import ChangedClass, WhatIf
+from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
-from bayes_ssi.studies.ranking.sensitivity import Sensitivity
 
 # A heading and the items of the list below it.
 Note = tuple[str, list[str]]

@@ -24,8 +24,7 @@ from bayes_ssi.results.predictions.predictions import (
     predict_class,
 )
 from bayes_ssi.results.stored_result import StoredResult, load_result
-from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.ranking.study_file import load_study
+from bayes_ssi.studies.ranking.study import Study, load_study
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:

@@ -4,37 +4,296 @@ On each of several baseline classes it builds hypotheses: no appendage; one appe
 at each of its places; then one more, as long as the evidence grows. No pairing of modes is assumed:
 every hypothesis is scored over all pairings. All are screened, which gives approximate evidences;
 those on which the answer rests are sampled.
+
+What an appendage explains is its frequency. Hypotheses with equally many appendages at different
+places share what these do to the modes. Draw by draw, the appendage of the lowest frequency is the
+first: places may change hands, even between the draws of one hypothesis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.appendages.found_appendages import (
-    DrawsOfAll,
-    appendage_draws,
-    matched_appendages,
-    place_records,
+from bayes_ssi.studies.appendages.baselines import (
+    Baselines,
+    choose_baselines,
+    frequency_name,
+    mass_name,
+    tests_with_appendages,
 )
-from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import (
     AppendageSearch,
     AppendagesRecord,
+    AppendageSummary,
     BaselineRecord,
+    MatchedAppendage,
+    PlaceOfAppendage,
+    PlaceRecord,
     SearchRecord,
 )
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
+from bayes_ssi.studies.search.family import Hypothesis
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
-from bayes_ssi.studies.search.search_record import of_every_search, records_by_probability
+from bayes_ssi.studies.search.search_record import (
+    Draws,
+    averaged_features,
+    of_every_search,
+    records_by_probability,
+)
+
+
+class AppendageDraws(NamedTuple):
+    """Posterior draws of one appendage, (n,) each; ``mass`` in the structure's unit."""
+
+    mass_ratio: FloatArray
+    mass: FloatArray
+    frequency_hz: FloatArray
+    weights: FloatArray
+
+    def summary(self, place: AppendagePlace) -> AppendageSummary:
+        numbers = (self.mass, self.mass_ratio, self.frequency_hz)
+        quantiles = (weighted_quantiles(each, self.weights) for each in numbers)
+        return AppendageSummary(place, *quantiles)
+
+
+# Name of a hypothesis → its appendages.
+DrawsOfAll = Mapping[str, Mapping[AppendagePlace, AppendageDraws]]
+
+
+def appendage_draws(
+    hypothesis: Hypothesis[AppendagePlace], posterior: Posterior | None, mass_scale: float
+) -> dict[AppendagePlace, AppendageDraws]:
+    """The draws of a hypothesis's appendages, those of screening where it was not sampled."""
+    of_all = Draws.of(hypothesis, posterior)
+    draws = {}
+    for place in hypothesis.key.features:
+        ratio, frequency = map(of_all.column, (mass_name(place), frequency_name(place)))
+        draws[place] = AppendageDraws(ratio, mass_scale * ratio, frequency, of_all.weights)
+    return draws
+
+
+def place_records(
+    draws: DrawsOfAll, probabilities: Mapping[str, float], baselines: Baselines
+) -> tuple[PlaceRecord, ...]:
+    """Every place: the probability of an appendage there, and its mass and frequency if so."""
+    return tuple(
+        PlaceRecord(mixed.summary(place), probability, place not in baselines.unobserved)
+        for place, probability, mixed in averaged_features(draws, probabilities)
+    )
+
+
+class RankedDraws(NamedTuple):
+    """Draws of the appendage of one rank by frequency, of several hypotheses in turn: (n,) each."""
+
+    hypothesis: NDArray[np.intp]  # numbers of the hypotheses, which do not fall
+    place: NDArray[np.intp]  # numbers of the places
+    mass: FloatArray
+    frequency_hz: FloatArray
+    weights: FloatArray
+    by_data: FloatArray  # weights under a prior that is uniform in the logarithm of mass
+
+    def where(self, chosen: NDArray[np.bool_]) -> RankedDraws:
+        columns: Iterable[Any] = (column[chosen] for column in self)
+        return RankedDraws(*columns)
+
+
+class Motions(NamedTuple):
+    """Motions in the modes of a baseline that the sensors see, at unit modal mass."""
+
+    numbers: NDArray[np.intp]  # (m,), of the modes, from 1
+    frequencies_hz: FloatArray  # (m,)
+    of_places: Mapping[AppendagePlace, FloatArray]  # place → (m,)
+    of_sensors: FloatArray  # (m,), that of the sensor that moves most
+
+
+def matched_appendages(
+    draws: DrawsOfAll,
+    rows: Sequence[AppendagesRecord],
+    baselines: Baselines,
+    hypotheses: Sequence[Hypothesis[AppendagePlace]],
+) -> tuple[MatchedAppendage, ...]:
+    """The appendages of the most probable number of them, the lowest frequency first."""
+    shares: dict[int, float] = {}
+    for row in rows:
+        n = len(row.appendages)
+        shares[n] = shares.get(n, 0.0) + (row.probability if n else 0.0)
+    number = max(shares, key=lambda n: shares[n])
+    if not shares[number] > 0.0:
+        return ()
+    chosen = [row for row in rows if len(row.appendages) == number and row.probability > 0.0]
+    priors = {
+        name: baselines.options.prior_of_mass_ratio(scale.mass)
+        for name, scale in baselines.scales.items()
+    }
+    by_name = {each.model_class.name: each for each in hypotheses}
+    best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
+    motions = {name: _motions(baselines, each) for name, each in best.items()}
+    places = list(dict.fromkeys(place for row in chosen for place in draws[row.name]))
+    of_ranks = ranked_draws(
+        [draws[row.name] for row in chosen],
+        [row.probability / shares[number] for row in chosen],
+        [priors[row.baseline] for row in chosen],
+        places,
+    )
+    of_hypotheses = [motions[row.baseline] for row in chosen]
+    return tuple(matched(each, places, of_hypotheses) for each in of_ranks)
+
+
+def ranked_draws(
+    draws: Sequence[Mapping[AppendagePlace, AppendageDraws]],
+    shares: Sequence[float],
+    priors: Sequence[Prior],
+    places: Sequence[AppendagePlace],
+) -> list[RankedDraws]:
+    """The draws of every appendage, by the rank of its frequency in each draw.
+
+    Args:
+        draws: of each hypothesis, all with equally many appendages; its share of the probability,
+            and the prior of its mass ratios.
+        places: all of them.
+    """
+    blocks = []
+    for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):
+        ratios, masses, frequencies, weights = map(np.stack, zip(*appendages.values(), strict=True))
+        weights = share * weights
+        # The prior density of the logarithm of a mass, which weighs draws in a uniform one's place.
+        density = ratios * np.exp(prior.log_density(ratios))
+        by_data = np.divide(weights, density, out=np.zeros_like(weights), where=density > 0.0)
+        numbers = np.array([places.index(place) for place in appendages])
+        order = np.argsort(frequencies, axis=0)
+        columns = (masses, frequencies, weights, by_data)
+        sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
+        blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
+    joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
+    return [RankedDraws(*of_rank) for of_rank in zip(*joined, strict=True)]
+
+
+def matched(
+    draws: RankedDraws, places: Sequence[AppendagePlace], motions: Sequence[Motions | None]
+) -> MatchedAppendage:
+    """One appendage, from draws that number ``places`` and, with their ``motions``, hypotheses."""
+    groups = _of_one_frequency(draws)
+    shares = [float(group.weights.sum()) for group in groups]
+    frequencies = [weighted_quantiles(group.frequency_hz, group.weights) for group in groups]
+    first, *others = sorted(range(len(groups)), key=lambda number: -shares[number])
+    group, frequency = groups[first], frequencies[first]
+    mode, ratio, mass = _effective(group, frequency[1], places, motions)
+    return MatchedAppendage(
+        frequency_hz=frequency,
+        probability=shares[first],
+        other_frequencies_hz=tuple((shares[i], frequencies[i]) for i in others),
+        effective_mass=None if mass is None else weighted_quantiles(mass, group.weights),
+        effective_ratio=None if ratio is None else weighted_quantiles(ratio, group.weights),
+        mode=mode,
+        places=_places(group, places),
+    )
+
+
+def _effective(
+    group: RankedDraws,
+    frequency_hz: float,
+    places: Sequence[AppendagePlace],
+    motions: Sequence[Motions | None],
+) -> tuple[int, FloatArray | None, FloatArray | None]:
+    """The mode next to a frequency; (n,), effective masses over the modal mass, and themselves.
+
+    None where motions are not known.
+    """
+    present = np.unique(group.hypothesis).tolist()
+    first = motions[present[0]]
+    if first is None:
+        return 0, None, None
+    nearest = int(np.abs(first.frequencies_hz - frequency_hz).argmin())
+    mode = int(first.numbers[nearest])
+    ratios, masses = [], []
+    for number in present:
+        motion, own = motions[number], group.hypothesis == number
+        if motion is None or nearest >= len(motion.of_sensors):
+            return mode, None, None
+        which = group.place[own]
+        moved = {i: motion.of_places[places[i]][nearest] for i in np.unique(which).tolist()}
+        ratios.append(group.mass[own] * np.array([moved[i] for i in which.tolist()]) ** 2)
+        masses.append(ratios[-1] / motion.of_sensors[nearest] ** 2)
+    return mode, np.concatenate(ratios), np.concatenate(masses)
+
+
+def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
+    """The draws in groups of frequencies that are apart, each with a share of the probability."""
+    order = np.argsort(draws.frequency_hz)
+    hz, weights = draws.frequency_hz[order], draws.weights[order]
+    least = CRITERIA.share_of_a_group * weights.sum()
+    ends, begin = [], 0
+    for i in np.flatnonzero(hz[1:] > CRITERIA.apart * hz[:-1]).tolist():
+        if min(weights[begin : i + 1].sum(), weights[i + 1 :].sum()) >= least:
+            ends.append(float(hz[i]))
+            begin = i + 1
+    return [
+        draws.where((draws.frequency_hz > low) & (draws.frequency_hz <= high))
+        for low, high in pairwise([-np.inf, *ends, np.inf])
+    ]
+
+
+def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[PlaceOfAppendage, ...]:
+    """Where an appendage may be, the most probable place first."""
+    of_hypotheses = [draws.where(draws.hypothesis == i) for i in np.unique(draws.hypothesis)]
+    total = sum(float(each.weights.sum()) for each in of_hypotheses)
+    total_by_data = sum(float(each.by_data.sum()) for each in of_hypotheses)
+    found = []
+    for number in np.unique(draws.place).tolist():
+        there = draws.where(draws.place == number)
+        if there.weights.sum() > 0.0:
+            found.append(
+                PlaceOfAppendage(
+                    place=places[number],
+                    probability=float(there.weights.sum()) / total,
+                    mass=weighted_quantiles(there.mass, there.weights),
+                    by_data=float(there.by_data.sum()) / total_by_data,
+                )
+            )
+    return tuple(sorted(found, key=lambda place: -place.probability))
+
+
+def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Motions | None:
+    """Motions at the means of the parameters of the most probable hypothesis on a baseline."""
+    name, model_class = hypothesis.key.baseline, hypothesis.model_class
+    mean_values = hypothesis.screened.weights @ model_class.values(hypothesis.screened.z)
+    means = dict(zip(model_class.parameter_names, mean_values, strict=True))
+    test = tests_with_appendages(baselines[name], baselines.present_in)[0]
+    structure, places = test.structure, baselines.features[name]
+    at = np.array([[means[parameter.name] for parameter in structure.parameters]])
+    moved = structure.place_shapes([end for place in places for end in place.candidate.ends], at)
+    if moved is None:
+        return None
+    modes = structure.modes(at)
+    at_sensors = structure.sensor_matrix(test.data.sensors).apply(modes.shapes)[0]
+    largest = np.abs(at_sensors).max(axis=0, initial=0.0)
+    seen = np.flatnonzero(largest >= CRITERIA.visible * largest.max())
+    if not len(seen) or not largest.any():
+        return None
+    of_places, begin = {}, 0
+    for place in places:
+        n = len(place.candidate.ends)
+        # What hangs between two places is driven by the mean of their motions.
+        of_places[place] = moved[begin : begin + n, seen].mean(axis=0)
+        begin += n
+    return Motions(seen + 1, modes.frequencies_hz[0, seen], of_places, largest[seen])
 
 
 @checked

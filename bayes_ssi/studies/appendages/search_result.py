@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.studies.appendages.hypotheses import MassScale, frequency_name, hypothesis, mass_name
-from bayes_ssi.studies.appendages.places import AppendagePlace
+from bayes_ssi.studies.appendages.baselines import MassScale, frequency_name, hypothesis, mass_name
+from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study

@@ -20,7 +20,7 @@ class SearchSettings(SearchLimits):
     Attributes:
         mass_ratio: prior of the vibrating mass over the mean floor mass, or the median modal
             mass where there are no floors
-            (:func:`~bayes_ssi.studies.appendages.hypotheses.scale_of`).
+            (:func:`~bayes_ssi.studies.appendages.baselines.scale_of`).
         mass: instead of ``mass_ratio``, the lightest and the heaviest vibrating mass, in the
             structure's unit; log-uniform between them.
         frequency: prior of the appendage's natural frequency in Hz; if None, log-uniform from

@@ -4,21 +4,183 @@ Hypotheses on finite-element models that can be computed together begin with a l
 with a scan, a moderate number with a quick effort, and few with full effort. From each effort the
 best go on to the next, until those left cannot matter. Sampling is the last: the answer is to rest
 hardly on the others.
+
+A look shows the greatest likelihood, which no evidence exceeds: a hypothesis whose greatest
+likelihood is far below the evidence of another needs no more. It is climbed to from a scan of the
+new feature's parameters over their priors, the others as in the posterior without it, in common
+batches: a seventh of the time of a quick effort.
 """
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
+from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior_sampling.to_posterior import seed_of
 from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.maxima import ascend
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.regions import local_maxima
+from bayes_ssi.inference.sampling.settings import MIXTURES
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
+from bayes_ssi.structures.finite_elements.projected_structure import (
+    AlternativePlaces,
+    kinds_of_elements,
+)
+from bayes_ssi.studies.search.approximate_evidence import (
+    Screened,
+    ToScreen,
+    each_in_workers,
+    scan_draws,
+    screen_all,
+)
 from bayes_ssi.studies.search.efforts import EFFORTS, Effort, Efforts
-from bayes_ssi.studies.search.greatest_likelihood import looks_at
+
+
+class Look(NamedTuple):
+    """What a look at a hypothesis shows."""
+
+    z: FloatArray  # (m, d), where ascents ended, in standard-normal coordinates, the highest first
+    log_likelihoods: FloatArray  # (m,), there
+    n_evaluations: int  # evaluations of the log-likelihood
+
+    @property
+    def greatest(self) -> float:
+        return float(self.log_likelihoods.max())
+
+    def as_screened(self, parameter_names: Sequence[str], gap: float) -> Screened:
+        """Screened by the look alone.
+
+        Args:
+            gap: from a log evidence up to the greatest log-likelihood, as other hypotheses have it.
+                The error is such that the evidence may be as great as the likelihood.
+        """
+        d = self.z.shape[1]
+        return Screened(
+            parameter_names=tuple(parameter_names),
+            log_evidence=self.greatest - gap,
+            error=gap / EFFORTS.errors_too_low,
+            laplace=math.nan,
+            n_evaluations=self.n_evaluations,
+            maxima=self.z,
+            z=self.z,
+            weights=softmax(self.log_likelihoods + log_standard_normal(self.z)),
+            mixture=StudentMixture(
+                np.ones(1), self.z[:1], np.eye(d)[None], np.array([MIXTURES.heavy_tails])
+            ),
+        )
+
+
+def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, Look]:
+    """Look at those hypotheses that can be computed together.
+
+    Returns:
+        By the number of the hypothesis. Others are not on finite-element models in a small basis,
+        or the likelihood is zero wherever they were looked at.
+    """
+    groups: dict[Hashable, list[int]] = {}
+    for i, hypothesis in enumerate(hypotheses):
+        if (common := _in_common(hypothesis)) is not None:
+            groups.setdefault(common, []).append(i)
+    most = EFFORTS.looked_at_together
+    parts = [
+        group[start : start + most]
+        for group in groups.values()
+        for start in range(0, len(group), most)
+    ]
+    together = [[hypotheses[i] for i in part] for part in parts]
+    looks = each_in_workers(partial(_look_together, seed=seed), together, run)
+    return {
+        i: look
+        for part, of_part in zip(parts, looks, strict=True)
+        for i, look in zip(part, of_part, strict=True)
+        if look is not None
+    }
+
+
+def _in_common(hypothesis: ToScreen) -> Hashable:
+    """What hypotheses that are computed together have in common; None if one cannot be."""
+    model_class, simpler = hypothesis
+    kinds = tuple(kinds_of_elements(test.structure) for test in model_class.configurations)
+    if simpler is None or None in kinds:
+        return None
+    positions = tuple(model_class.parameter_names.index(name) for name in simpler.parameter_names)
+    return id(simpler), kinds, positions
+
+
+def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Look | None]:
+    """A look at hypotheses that differ in nothing but places; None where it shows nothing."""
+    classes = [hypothesis.model_class for hypothesis in hypotheses]
+    target = _AllPlaces(_joint_log_likelihood(classes), len(classes[0].parameters) + 1)
+    with threadpool_limits(limits=1, user_api="blas"):
+        starts = np.concatenate([_starts(target, i, h, seed) for i, h in enumerate(hypotheses)])
+        unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
+        ends, log_posteriors = ascend(target, starts, unit)
+    z, which = ends[:, :-1], _numbers(ends)
+    log_likelihoods = log_posteriors - log_standard_normal(z)
+    n_evaluations = target.n_evaluations // len(hypotheses)
+    looks: list[Look | None] = []
+    for i in range(len(hypotheses)):
+        own = np.flatnonzero(which == i)
+        own = own[np.argsort(-log_posteriors[own], kind="stable")]
+        looks.append(Look(z[own], log_likelihoods[own], n_evaluations) if len(own) else None)
+    return looks
+
+
+def _starts(target: Target, number: int, hypothesis: ToScreen, seed: int) -> FloatArray:
+    """Where ascents for one hypothesis begin (m, d + 1): at the best draws of a scan."""
+    model_class, simpler = hypothesis
+    assert simpler is not None
+    effort = EFFORTS.look
+    rng = np.random.default_rng(seed_of(f"first look at {model_class.name}", seed))
+    z = np.pad(scan_draws(model_class, simpler, effort.n_draws, rng), ((0, 0), (0, 1)))
+    z[:, -1] = number
+    log_likelihoods = target.log_likelihood(z)
+    possible = np.isfinite(log_likelihoods)
+    if not possible.any():
+        return z[:0]
+    return local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
+
+
+class _AllPlaces(Target):
+    """Log-likelihoods of several hypotheses, whose number is the last coordinate.
+
+    It has no slope, so that ascents for all hypotheses at once leave it.
+    """
+
+    def log_posterior(self, z: FloatArray) -> FloatArray:
+        return self.log_likelihood(z) + log_standard_normal(z[:, :-1])
+
+
+def _joint_log_likelihood(classes: Sequence[ModelClass]) -> Callable[[FloatArray], FloatArray]:
+    """That of :class:`_AllPlaces`, for classes that differ in nothing but places."""
+    first = classes[0]
+    tests = zip(*(each.configurations for each in classes), strict=True)
+    of_tests = [AlternativePlaces.of([test.structure for test in of_test]) for of_test in tests]
+
+    def of_rows(z: FloatArray) -> FloatArray:
+        values, which = first.values(z[:, :-1]), _numbers(z)
+        modes = [
+            places.modes(own[:, : len(test.structure.parameters)], which)
+            for places, (test, _, own) in zip(of_tests, first.parts(values), strict=True)
+        ]
+        return first.log_density_of_modes(values, modes)
+
+    n = EFFORTS.rows_in_cache
+    return lambda z: np.concatenate([of_rows(z[i : i + n]) for i in range(0, len(z), n)])
+
+
+def _numbers(z: FloatArray) -> np.ndarray:
+    """Numbers of hypotheses (B,): the last coordinate, but for the steps of differences."""
+    return np.rint(z[:, -1]).astype(np.intp)
+
 
 H = TypeVar("H", bound=Hashable)
 

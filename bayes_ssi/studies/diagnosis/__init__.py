@@ -1,1 +1,0 @@
-"""Which mistakes in the data would explain them better."""
