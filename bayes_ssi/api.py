@@ -4,7 +4,7 @@
 """
 
 from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
-from bayes_ssi.inference.calibration.fit import rms_distance as rms_distance
+from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
 from bayes_ssi.inference.calibration.modal_sensitivities import (
     modal_sensitivities as modal_sensitivities,
 )

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.inference.calibration.fit import Fit
+from bayes_ssi.inference.calibration.least_squares import Fit
 from bayes_ssi.plots.figure_style import STYLE, style
 
 HERE = Path(__file__).parent

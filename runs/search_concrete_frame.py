@@ -37,7 +37,7 @@ from concrete_frame import (
 from scipy.stats import norm
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.studies.appendages.baselines import frequency_name, hypothesis, mass_name, scale_of

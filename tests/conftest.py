@@ -20,10 +20,10 @@ from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes, UpdatedModes
+from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, UpdatedModes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.ranking.study import load_study

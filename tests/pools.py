@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.inference.workers.workers import Workers
 
 

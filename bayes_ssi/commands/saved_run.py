@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 
     from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.inference.sampling.settings import SamplingSettings
-    from bayes_ssi.inference.workers.checkpoint import Checkpoint
-    from bayes_ssi.inference.workers.run import Run
+    from bayes_ssi.inference.workers.run import Checkpoint, Run
     from bayes_ssi.inference.workers.workers import Workers
     from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.study import Ranking, Study
@@ -81,7 +80,7 @@ class RunOptions:
 
     def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
         """Where the result of a study goes; no other run may write there until the command ends."""
-        from bayes_ssi.inference.workers.checkpoint import Checkpoint, name_of_run
+        from bayes_ssi.inference.workers.run import Checkpoint, name_of_run
         from bayes_ssi.results.result_files import require_new, sibling
         from bayes_ssi.results.stored_result import MARKER
 
@@ -119,8 +118,7 @@ class RunOptions:
             sys.exit(ExitCode.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
-        from bayes_ssi.inference.workers.dask_workers import DaskWorkers
-        from bayes_ssi.inference.workers.local_workers import usable_cores
+        from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
         from bayes_ssi.studies.ranking.class_sampling import automatic_workers, chosen_workers
 
         if self.workers is not None and self.dask is not None:

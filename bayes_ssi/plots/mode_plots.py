@@ -10,7 +10,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
-from bayes_ssi.inference.posterior.configuration_modes import KEPT, UpdatedMode
+from bayes_ssi.inference.posterior.model_at_draws import KEPT, UpdatedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     STYLE,

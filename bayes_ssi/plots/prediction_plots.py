@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.posterior.configuration_modes import moves_sideways
+from bayes_ssi.inference.posterior.model_at_draws import moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     COLOURS,

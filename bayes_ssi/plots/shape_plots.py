@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.posterior.configuration_modes import UpdatedMode, UpdatedModes
+from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     STYLE,

@@ -12,7 +12,7 @@ import numpy as np
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.class_record import ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
+from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData

@@ -36,7 +36,7 @@ from known_evidence import Problem
 from nested_samplers import SAMPLERS, sample_within
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target

@@ -16,7 +16,7 @@ import numpy as np
 from problems_modal import frequencies_alone
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 

@@ -27,7 +27,7 @@ from problems import STUDY
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.to_posterior import class_target
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.sampling.multistart import search_maxima
 from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.studies.ranking.study import load_study

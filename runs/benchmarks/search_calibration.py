@@ -43,7 +43,7 @@ from search_scaling import tower
 from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.required_accuracy import with_exact_structures
+from bayes_ssi.inference.posterior_sampling.refinement import with_exact_structures
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.appendages.baselines import (
     choose_baselines,

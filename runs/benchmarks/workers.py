@@ -20,8 +20,7 @@ import numpy as np
 from distributed import LocalCluster
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.dask_workers import DaskWorkers
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import DaskWorkers, LocalWorkers
 from bayes_ssi.inference.workers.workers import Workers, evaluate
 
 BATCHES, BATCH = 6, 64

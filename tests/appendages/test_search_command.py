@@ -254,7 +254,7 @@ def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_pa
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
     differ = ["the ensembles differ"]
     monkeypatch.setattr(
-        "bayes_ssi.inference.posterior_sampling.to_posterior.failed_checks", lambda _: differ
+        "bayes_ssi.inference.posterior_sampling.sample.failed_checks", lambda _: differ
     )
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import bayes_ssi as bs
-from bayes_ssi.inference.calibration.determination import determination
+from bayes_ssi.inference.calibration.calibration import determination
 from bayes_ssi.inference.calibration.least_squares import CalibrationProblem
 
 SIGMA_F = 0.01

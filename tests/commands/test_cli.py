@@ -10,7 +10,7 @@ import pytest
 from conftest import assert_one_line_error
 
 from bayes_ssi.inference.sampling.settings import CheckSettings
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.results.stored_result import load_result
 
 CSV = """\

@@ -89,7 +89,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
     save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))

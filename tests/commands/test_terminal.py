@@ -28,7 +28,7 @@ def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_p
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
     differ = ["the ensembles differ"]
     monkeypatch.setattr(
-        "bayes_ssi.inference.posterior_sampling.to_posterior.failed_checks", lambda _: differ
+        "bayes_ssi.inference.posterior_sampling.sample.failed_checks", lambda _: differ
     )
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3

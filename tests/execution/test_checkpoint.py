@@ -12,8 +12,8 @@ from delegating import DelegatingStructure
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.packages import versions
-from bayes_ssi.inference.posterior.datum_terms import DatumTerms
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
+from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Evaluated
 from bayes_ssi.structures.modal import Modes
 
@@ -248,7 +248,7 @@ def test_computed_numbers_define_a_class_but_for_their_rounding(
 def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
     checkpoint.journal(one_k, 7, SETTINGS).close()
     here = {**versions(), "numpy": "3.0"}
-    monkeypatch.setattr("bayes_ssi.inference.workers.checkpoint.versions", lambda: here)
+    monkeypatch.setattr("bayes_ssi.inference.workers.run.versions", lambda: here)
     message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
     with pytest.raises(ValueError, match=message):
         checkpoint.journal(one_k, 7, SETTINGS)

@@ -11,7 +11,7 @@ from delegating import DelegatingStructure
 from pools import spawning
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Workers, WorkerSettings
 from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _Relay, sample_all
 

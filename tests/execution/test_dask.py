@@ -12,7 +12,7 @@ from conftest import COARSE, assert_one_line_error
 from pools import points, sums
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.dask_workers import DaskWorkers
+from bayes_ssi.inference.workers.executors import DaskWorkers
 from bayes_ssi.inference.workers.workers import WorkerSettings, evaluate
 
 dask = pytest.importorskip("dask")

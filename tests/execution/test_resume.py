@@ -97,7 +97,7 @@ WRITING_A_JOURNAL = {
     "half of the 60th batch": in_batch(60),
 }
 ALL_IS_SAMPLED = {
-    "all is sampled": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.begin_saving")
+    "all is sampled": instead_of("bayes_ssi.inference.workers.run.Checkpoint.begin_saving")
 }
 SAVING = {
     "some files are written": instead_of("bayes_ssi.results.stored_result.save_draws"),
@@ -105,7 +105,7 @@ SAVING = {
     "a figure is drawn": instead_of("matplotlib.figure.Figure.savefig"),
     "all files are written": instead_of("pathlib.Path.rename"),
     "the result is in its place": instead_of("bayes_ssi.results.stored_result.load_result"),
-    "everything is done": instead_of("bayes_ssi.inference.workers.checkpoint.Checkpoint.remove"),
+    "everything is done": instead_of("bayes_ssi.inference.workers.run.Checkpoint.remove"),
     "the journal is removed": after_the_first_unlink,
 }
 REPLACING = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pools import Crew, Death, numbered, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.inference.workers.workers import WorkerSettings
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pools import Minimal, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.local_workers import LocalWorkers, as_workers
+from bayes_ssi.inference.workers.executors import LocalWorkers, as_workers
 from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.ranking.study import load_study
 
@@ -239,7 +239,7 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
 ENDS_AT_ONCE = """
 import os
 import numpy as np
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 
 workers = LocalWorkers(1)
 process = workers.evaluate(lambda z: np.full(len(z), float(os.getpid())), np.zeros((1, 1)))
@@ -274,7 +274,7 @@ import os
 
 import numpy as np
 
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 
 
 def main():
@@ -321,7 +321,7 @@ COPIES = """
 import os
 import sys
 import numpy as np
-from bayes_ssi.inference.workers.local_workers import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers
 
 def function(z):
     if (z == 3.0).all():

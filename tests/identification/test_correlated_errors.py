@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
 from bayes_ssi.inference.likelihood.joint_errors import in_common_plane, tangents
-from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SD, SHAPE_SD = 0.02, 0.05
 RHO = bs.Parameter("rho", bs.Uniform(0.0, 1.0))

@@ -13,7 +13,7 @@ import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
 from bayes_ssi.inference.likelihood.error_groups import ErrorGroup, Separation
 from bayes_ssi.inference.likelihood.joint_errors import JointErrors
-from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
+from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 FIXED = bs.ErrorModel(0.004, 0.006)

@@ -10,7 +10,7 @@ from searches import INFILL_01, PENDULUM_3, place_record, places_in_space, place
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
-from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
+from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
 from bayes_ssi.plots.appendage_places import plot_place_bars, plot_places_on_building
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files, whole_figure

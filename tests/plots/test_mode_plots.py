@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
-from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
+from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots.identified_modes import plot_identified_modes
 from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
 from bayes_ssi.plots.parameter_plots import plot_parameters

@@ -7,7 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
-from bayes_ssi.inference.posterior.configuration_modes import (
+from bayes_ssi.inference.posterior.model_at_draws import (
     ConfigurationModes,
     UpdatedMode,
     UpdatedModes,

@@ -11,9 +11,9 @@ from delegating import DelegatingStructure
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import with_emulated_structures
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
+from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.structures.modal import Modes

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.refinement import _differences
-from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
-from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
+from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings, _differences
+from bayes_ssi.inference.posterior_sampling.sample import sample_as_it_is
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure

@@ -8,12 +8,13 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.model_class.class_record import described
-from bayes_ssi.inference.posterior.configuration_modes import (
+from bayes_ssi.inference.posterior.model_at_draws import (
     KEPT,
     UpdatedModes,
+    at_draws,
     configuration_modes,
+    datum_terms,
 )
-from bayes_ssi.inference.posterior.datum_terms import at_draws, datum_terms
 from bayes_ssi.structures.modal import mac
 
 

@@ -8,7 +8,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.configuration_modes import configuration_modes
+from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.results.predictions.bands import Prediction
 from bayes_ssi.results.predictions.posterior_draws import (
     PosteriorDraws,

@@ -33,7 +33,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     def refuse(*_):
         raise AssertionError("sampled")
 
-    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.to_posterior.sample_target", refuse)
+    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
     by_record = load_predictions(saved, n_draws=50)
     named = load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.datum_terms import DatumTerms
+from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.results.draws import _varying_terms, load_draws, save_draws
 
 

@@ -18,10 +18,7 @@ import scipy.linalg
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
-from bayes_ssi.inference.calibration.least_squares import (
-    CalibrationProblem,
-    central_differences,
-)
+from bayes_ssi.inference.calibration.least_squares import CalibrationProblem, central_differences
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 

@@ -34,7 +34,8 @@ from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, sample_pairings
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.maxima import Maxima
-from bayes_ssi.inference.sampling.target import SuggestedStarts, log_standard_normal
+from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
+from bayes_ssi.inference.workers.journal import Journal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import Modes
 
@@ -76,6 +77,23 @@ class NarrowRegions:
         """Starts of one search, in standard-normal coordinates."""
         descents = _Descents(self, rng)
         return SuggestedStarts(descents.ends(), descents.n_evaluations)
+
+
+def class_target(
+    model_class: ModelClass,
+    workers: Workers | None = None,
+    journal: Journal | None = None,
+    known_starts: FloatArray | None = None,
+) -> Target:
+    """The log-likelihood of a class, which suggests starts in its posterior's narrow regions."""
+    return Target(
+        model_class.log_likelihood_at,
+        len(model_class.parameters),
+        workers,
+        journal,
+        NarrowRegions(model_class, workers),
+        known_starts,
+    )
 
 
 class PairedResiduals:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
-from bayes_ssi.inference.posterior.configuration_modes import KEPT
+from bayes_ssi.inference.posterior.model_at_draws import KEPT
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.measurements.modes.modal_data import ModalData

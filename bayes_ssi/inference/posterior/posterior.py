@@ -13,10 +13,8 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
-from bayes_ssi.inference.criticism.adequacy import Adequacy
-from bayes_ssi.inference.criticism.edges import AtEdge
-from bayes_ssi.inference.posterior.configuration_modes import ConfigurationModes
-from bayes_ssi.inference.posterior.datum_terms import DatumTerms
+from bayes_ssi.inference.criticism.adequacy import Adequacy, AtEdge
+from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, DatumTerms
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 
 
@@ -124,7 +122,7 @@ class Posterior(Displayed):
         prior_quantiles: (n_parameters, 3), 5, 50 and 95 % quantiles of the priors.
         sensor_shapes: (m, n_components), shapes at the sensors at
             :func:`~bayes_ssi.inference.posterior.known_modes.draws_with_shapes`, as in
-            :class:`~bayes_ssi.inference.posterior.datum_terms.AtDraws`; None where they are not
+            :class:`~bayes_ssi.inference.posterior.model_at_draws.AtDraws`; None where they are not
             known.
         datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
             back from a stored result, whose files of draws hold them.

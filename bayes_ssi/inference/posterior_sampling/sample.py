@@ -1,30 +1,48 @@
 """Sample a model class, with exact, approximate or emulated structures.
 
 Structures that take long are solved at some hundred points, and emulators take their place; all
-else is sampled as any class with approximate structures is.
+else is sampled as any class with approximate structures is. The engine's coordinates become
+parameter values, modes and checks.
 """
 
 from __future__ import annotations
 
+import hashlib
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.narrow_regions import class_target
+from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy, edges
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement import refined
-from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
+from bayes_ssi.inference.posterior.model_at_draws import (
+    AtDraws,
+    at_draws,
+    configuration_modes,
+    datum_terms,
+)
+from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
     is_approximate,
+    refined,
 )
-from bayes_ssi.inference.posterior_sampling.to_posterior import sample_as_it_is
+from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.inference.sampling.diagnostics import r_hat
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices, systematic_indices
+from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.journal import Journal
-from bayes_ssi.inference.workers.recorded_structure import RecordedStructure
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.workers.journal import Journal, RecordedStructure
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.emulation.emulated_structure import EmulatedStructure
@@ -133,3 +151,180 @@ def emulated_again(model_class: ModelClass, posterior: Posterior) -> ModelClass:
         return structure if fit is None else EmulatedStructure(structure, fit=fit)
 
     return model_class.with_structures(emulated)
+
+
+def sample_as_it_is(
+    model_class: ModelClass,
+    seed: int = 0,
+    settings: SamplingSettings | None = None,
+    run: Run | None = None,
+    journal: Journal | None = None,
+    known_starts: FloatArray | None = None,
+    *,
+    roughly: bool = False,
+) -> Posterior:
+    """Sample a model class with its structures as they are.
+
+    Arguments and errors are as in :func:`bayes_ssi.inference.posterior_sampling.sample.sample`;
+    ``journal`` recalls the evaluations that it holds and records the others; ``roughly`` is as in
+    :func:`bayes_ssi.inference.sampling.engine.sample_target`.
+    """
+    settings, run = settings or SamplingSettings(), run or Run()
+    started = perf_counter()
+    model_class.check_structure()
+    n = len(model_class.parameters)
+    with run.working():
+        target = class_target(model_class, run.workers, journal, known_starts)
+        try:
+            sampled = sample_target(
+                target,
+                seed_of(model_class.name, seed),
+                settings,
+                partial(run.report, model_class.name),
+                roughly=roughly,
+            )
+        except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+            raise
+        except ValueError as error:
+            failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+            raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
+        rng = np.random.default_rng(seed)
+        z, log_likelihoods = _corrected_draws(sampled, rng)
+        values = model_class.values(z.reshape(-1, n))
+        at_values = _at_draws(model_class, values, run.workers)
+    configurations = configuration_modes(model_class, values)
+    values = values.reshape(z.shape)
+    return Posterior(
+        name=model_class.name,
+        parameter_names=model_class.parameter_names,
+        draws=values,
+        log_likelihoods=log_likelihoods,
+        frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
+        effective_sample_sizes=sampled.effective_sample_sizes,
+        evidence=_evidence(sampled),
+        regions=_regions(sampled, z, values),
+        maxima=model_class.values(sampled.maxima.z),
+        r_hat=float(r_hat(list(values)).max()),
+        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
+        acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
+        n_evaluations=sampled.n_evaluations,
+        n_searches=sampled.search.n_searches,
+        largest_unseen_mass=sampled.search.largest_unseen_mass,
+        seconds=perf_counter() - started,
+        failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
+        edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
+        data_digest=model_class.data_digest,
+        configurations=configurations,
+        relative_spreads=z.reshape(-1, n).std(axis=0),
+        prior_quantiles=np.array(
+            [[p.prior.quantile(q) for q in (0.05, 0.5, 0.95)] for p in model_class.parameters]
+        ),
+        sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
+        datum_terms=datum_terms(
+            model_class,
+            values.reshape(-1, n),
+            at_values,
+            [each.pairing for each in configurations],
+            z.shape[:2],
+            rng,
+        ),
+        adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
+    )
+
+
+def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
+    """The model at ``values`` (n, n_parameters)."""
+    # A rejected proposal repeats the last draw.
+    different, which = np.unique(values, axis=0, return_inverse=True)
+    if pool is None:
+        model = at_draws(model_class, different)
+    else:
+        parts = np.array_split(different, min(pool.n_parts, len(different)))
+        model = AtDraws.joined(pool.call_each(partial(at_draws, model_class), parts))
+    return model.rows(which.ravel())
+
+
+def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
+    """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
+    chosen = evenly_spaced_indices(len(values), CRITICISM.n_draws)
+    modes = model.rows(chosen).modes
+    return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
+
+
+def _failures(model_class: ModelClass, target: Target) -> list[str]:
+    """One sentence on where and why the model has no answer, unless it hardly ever happens."""
+    first = target.first_failure
+    # A smaller share of failures lies in the far tails of a prior.
+    if first is None or target.n_failed <= 1e-3 * target.n_evaluations:
+        return []
+    z, reason = first
+    named = zip(model_class.parameter_names, model_class.values(z[None])[0], strict=True)
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in named)
+    return [
+        f"the model failed at {target.n_failed} of {target.n_evaluations} evaluations, which count "
+        f"as likelihood zero; the first time at {where}: {reason}"
+    ]
+
+
+def seed_of(name: str, seed: int) -> np.random.SeedSequence:
+    """The seed of one model class, which does not depend on the others."""
+    digest = hashlib.sha256(name.encode()).digest()
+    if seed < 0:
+        raise ValueError(f"seed must be zero or positive, got {seed!r}")
+    return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
+
+
+def _evidence(sampled: SamplingResult) -> Evidence:
+    quoted = sampled.evidence
+    return Evidence(
+        log_evidence=quoted.log_evidence,
+        error=quoted.error,
+        effective_sample_size=sampled.importance.effective_sample_size,
+        pareto_k=sampled.importance.pareto_k,
+        n_draws=len(sampled.importance.z),
+        mean_log_likelihood=sampled.importance.log_likelihood_mean,
+        checks=sampled.evidence_checks,
+    )
+
+
+def _corrected_draws(
+    sampled: SamplingResult, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Draws (n_chains, n_steps, d) and their log-likelihoods, with corrected shares of regions.
+
+    The shares in which chains visit separate regions are too noisy: where there are several, the
+    draws are resampled to the shares from importance sampling.
+    """
+    n = min(ensemble.n_steps for ensemble in sampled.draws)
+    z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)
+    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.draws], axis=1).T
+    if sampled.regions.n_regions > 1:
+        flat = z.reshape(-1, z.shape[-1])
+        label = sampled.regions.assign(flat)
+        counts = np.bincount(label, minlength=sampled.regions.n_regions)
+        weights = (sampled.region_shares / np.maximum(counts, 1))[label]
+        chosen = rng.permutation(systematic_indices(weights, len(flat), rng))
+        z = flat[chosen].reshape(z.shape)
+        densities = densities.reshape(-1)[chosen].reshape(densities.shape)
+    prior = log_standard_normal(z.reshape(-1, z.shape[-1])).reshape(densities.shape)
+    return z, densities - prior
+
+
+def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
+    regions = sampled.regions
+    shares, errors = sampled.region_shares, sampled.region_errors
+    of_compressions = [regions.shares(each.draws) for each in sampled.compressions]
+    labels = regions.assign(z.reshape(-1, z.shape[-1]))
+    flat = values.reshape(-1, values.shape[-1])
+    records = [
+        Region(
+            share=float(shares[k]),
+            error=float(errors[k]),
+            n_searches=int(sampled.searches_of_regions[k]),
+            shares_of_compressions=tuple(float(shares[k]) for shares in of_compressions),
+            mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
+        )
+        for k in range(regions.n_regions)
+        if np.any(labels == k)
+    ]
+    return tuple(sorted(records, key=lambda region: -region.share))

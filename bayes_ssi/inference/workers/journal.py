@@ -12,6 +12,8 @@ is computed again.
 
 The file is an SQLite database. Every batch is a transaction, so that a run that is killed leaves
 whole batches, and the lock on the file ends with its process.
+
+Solutions of a slow structure are kept, too, and counted.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import os
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +33,9 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.inference.workers.workers import Evaluated
+from bayes_ssi.inference.workers.workers import Evaluated, Workers, evaluate
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure, SubstituteStructure
 
 FORMAT = 5
 OPEN = (
@@ -219,3 +224,62 @@ def _agree(stored: bytes, asked: bytes) -> bool:
 
 def _digest(*parts: bytes) -> bytes:
     return hashlib.blake2b(b"".join(parts), digest_size=16).digest()
+
+
+class RecordedStructure(SubstituteStructure):
+    """Another structure, solved once at each set of values."""
+
+    def __init__(
+        self, structure: Structure, workers: Workers | None = None, journal: Journal | None = None
+    ) -> None:
+        self.structure = structure
+        self.n_solved = 0
+        self.failures: dict[bytes, str] = {}
+        self._known: dict[bytes, FloatArray] = {}
+        self._workers, self._journal = workers, journal
+
+    @property
+    def substituted(self) -> Structure:
+        return self.structure
+
+    def modes(self, values: FloatArray) -> Modes:
+        """The structure's modes; NaN in rows at which it fails."""
+        keys = [row.tobytes() for row in np.ascontiguousarray(values)]
+        # A row that is there twice is solved once.
+        new = {key: row for key, row in zip(keys, values, strict=True) if key not in self._known}
+        if new:
+            self._solve(np.array(list(new.values())))
+        if len(keys) == 1 and keys[0] in self.failures:
+            raise ValueError(self.failures[keys[0]])
+        n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, (1 + n_dof) * n_modes)
+        return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(-1, n_dof, n_modes))
+
+    def _solve(self, values: FloatArray) -> None:
+        evaluated = self._journal.recalled(values) if self._journal else None
+        if evaluated is None:
+            function = partial(_solutions, self.structure)
+            n_columns = (1 + len(self.degrees_of_freedom)) * self.n_modes
+            if self._workers is None:
+                evaluated = evaluate(function, values, n_columns)
+            else:
+                evaluated = self._workers.evaluate(function, values, n_columns)
+            if self._journal:
+                self._journal.add(values, evaluated)
+        self.n_solved += len(values)
+        solutions = evaluated.values.reshape(len(values), -1)
+        for i, (row, solution) in enumerate(zip(values, solutions, strict=True)):
+            self._known[row.tobytes()] = solution
+            if i in evaluated.failures:
+                self.failures[row.tobytes()] = evaluated.failures[i]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what belongs to this process."""
+        return {**self.__dict__, "_workers": None, "_journal": None}
+
+
+def _solutions(structure: Structure, values: FloatArray) -> FloatArray:
+    """Frequencies and shapes (B, (1 + n_dof) n_modes) at ``values`` (B, n_parameters)."""
+    frequencies_hz, shapes = structure.modes(values)
+    modes = Modes(frequencies_hz, shapes).repeated(len(values))
+    return np.hstack([modes.frequencies_hz, modes.shapes.reshape(len(values), -1)])

@@ -1,18 +1,38 @@
-"""How a calculation is carried out: its workers, checkpoint and progress reports."""
+"""How a calculation is carried out: its workers, its checkpoint and its reports of progress.
+
+A checkpoint is a journal for each model class, all in one directory.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
-from collections.abc import Callable, Iterator
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.foundations.notebook import notebook_progress
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.inference.workers.local_workers import as_workers
+from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.text_files import file_stem
+from bayes_ssi.inference.model_class.class_record import class_record
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.workers.executors import as_workers
+from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal, OtherRunError
 from bayes_ssi.inference.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 
 LOG = logging.getLogger("bayes_ssi")
 LOG.addHandler(logging.NullHandler())
@@ -77,3 +97,142 @@ class Run:
         LOG.log(level, "%s: %s %.0f %%", name, step, 100.0 * done)
         if self.progress is not None:
             self.progress(name, step, done)
+
+
+# This file exists from the moment the run begins to write its result.
+SAVING = "saving"
+# This one while a run uses the checkpoint.
+LOCK = "lock"
+SUFFIX = ".journal"
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _keep_quiet(text: str) -> None:
+    del text
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Journals of the model classes of one run."""
+
+    # Holds the journals; created with the first one, inside an existing directory. A relative path
+    # starts in the working directory of this process, also for its workers.
+    directory: Path
+    run: str = field(default="", kw_only=True)
+    discard_others: bool = field(default=False, kw_only=True)
+    # Called with a message when an earlier run is resumed, and when a journal is damaged or was
+    # made on another kind of processor; issues a warning by default.
+    say: Callable[[str], None] = field(default=_warn, kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "directory", Path(self.directory).absolute())
+
+    def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
+        """The journal of one model class, closed by the caller; a damaged one is replaced."""
+        self.directory.mkdir(exist_ok=True)
+        path = self._path(model_class.name)
+        run = {
+            "model class": model_class.name,
+            "definition": _definition(model_class),
+            "seed": seed,
+            **asdict(settings),
+            **versions(),
+        }
+        try:
+            journal = Journal(path, run, self.say)
+        except DamagedJournalError as error:
+            self.say(f"{error}; everything is computed again")
+        except OtherRunError:
+            if not self.discard_others:
+                raise
+        else:
+            if journal.n_kept:
+                self.say(
+                    f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
+                )
+            return journal
+        _remove(path)
+        return Journal(path, run, self.say)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs from this checkpoint, also between two model classes and while saving.
+
+        Where an earlier run was killed before it began a journal, as in the first steps of a
+        search, a message says so.
+        """
+        self.directory.mkdir(exist_ok=True)
+        left_behind = [path.name for path in self.directory.iterdir()]
+        # A journal without evaluations: its lock ends with this process, however that ends.
+        lock = Journal(self.directory / LOCK, {})
+        if LOCK in left_behind and not any(name.endswith((SUFFIX, SAVING)) for name in left_behind):
+            self.say("an earlier run was interrupted before it kept an evaluation; begins again")
+        try:
+            yield
+        finally:
+            lock.close()
+            _remove(lock.path)
+            self._remove_if_empty()
+
+    def silent(self) -> Checkpoint:
+        """The same checkpoint without messages, for use in another process."""
+        return replace(self, say=_keep_quiet)
+
+    def say_resumed(self, names: Iterable[str]) -> None:
+        """Report which of these model classes have a journal, before they are sampled silently."""
+        resumed = [name for name in names if self._path(name).exists()]
+        if resumed:
+            self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether this run was interrupted while, or after, it wrote its result."""
+        marker = self.directory / SAVING
+        return marker.exists() and marker.read_text(encoding="utf-8") == self.run
+
+    def begin_saving(self) -> None:
+        """Mark the result directory as this run's own from now on."""
+        (self.directory / SAVING).write_text(self.run, encoding="utf-8")
+
+    def remove(self, names: Iterable[str] | None = None) -> None:
+        """Remove the journals of these or all classes, and the directory if it is then empty."""
+        journals = self.directory.glob(f"*{SUFFIX}") if names is None else map(self._path, names)
+        for path in journals:
+            _remove(path)
+        (self.directory / SAVING).unlink(missing_ok=True)
+        self._remove_if_empty()
+
+    def _remove_if_empty(self) -> None:
+        if self.directory.exists() and not any(self.directory.iterdir()):
+            self.directory.rmdir()
+
+    def _path(self, name: str) -> Path:
+        stem = file_stem(name)
+        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+        return self.directory / f"{stem}-{digest}{SUFFIX}"
+
+
+def _remove(journal: Path) -> None:
+    """Remove a journal and the file that SQLite leaves next to it if a run is killed."""
+    for path in (journal.with_name(f"{journal.name}-journal"), journal):
+        path.unlink(missing_ok=True)
+
+
+def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:
+    """A digest that identifies a run by its model classes and all else that determines it."""
+    parts = [*map(_definition, model_classes), *map(repr, options)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _definition(model_class: ModelClass) -> str:
+    """A digest of a model class, as far as its description tells classes apart."""
+    with np.printoptions(threshold=sys.maxsize):  # arrays in full
+        text = json.dumps(to_record(class_record(model_class)), sort_keys=True)
+    # The default description of an object holds its address, which differs between processes.
+    text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
+    # The last digits of computed numbers depend on the processor.
+    text = re.sub(r"\d+\.\d+(e[-+]\d+)?", lambda found: f"{float(found[0]):.9g}", text)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

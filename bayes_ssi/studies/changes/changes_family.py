@@ -11,7 +11,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
     Requirement,
     is_approximate,

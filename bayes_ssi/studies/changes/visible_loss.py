@@ -17,9 +17,10 @@ from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior_sampling.to_posterior import class_target, seed_of
+from bayes_ssi.inference.posterior_sampling.sample import seed_of
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.workers.run import Run

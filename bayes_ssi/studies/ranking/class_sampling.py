@@ -22,12 +22,11 @@ from typing import Any
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import sample
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.checkpoint import Checkpoint
-from bayes_ssi.inference.workers.local_workers import LocalWorkers, can_copy, usable_cores
-from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.inference.workers.executors import LocalWorkers, can_copy, usable_cores
+from bayes_ssi.inference.workers.run import Checkpoint, Run
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.required_accuracy import (
+from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     with_exact_structures,
 )

@@ -23,9 +23,8 @@ from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.remote import STUDY_MODULE
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import STUDY_MODULE, Workers
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.studies.ranking.comparison import (
     RANKING,

@@ -19,7 +19,7 @@ from scipy.special import expit, logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.required_accuracy import RefinementSettings
+from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.averages import AveragedAndNaive, averaged_parameter
