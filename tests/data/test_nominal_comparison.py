@@ -7,8 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
-from bayes_ssi.structures.solver_files.exported_model import exported_model
-from bayes_ssi.structures.solver_files.formats import Matrices
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
 from bayes_ssi.structures.solver_files.sensor_points import (
     SensorPoint,
     exchanged,

@@ -5,8 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
-from bayes_ssi.structures.solver_files.exported_model import exported_model
-from bayes_ssi.structures.solver_files.formats import Matrices
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
 from bayes_ssi.structures.solver_files.parameter_matrices import AlteredModel, parameter_matrices
 
 LABELS = [f"{node} x" for node in range(1, 9)]

@@ -5,8 +5,7 @@ import pytest
 from frames import LABELS, portal
 
 import bayes_ssi as bs
-from bayes_ssi.structures.solver_files.exported_model import exported_model
-from bayes_ssi.structures.solver_files.formats import Matrices
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
 from bayes_ssi.structures.solver_files.unit_systems import SYSTEMS, in_si
 
 # Newtons and metres in the units, by their definitions.

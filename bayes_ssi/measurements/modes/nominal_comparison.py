@@ -11,7 +11,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
 from bayes_ssi.structures.modal import mac, seen_shapes
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
+from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS
 
 # Errors of identified shapes and of a nominal model take less from the mean MAC, and from its
 # product with the ratio of frequencies.

@@ -9,7 +9,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.results.result_files import write_csv
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS, INTERNAL
+from bayes_ssi.structures.solver_files.solver_text import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.structure import Structure
 
 

@@ -9,21 +9,30 @@ from typing import NamedTuple
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import first_bytes
-from bayes_ssi.structures.solver_files.abaqus_matrices import read_abaqus, recognises_abaqus
-from bayes_ssi.structures.solver_files.ansys_full import read_ansys
-from bayes_ssi.structures.solver_files.calculix_storage import read_calculix
-from bayes_ssi.structures.solver_files.exported_model import ExportedModel, exported_model
-from bayes_ssi.structures.solver_files.formats import Matrices, Source
-from bayes_ssi.structures.solver_files.harwell_boeing import (
+from bayes_ssi.structures.solver_files.abaqus_and_calculix import (
+    read_abaqus,
+    read_calculix,
+    recognises_abaqus,
+)
+from bayes_ssi.structures.solver_files.ansys import (
+    read_full,
     read_harwell_boeing,
     recognises_harwell_boeing,
 )
-from bayes_ssi.structures.solver_files.matrix_containers import read_containers
-from bayes_ssi.structures.solver_files.nastran_op4 import read_op4
-from bayes_ssi.structures.solver_files.nastran_punch import read_punch
-from bayes_ssi.structures.solver_files.opensees_text import read_printed, recognises_rows
-from bayes_ssi.structures.solver_files.row_labels import read_labels
+from bayes_ssi.structures.solver_files.exported_model import (
+    ExportedModel,
+    Matrices,
+    Source,
+    exported_model,
+)
+from bayes_ssi.structures.solver_files.nastran import read_op4, read_punch
+from bayes_ssi.structures.solver_files.plain_matrices import (
+    read_containers,
+    read_printed,
+    recognises_rows,
+)
 from bayes_ssi.structures.solver_files.sap2000_text import read_sap2000
+from bayes_ssi.structures.solver_files.solver_text import read_labels
 from bayes_ssi.structures.solver_files.unit_systems import in_si, mass_note, require_mass
 
 Begins = Callable[[bytes], bool]
@@ -49,7 +58,7 @@ FORMATS = (
            _ends(".txa", ".txe", ".txk", ".txm", ".txc"), read_sap2000),
     Format("CalculiX matrix storage", ".sti, .mas, .dof", _ends(".sti", ".mas", ".dof"),
            read_calculix),
-    Format("ANSYS full file", ".full", _ends(".full"), read_ansys),
+    Format("ANSYS full file", ".full", _ends(".full"), read_full),
     Format("Nastran OUTPUT4", ".op4", _ends(".op4"), read_op4, has_keys=True),
     Format("Nastran punched matrices (DMIG)", ".pch, .dmig",
            _ends(".pch", ".dmig", or_begins=lambda head: b"\nDMIG" in b"\n" + head),

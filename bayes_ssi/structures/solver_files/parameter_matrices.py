@@ -144,36 +144,30 @@ def parameter_matrices(
         by_properties.setdefault(tuple(sorted(export.factors)), []).append(export)
     for names, exports in by_properties.items():
         _require_other_factors(names, exports)
-    by_name = {names[0]: exports for names, exports in by_properties.items() if len(names) == 1}
-    by_pair = {names: exports for names, exports in by_properties.items() if len(names) == 2}
+    alone = {names[0]: exports for names, exports in by_properties.items() if len(names) == 1}
     for other in (*checks, *changed):
-        require_known(f"{other.file}: no other export alters alone", other.factors, by_name)
+        require_known(f"{other.file}: no other export alters alone", other.factors, alone)
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):
-        base = getattr(nominal, which)
-        differences = {
-            export: _difference(nominal, export, which) for export in (*changed, *checks)
-        }
-        changes = _Changes(which, _scale(base), differences)
-        alone = {
-            name: _fitted(changes, [((name, e),) for e in SETTINGS.exponents], exports, ())
-            for name, exports in by_name.items()
-        }
-        chosen = _joined(alone.values())
-        together = [
-            _fitted(changes, _products(*(alone[name] for name in names)), exports, chosen)
-            for names, exports in by_pair.items()
-        ]
-        chosen = (*chosen, *_joined(together))
+        changes = _Changes.of(which, nominal, [*changed, *checks])
+        fits: dict[tuple[str, ...], Fit] = {}
+        for names in sorted(by_properties, key=len):  # what each changes alone comes first
+            possible: list[Powers] = [((names[0], e),) for e in SETTINGS.exponents]
+            if len(names) == 2:
+                first, second = (fits[(name,)] for name in names)
+                possible = [(*a.powers, *b.powers) for a, b in product(first, second)]
+            known = _joined(fits.values()) if len(names) == 2 else ()
+            fits[names] = changes.fitted(by_properties[names], possible, known)
+        chosen = _joined(fits.values())
         for check in checks:
             errors[check.file] = max(errors[check.file], changes.missed(chosen, check))
-        terms.append(_terms(base, chosen))
+        terms.append(changes.multiplied_out(chosen))
     affected = {name for part in terms for term in part for name, _ in term.powers}
-    idle = [name for name in by_name if name not in affected]
+    idle = [name for name in alone if name not in affected]
     if idle:
         raise ValueError(
-            f"{by_name[idle[0]][0].file}: {idle[0]!r} changes neither stiffness nor mass; is it "
+            f"{alone[idle[0]][0].file}: {idle[0]!r} changes neither stiffness nor mass; is it "
             "the nominal export?"
         )
     return ParameterMatrices(nominal, terms[0], terms[1], errors)
@@ -210,105 +204,15 @@ def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.
     return sp.csc_array(matrix - getattr(nominal, which))
 
 
-def _scale(matrix: sp.csc_array) -> sp.dia_array:
-    """Diagonal that makes entries (i, j) relative to √(K_ii K_jj)."""
-    diagonal = np.sqrt(abs(matrix.diagonal()))
-    diagonal[diagonal == 0.0] = diagonal.max()
-    return sp.diags_array(1.0 / diagonal)
+# Each term is a matrix times the product of f^e - 1, which is zero where a property is nominal.
+Fit = tuple[Term, ...]
 
 
-def _error(difference: sp.csc_array, scale: sp.dia_array) -> float:
-    return float(abs(scale @ difference @ scale).max())
-
-
-# Matrices with powers; the change is the sum of the matrices times products of f^e - 1.
-Fit = tuple[tuple[Powers, sp.csc_array], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Changes:
-    """What exports change of the stiffness or mass."""
-
-    which: str
-    scale: sp.dia_array
-    differences: Mapping[AlteredModel, sp.csc_array]
-
-    def missed(self, fit: Fit, check: AlteredModel) -> float:
-        """The largest error of the prediction of a check, refused where it is too large."""
-        predicted = _predicted(fit, check.factors, self.scale)
-        error = _error(self.differences[check] - predicted, self.scale)
-        if error > SETTINGS.tolerance:
-            raise ValueError(
-                f"{check.file}: its {self.which} is missed by {error:.1e} of √(K_ii K_jj), "
-                f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a "
-                "sum of these properties' powers; export each with one more factor, two whose "
-                "product matters also together, and with more digits if they are few"
-            )
-        return error
-
-
-def _fitted(
-    changes: _Changes, possible: Sequence[Powers], exports: Sequence[AlteredModel], known: Fit
-) -> Fit:
-    """The fewest powers that, with those ``known``, predict exports of the same properties.
-
-    As many powers as there are exports always do: then all that are possible must be wanted, or of
-    a single property and export the first, which is linear.
-    """
-    differences = [
-        sp.csc_array(changes.differences[export] - _predicted(known, export.factors, changes.scale))
-        for export in exports
-    ]
-    # What is known may predict them, as well as printed digits allow.
-    allowed = SETTINGS.tolerance if known else SETTINGS.rounding
-    if max(_error(each, changes.scale) for each in differences) <= allowed:
-        return ()
-    names = sorted(exports[0].factors)
-    smallest = np.inf
-    for count in range(1, min(len(exports), len(possible)) + 1):
-        if count < len(exports) or count == len(possible):
-            sets = list(combinations(possible, count))
-        else:
-            sets = [tuple(possible[:1])] if len(exports) == len(names) == 1 else []
-        for powers in sets:
-            fit, error = _fit(powers, exports, differences, changes.scale)
-            if error <= SETTINGS.tolerance:
-                return fit
-            smallest = min(smallest, error)
-    what = "power of its factor predicts" if len(names) == 1 else "product of their powers predicts"
-    missed = (
-        f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
-    )
-    raise ValueError(
-        f"{' and '.join(names)}: {changes.which}: no {what} these exports{missed}; export "
-        f"{'it' if len(names) == 1 else 'both'} with one more factor, for a sum of powers"
-    )
-
-
-def _products(first: Fit, second: Fit) -> list[Powers]:
-    """Every power of one property times every one of the other."""
-    return [(*a, *b) for a, b in product((p for p, _ in first), (p for p, _ in second))]
-
-
-def _fit(
-    powers: Sequence[Powers],
-    exports: Sequence[AlteredModel],
-    differences: Sequence[sp.csc_array],
-    scale: sp.dia_array,
-) -> tuple[Fit, float]:
-    """Matrices of the powers by least squares, and the largest error of a prediction."""
-    design = np.array([[_change(each, export.factors) for each in powers] for export in exports])
-    weights = np.linalg.pinv(design)
-    matrices = [_sum(row, differences) for row in weights]
-    errors = [
-        _error(_sum([-1.0, *row], [difference, *matrices]), scale)
-        for row, difference in zip(design, differences, strict=True)
-    ]
-    return tuple(zip(powers, matrices, strict=True)), max(errors)
+def _joined(fits: Iterable[Fit]) -> Fit:
+    return tuple(term for fit in fits for term in fit)
 
 
 def _change(powers: Powers, factors: Mapping[str, float]) -> float:
-    """The product of f^e - 1, which is zero where a property is nominal."""
     return math.prod(factors.get(name, 1.0) ** exponent - 1.0 for name, exponent in powers)
 
 
@@ -319,34 +223,102 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
     return sp.csc_array(total)
 
 
-def _joined(fits: Iterable[Fit]) -> Fit:
-    return tuple(part for fit in fits for part in fit)
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """What exports change of the stiffness or mass."""
 
+    which: str
+    nominal: sp.csc_array
+    scale: sp.dia_array  # the diagonal that makes entries (i, j) relative to √(K_ii K_jj)
+    differences: Mapping[AlteredModel, sp.csc_array]
 
-def _predicted(fit: Fit, factors: Mapping[str, float], like: sp.dia_array) -> sp.csc_array:
-    total = sp.csc_array(like.shape)
-    for powers, matrix in fit:
-        change = _change(powers, factors)
-        if change != 0.0:
-            total = total + change * matrix
-    return total
+    @classmethod
+    def of(cls, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> _Changes:
+        nominal = getattr(model, which)
+        diagonal = np.sqrt(abs(nominal.diagonal()))
+        diagonal[diagonal == 0.0] = diagonal.max()
+        differences = {export: _difference(model, export, which) for export in exports}
+        return cls(which, nominal, sp.diags_array(1.0 / diagonal), differences)
 
+    def error(self, difference: sp.csc_array) -> float:
+        return float(abs(self.scale @ difference @ self.scale).max())
 
-def _terms(base: sp.csc_array, chosen: Fit) -> tuple[Term, ...]:
-    """Products of f^e - 1 multiplied out, without what is rounding."""
-    of_powers: dict[Powers, sp.csc_array] = {(): base}
-    for powers, matrix in chosen:
-        for count in range(len(powers), -1, -1):
-            for kept in combinations(powers, count):
-                part = (-1.0) ** (len(powers) - count) * matrix
-                of_powers[kept] = of_powers[kept] + part if kept in of_powers else part
-    cleaned = {powers: _without_rounding(each, base) for powers, each in of_powers.items()}
-    return tuple(Term(matrix, powers) for powers, matrix in cleaned.items() if matrix.nnz)
+    def left(self, export: AlteredModel, known: Fit) -> sp.csc_array:
+        """What an export changes beyond what is known."""
+        predicted = sp.csc_array(self.scale.shape)
+        for term in known:
+            change = _change(term.powers, export.factors)
+            if change != 0.0:
+                predicted = predicted + change * term.matrix
+        return sp.csc_array(self.differences[export] - predicted)
 
+    def missed(self, fit: Fit, check: AlteredModel) -> float:
+        """The largest error of the prediction of a check, refused where it is too large."""
+        error = self.error(self.left(check, fit))
+        if error > SETTINGS.tolerance:
+            raise ValueError(
+                f"{check.file}: its {self.which} is missed by {error:.1e} of √(K_ii K_jj), "
+                f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a "
+                "sum of these properties' powers; export each with one more factor, two whose "
+                "product matters also together, and with more digits if they are few"
+            )
+        return error
 
-def _without_rounding(matrix: sp.csc_array, base: sp.csc_array) -> sp.csc_array:
-    scale = _scale(base)
-    relative = abs(scale @ matrix @ scale)
-    kept = sp.csc_array(matrix.multiply(relative > SETTINGS.rounding))
-    kept.eliminate_zeros()
-    return kept
+    def fitted(
+        self, exports: Sequence[AlteredModel], possible: Sequence[Powers], known: Fit
+    ) -> Fit:
+        """The fewest powers that, with those ``known``, predict exports of the same properties.
+
+        As many powers as there are exports always do: then all that are possible must be wanted,
+        or of a single property and export the first, which is linear.
+        """
+        differences = [self.left(export, known) for export in exports]
+        # What is known may predict them, as well as printed digits allow.
+        allowed = SETTINGS.tolerance if known else SETTINGS.rounding
+        if max(map(self.error, differences)) <= allowed:
+            return ()
+        names = sorted(exports[0].factors)
+        smallest = np.inf
+        for count in range(1, min(len(exports), len(possible)) + 1):
+            if count < len(exports) or count == len(possible):
+                sets = list(combinations(possible, count))
+            else:
+                sets = [tuple(possible[:1])] if len(exports) == len(names) == 1 else []
+            for powers in sets:
+                # Matrices by least squares, and the largest error of a prediction.
+                design = np.array([[_change(p, e.factors) for p in powers] for e in exports])
+                matrices = [_sum(row, differences) for row in np.linalg.pinv(design)]
+                error = max(
+                    self.error(_sum([-1.0, *row], [difference, *matrices]))
+                    for row, difference in zip(design, differences, strict=True)
+                )
+                if error <= SETTINGS.tolerance:
+                    return tuple(map(Term, matrices, powers))
+                smallest = min(smallest, error)
+        is_single = len(names) == 1
+        what = "power of its factor predicts" if is_single else "product of their powers predicts"
+        missed = (
+            f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
+        )
+        raise ValueError(
+            f"{' and '.join(names)}: {self.which}: no {what} these exports{missed}; export "
+            f"{'it' if is_single else 'both'} with one more factor, for a sum of powers"
+        )
+
+    def multiplied_out(self, chosen: Fit) -> tuple[Term, ...]:
+        """Products of f^e - 1 multiplied out, without what is rounding."""
+        of_powers: dict[Powers, sp.csc_array] = {(): self.nominal}
+        for term in chosen:
+            powers = term.powers
+            for count in range(len(powers), -1, -1):
+                for kept in combinations(powers, count):
+                    part = (-1.0) ** (len(powers) - count) * term.matrix
+                    of_powers[kept] = of_powers[kept] + part if kept in of_powers else part
+        terms = []
+        for powers, matrix in of_powers.items():
+            relative = abs(self.scale @ matrix @ self.scale)
+            kept_entries = sp.csc_array(matrix.multiply(relative > SETTINGS.rounding))
+            kept_entries.eliminate_zeros()
+            if kept_entries.nnz:
+                terms.append(Term(kept_entries, powers))
+        return tuple(terms)

@@ -16,9 +16,9 @@ Each has a line of headings, then lines of tab-separated fields:
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from bayes_ssi.structures.solver_files.formats import Matrices, Source
-from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS
-from bayes_ssi.structures.solver_files.text_entries import (
+from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
+from bayes_ssi.structures.solver_files.solver_text import (
+    DIRECTIONS,
     matrix_of_lines,
     read_number_lines,
     require_whole_lines,

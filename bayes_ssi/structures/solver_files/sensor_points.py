@@ -12,7 +12,7 @@ from bayes_ssi.foundations.text_files import first_bytes, read_table
 from bayes_ssi.foundations.universal_files import begins_universal, read_data_sets
 from bayes_ssi.structures.geometry import Point, checked_point
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS
+from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS
 
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
 # Factors between units of length: what they turn, and the factor.

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-from bayes_ssi.structures.solver_files.row_labels import TRANSLATIONS, direction_of
+from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS, direction_of
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Abaqus: text files of ``*MATRIX OUTPUT`` and of ``*SUBSTRUCTURE MATRIX OUTPUT``.
+"""Matrices of Abaqus and CalculiX, whose input decks are of one syntax.
 
-``*MATRIX GENERATE, STIFFNESS, MASS`` and ``*MATRIX OUTPUT, STIFFNESS, MASS`` write
+Abaqus: ``*MATRIX GENERATE, STIFFNESS, MASS`` and ``*MATRIX OUTPUT, STIFFNESS, MASS`` write
 ``job_STIFn.mtx`` and ``job_MASSn.mtx``, n being the step (Abaqus Analysis Guide, "Generating
 matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by commas, the node and
 degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
@@ -9,27 +9,34 @@ diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multiplier
 FORMAT=COORDINATE (row, column, entry, separated by blanks) does not say which row is which degree
 of freedom.
 
-A substructure's file has, after ``*USER ELEMENT``, its nodes in comments and their degrees of
-freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the entries of the lower
-triangle, row by row.
+The file of ``*SUBSTRUCTURE MATRIX OUTPUT`` has, after ``*USER ELEMENT``, its nodes in comments and
+their degrees of freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the
+entries of the lower triangle, row by row.
+
+CalculiX (CrunchiX User's Manual, ``*FREQUENCY, SOLVER=MATRIXSTORAGE``): ``.sti`` and ``.mas`` hold
+stiffness and mass, one line for each entry of the upper triangle and the diagonal, column by
+column: row, column, value. ``.dof`` holds a line "node.direction" for each row. Restrained
+displacements and the dependent ones of multiple-point constraints have no rows. Incompatible modes
+of elements (C3D8I) are rows of nodes that no deck states; beams, shells and trusses are expanded
+into solids, whose nodes repeat the number of the node that they come from (``.12d``).
 """
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.solver_files.formats import Matrices, Source, file_named
+from bayes_ssi.foundations.text_files import first_bytes
+from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, file_named
 from bayes_ssi.structures.solver_files.input_decks import data_lines, geometry_of_deck
-from bayes_ssi.structures.solver_files.row_labels import INTERNAL, numbered_label
-from bayes_ssi.structures.solver_files.text_entries import (
+from bayes_ssi.structures.solver_files.solver_text import (
+    INTERNAL,
     from_triangle,
     matrix_of_entries,
     matrix_of_lines,
+    numbered_label,
+    read_labels,
     read_number_lines,
     require_whole_lines,
     whole_numbers,
@@ -38,19 +45,25 @@ from bayes_ssi.structures.solver_files.text_entries import (
 _LABELLED = "row node, its degree of freedom, column node, its degree of freedom, entry"
 _STIFFNESS_NAME = re.compile(r"_STIF(?=\d+$)", re.IGNORECASE)
 _STEP = re.compile(r"_STIF\d+$", re.IGNORECASE)
+# On the diagonal of the stiffness, from here upwards, of restrained degrees of freedom.
+RESTRAINED = 1e36
 
 
 def recognises_abaqus(suffix: str, head: bytes) -> bool:
     """A substructure, or lines of five numbers or three: others end in .mtx as well."""
     if suffix != ".mtx":
         return False
-    lines = [line for line in head.decode("ascii", "replace").splitlines() if line.strip()]
-    data = next((line for line in lines if not line.startswith("*")), "")
+    data = _first_data(head)
     return _is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
 
 
 def _is_substructure(head: bytes) -> bool:
     return b"*USER ELEMENT" in head.upper()
+
+
+def _first_data(head: bytes) -> str:
+    lines = head.decode("ascii", "replace").splitlines()
+    return next((line for line in lines if line.strip() and not line.startswith("*")), "")
 
 
 def _is_coordinate(line: str) -> bool:
@@ -61,10 +74,9 @@ def _is_coordinate(line: str) -> bool:
 
 def read_abaqus(source: Source) -> Matrices:
     """Stiffness and mass: of a substructure, labelled, or by the numbers of rows alone."""
-    path = source.path
-    with path.open("rb") as file:
-        if _is_substructure(file.read(8192)):
-            return _substructure(path)
+    path, head = source.path, first_bytes(source.path)
+    if _is_substructure(head):
+        return _substructure(path)
     by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
     mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
     if mass is None:
@@ -72,21 +84,26 @@ def read_abaqus(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
-    first = _first_line(path)
-    return _unlabelled(path, mass) if _is_coordinate(first) else _labelled(path, mass)
-
-
-def _first_line(path: Path) -> str:
-    with path.open(encoding="ascii", errors="replace") as file:
-        return next((line for line in file if line.strip() and not line.startswith("*")), "")
+    return (_unlabelled if _is_coordinate(_first_data(head)) else _labelled)(path, mass)
 
 
 def _labelled(path: Path, mass: Path) -> Matrices:
-    stiffness_entries, mass_entries = (
-        read_number_lines(each, _LABELLED, delimiter=",", comment="*") for each in (path, mass)
-    )
-    places = np.unique(_places(path, stiffness_entries).reshape(-1, 2), axis=0)
-    stiffness = _assembled(path, stiffness_entries, places)
+    files = (path, mass)
+    lines = [read_number_lines(file, _LABELLED, delimiter=",", comment="*") for file in files]
+    stated = [
+        whole_numbers(file, numbers[:, :4], "node and degree of freedom")
+        for file, numbers in zip(files, lines, strict=True)
+    ]
+    places, numbers = np.unique(np.vstack(stated).reshape(-1, 2), axis=0, return_inverse=True)
+    of_stiffness, of_mass = np.split(numbers.reshape(-1, 2), [len(stated[0])])
+    unknown = np.setdiff1d(of_mass, of_stiffness)
+    if len(unknown):
+        node, number = places[unknown[0]]
+        raise ValueError(
+            f"{mass}: node {node}, degree of freedom {number} is not in the stiffness: of another "
+            "model?"
+        )
+    stiffness = matrix_of_entries(path, of_stiffness, lines[0][:, 4], len(places))
     labels = [
         numbered_label(node if node > 0 else f"{INTERNAL} {abs(node)}", number)
         for node, number in places.tolist()
@@ -97,47 +114,21 @@ def _labelled(path: Path, mass: Path) -> Matrices:
         notes.append("nodes numbered 0 or less are Abaqus's own: their rows are called internal")
     return Matrices(
         stiffness,
-        _assembled(mass, mass_entries, places),
+        matrix_of_entries(mass, of_mass, lines[1][:, 4], len(places)),
         str(path),
         str(mass),
         labels=labels,
         geometry=geometry_of_deck(deck) if deck else None,
-        removed=_restrained(stiffness),
+        removed=np.flatnonzero(stiffness.diagonal() >= RESTRAINED),
         notes=tuple(notes),
     )
 
 
-def _places(path: Path, entries: FloatArray) -> NDArray[np.intp]:
-    """Node and degree of freedom of row and column of each entry: (entries, 2, 2)."""
-    return whole_numbers(path, entries[:, :4], "node and degree of freedom").reshape(-1, 2, 2)
-
-
-def _assembled(path: Path, entries: FloatArray, places: NDArray[np.intp]) -> sp.csc_array:
-    # Nodes and degrees of freedom as one number, whose order is theirs.
-    factor = int(places[:, 1].max()) + 1
-    known = places[:, 0] * factor + places[:, 1]
-    wanted = _places(path, entries)
-    keys = wanted[..., 0] * factor + wanted[..., 1]
-    rows = np.searchsorted(known, keys).clip(max=len(known) - 1)
-    unknown = np.argwhere((known[rows] != keys) | (wanted[..., 1] >= factor))
-    if len(unknown):
-        node, number = wanted[tuple(unknown[0])]
-        raise ValueError(
-            f"{path}: node {node}, degree of freedom {number} is not in the stiffness: of another "
-            "model?"
-        )
-    return matrix_of_entries(path, rows, entries[:, 4], len(known))
-
-
 def _unlabelled(path: Path, mass: Path) -> Matrices:
     entries = [
-        read_number_lines(
-            file,
-            "row, column, entry",
-            delimiter="," if "," in _first_line(file) else None,
-            comment="*",
-        )
+        read_number_lines(file, "row, column, entry", delimiter=delimiter, comment="*")
         for file in (path, mass)
+        for delimiter in ["," if "," in _first_data(first_bytes(file)) else None]
     ]
     size = int(entries[0][:, :2].max())
     stiffness = matrix_of_lines(path, entries[0], size)
@@ -146,14 +137,9 @@ def _unlabelled(path: Path, mass: Path) -> Matrices:
         matrix_of_lines(mass, entries[1], size),
         str(path),
         str(mass),
-        removed=_restrained(stiffness),
+        removed=np.flatnonzero(stiffness.diagonal() >= RESTRAINED),
         notes=("FORMAT=COORDINATE does not say which row is which degree of freedom",),
     )
-
-
-def _restrained(stiffness: sp.csc_array) -> Any:
-    """Rows of restrained degrees of freedom: Abaqus writes 1e36 on the diagonal."""
-    return np.flatnonzero(stiffness.diagonal() >= 1e36)
 
 
 def _substructure(path: Path) -> Matrices:
@@ -213,3 +199,42 @@ def _retained(path: Path, kind: str, numbers: dict[str, list[float]], size: int)
             f"{len(places[0])} in the lower triangle: truncated?"
         )
     return from_triangle(sp.coo_array((entries, places), shape=(size, size)).tocsc())
+
+
+def read_calculix(source: Source) -> Matrices:
+    """Stiffness and mass by their labels, with the deck's geometry if it stands there."""
+    labels = read_labels(source.needed(".dof", "nodes and directions"))
+    files = (source.needed(".sti", "stiffness"), source.mass or source.needed(".mas", "mass"))
+    deck, geometry = source.with_ending(".inp"), None
+    notes = ["restrained displacements, and those that constraints tie to others, have no rows"]
+    if deck is not None:
+        try:
+            geometry = geometry_of_deck(deck)
+            notes.append(f"coordinates are those of {deck.name}")
+        except OSError as error:
+            notes.append(
+                f"no coordinates: {deck.name} includes a file that cannot be read: {error}"
+            )
+    if geometry is not None:
+        known = geometry.nodes
+        labels = [x if x.rpartition(" ")[0] in known else f"{INTERNAL} {x}" for x in labels]
+    entries = [read_number_lines(path, "row, column, value") for path in files]
+    lengths = list(map(len, entries))
+    if lengths[0] != lengths[1]:
+        raise ValueError(
+            f"{files[lengths.index(min(lengths))]}: {min(lengths)} entries, the other of the two "
+            f"files has {max(lengths)}: truncated, or of another model?"
+        )
+    stiffness, mass = (
+        matrix_of_lines(path, numbers, len(labels), to_the_last="column")
+        for path, numbers in zip(files, entries, strict=True)
+    )
+    return Matrices(
+        stiffness,
+        mass,
+        str(files[0]),
+        str(files[1]),
+        labels=labels,
+        geometry=geometry,
+        notes=tuple(notes),
+    )

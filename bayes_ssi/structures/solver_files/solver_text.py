@@ -1,5 +1,10 @@
-"""Matrices from the lines of text files: numbers, read fast, and refused with their line."""
+"""What the text files of solvers hold: numbers in lines, entries of matrices, labels of rows.
 
+Numbers are read fast, and refused with their line. Labels are "node direction", from the numbers
+and names that programs give directions.
+"""
+
+import re
 import warnings
 from collections.abc import Iterator
 from functools import partial
@@ -14,6 +19,73 @@ from bayes_ssi.foundations.text_files import require_regular_file
 
 Rows = NDArray[np.intp]
 
+# Displacements along and rotations about the axes, in the order in which programs number them.
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+TRANSLATIONS = DIRECTIONS[:3]
+# What labels of rows begin with whose node the program made itself: they are no displacements of
+# points of the structure.
+INTERNAL = "internal"
+_LABEL = re.compile(r"(\S.*?)[\s.,;]+(\w+)")
+
+_NAMES = {
+    name: direction
+    for number, direction in enumerate(DIRECTIONS, start=1)
+    for name in (
+        str(number),
+        direction,
+        f"u{direction}" if number <= 3 else f"rot{direction[1]}",
+        f"u{number}" if number <= 3 else f"r{number - 3}",
+    )
+}
+
+
+def direction(name: str | int) -> str:
+    """The direction that a program calls 1 to 6, U1 to R3, UX to ROTZ, or x to rz."""
+    known = _NAMES.get(str(name).strip().lower())
+    if known is None:
+        raise ValueError(
+            f"direction must be x, y, z, rx, ry or rz (or 1 to 6, U1 to R3, UX to ROTZ), got "
+            f"{name!r}"
+        )
+    return known
+
+
+def label(node: object, name: str | int) -> str:
+    """ "12 x" for direction 1 of node 12."""
+    return f"{str(node).strip()} {direction(name)}"
+
+
+def numbered_label(node: object, number: int) -> str:
+    """ "12 x" for 1; "12 dof8" for what is no displacement: warping, pressure, temperature."""
+    known = 1 <= number <= len(DIRECTIONS)
+    return label(node, number) if known else f"{node} dof{number}"
+
+
+def read_labels(path: Path) -> list[str]:
+    """Labels of lines such as ``12 x``, ``12 UX``, ``12 1`` or ``12.1``."""
+    require_whole_lines(path)
+    labels = []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.strip()
+            if not text:
+                continue
+            match = _LABEL.fullmatch(text)
+            try:
+                if match is None:
+                    raise ValueError(f"expected a node and a direction, got {text!r}")
+                labels.append(label(match[1], match[2]))
+            except ValueError as error:
+                raise ValueError(f"{path}: line {number}: {error}") from None
+    return labels
+
+
+def direction_of(name: str) -> str:
+    """The direction in a label: x of "12 x" and of "12 x (2)"; nothing for internal rows."""
+    if name.startswith(f"{INTERNAL} "):
+        return ""
+    return re.sub(r" \(\d+\)$", "", name).rsplit(" ", 1)[-1]
+
 
 def read_number_lines(
     path: Path,
@@ -24,15 +96,12 @@ def read_number_lines(
     skip: int = 0,
     comment: str = "",
 ) -> FloatArray:
-    """The numbers of a file that has the same columns in every line.
+    """The numbers (n_lines, n_columns) of a file that has the same columns in every line.
 
     Args:
         columns: what they hold, for messages.
         width: their number; that of the names between commas in ``columns`` if None.
         delimiter: between numbers; white space if None.
-
-    Returns:
-        (number of lines, number of columns).
     """
     require_whole_lines(path)
     width = width or columns.count(",") + 1
@@ -133,16 +202,19 @@ def whole_numbers(path: Path, values: FloatArray, what: str, first_line: int = 1
     return whole
 
 
-def matrix_of_entries(path: Path, places: Rows, values: FloatArray, size: int) -> sp.csc_array:
-    """The matrix (size, size), whether the file states one triangle or both.
+def matrix_of_entries(
+    name: object, places: Rows, values: FloatArray, size: int, *, is_whole: bool = False
+) -> sp.csc_array:
+    """The matrix (size, size), of which one triangle alone may be stated unless it ``is_whole``.
 
     Args:
+        name: what messages call it.
         places: (n, 2), rows and columns of the entries, counted from 0.
     """
     matrix = sp.coo_array((values, tuple(places.T)), shape=(size, size)).tocsc()
     if matrix.nnz != len(values):
-        raise ValueError(f"{path}: {len(values) - matrix.nnz} entries are stated twice")
-    return from_triangle(matrix)
+        raise ValueError(f"{name}: {len(values) - matrix.nnz} entries are stated twice")
+    return matrix if is_whole else from_triangle(matrix)
 
 
 def from_triangle(matrix: sp.csc_array) -> sp.csc_array:

@@ -1,13 +1,21 @@
-"""Nastran: matrices punched as DMIG entries of the bulk data, with coordinates of GRID entries.
+"""Nastran: matrices punched as DMIG entries of the bulk data, and those of OUTPUT4 files.
 
 MSC Nastran Quick Reference Guide, DMIG and GRID; ``PARAM, EXTOUT, DMIGPCH`` and ``EXTSEOUT (…,
-DMIGPCH)`` write them, as KAAX and MAAX. A header entry gives the form (1 square, 6 symmetric, of
+DMIGPCH)`` punch them, as KAAX and MAAX. A header entry gives the form (1 square, 6 symmetric, of
 which one triangle is stated) and the type (1 or 2, real); each column entry a point and a component
-(1 to 6, 0 for scalar points), then point, component and value of each row. Restrained and condensed
-degrees of freedom have no rows. Fields are 8 or 16 characters wide, or separated by commas.
+(1 to 6, 0 for scalar points), then point, component and value of each row. Fields are 8 or 16
+characters wide, or separated by commas.
+
+OUTPUT4 files (DMAP Programmer's Guide), binary or text, dense or sparse, are read through pyyeti.
+Their matrices have names (KAA, MAA, KXX, MXX) and no labels: which row is which degree of freedom
+is in other files, such as the punched table of ``EXTSEOUT``.
+
+Restrained, dependent and condensed degrees of freedom have no rows in the analysis set.
 """
 
 import re
+import warnings
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +23,16 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from bayes_ssi.foundations.packages import optional_package
+from bayes_ssi.foundations.text_files import damage_named
 from bayes_ssi.structures.geometry import Geometry, Point
-from bayes_ssi.structures.solver_files.formats import Matrices, Source
-from bayes_ssi.structures.solver_files.row_labels import DIRECTIONS, label
-from bayes_ssi.structures.solver_files.text_entries import from_triangle, require_whole_lines
+from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
+from bayes_ssi.structures.solver_files.solver_text import (
+    DIRECTIONS,
+    label,
+    matrix_of_entries,
+    require_whole_lines,
+)
 
 # An exponent without its letter, as in 2.5+10.
 _BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
@@ -32,9 +46,7 @@ class _Entries:
 
     form: int
     kind: int
-    rows: list[Place] = field(default_factory=list)
-    columns: list[Place] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
+    stated: list[tuple[Place, Place, float]] = field(default_factory=list)  # row, column, value
 
 
 def read_punch(source: Source) -> Matrices:
@@ -50,7 +62,7 @@ def read_punch(source: Source) -> Matrices:
     pair = [names[i] for i in source.pair(names)]
     chosen = [matrices[name] for name in pair]
     where = [f"{source.path}: {name}" for name in pair]
-    places = sorted({place for each in chosen for place in (*each.rows, *each.columns)})
+    places = sorted({place for each in chosen for one in each.stated for place in one[:2]})
     position = {place: i for i, place in enumerate(places)}
     assembled = [_assembled(each, position, name) for each, name in zip(chosen, where, strict=True)]
     return Matrices(
@@ -73,15 +85,10 @@ def _assembled(entries: _Entries, position: dict[Place, int], name: str) -> sp.c
         raise ValueError(f"{name} must be symmetric (form 6) or square (1), got {entries.form}")
     if entries.kind not in (1, 2):
         raise ValueError(f"{name} must be real (type 1 or 2), got {entries.kind}")
-    rows, columns = (
-        np.array([position[place] for place in places], dtype=np.intp)
-        for places in (entries.rows, entries.columns)
-    )
-    size = len(position)
-    matrix = sp.coo_array((entries.values, (rows, columns)), shape=(size, size)).tocsc()
-    if matrix.nnz != len(entries.values):
-        raise ValueError(f"{name}: {len(entries.values) - matrix.nnz} entries are stated twice")
-    return from_triangle(matrix) if entries.form == 6 else matrix
+    places = [[position[row], position[column]] for row, column, _ in entries.stated]
+    rows = np.array(places, dtype=np.intp).reshape(-1, 2)
+    values = np.array([value for *_, value in entries.stated])
+    return matrix_of_entries(name, rows, values, len(position), is_whole=entries.form == 1)
 
 
 def _entries(path: Path) -> tuple[dict[str, _Entries], dict[str, Point], tuple[str, ...]]:
@@ -153,9 +160,7 @@ def _add(matrices: dict[str, _Entries], fields: list[str]) -> None:
     for i in range(5, len(fields), 4):
         point, component, value = (*fields[i : i + 3], "", "")[:3]
         if point:
-            entries.rows.append((int(point), int(component or 0)))
-            entries.columns.append(column)
-            entries.values.append(_real(value))
+            entries.stated.append(((int(point), int(component or 0)), column, _real(value)))
 
 
 def _add_node(nodes: dict[str, Point], turned: set[str], fields: list[str]) -> None:
@@ -169,3 +174,53 @@ def _add_node(nodes: dict[str, Point], turned: set[str], fields: list[str]) -> N
 
 def _real(text: str) -> float:
     return float(_BARE_EXPONENT.sub(r"e\1", text.upper().replace("D", "E")))
+
+
+def read_op4(source: Source) -> Matrices:
+    """Stiffness and mass among the matrices of one file, or of two files with one each."""
+    path, names = source.path, _op4_names(source.path)
+    if source.mass is None:
+        mass_path, pair = path, [names[i] for i in source.pair(names)]
+    else:
+        mass_path, of_mass = source.mass, _op4_names(source.mass)
+        if len(names) != 1 or len(of_mass) != 1:
+            raise ValueError(
+                f"{path}, {mass_path}: two files must hold one matrix each, got {len(names)} and "
+                f"{len(of_mass)}; name one file, and keys="
+            )
+        source.refuse_keys()
+        pair = [*names, *of_mass]
+    return Matrices(
+        _op4_matrix(path, pair[0]),
+        _op4_matrix(mass_path, pair[1]),
+        f"{path}: {pair[0]}",
+        f"{mass_path}: {pair[1]}",
+        notes=(f"{pair[0]} and {pair[1]}; OUTPUT4 does not label rows",),
+    )
+
+
+def _op4_names(path: Path) -> list[str]:
+    """Names of the matrices, of which the second of one name becomes "kaa 2"."""
+    seen: Counter[str] = Counter()
+    names = []
+    for name in _from_op4(path, "dir", verbose=False)[0]:
+        seen[name.lower()] += 1
+        names.append(name if seen[name.lower()] == 1 else f"{name} {seen[name.lower()]}")
+    return names
+
+
+def _op4_matrix(path: Path, name: str) -> sp.csc_array:
+    position = _op4_names(path).index(name)
+    stated = _from_op4(path, "dir", verbose=False)[0]
+    before = stated[:position].count(stated[position])
+    matrices = _from_op4(path, "listload", namelist=[stated[position]], sparse=True)[1]
+    return sp.csc_array(matrices[before])
+
+
+def _from_op4(path: Path, what: str, **options: object) -> tuple[list, ...]:
+    with optional_package(f"{path}: pyyeti", extra="nastran"):
+        from pyyeti.nastran.op4 import OP4
+    # Names that are none in Python are changed there with a warning, and listed here.
+    with damage_named(path), warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        return getattr(OP4(), what)(str(path), **options)

@@ -1,21 +1,61 @@
-"""OpenSees: matrices printed by ``printA -file``, one row a line.
+"""Files of matrices alone, which say of their rows no more than an array of labels beside them.
 
-With ``system FullGeneral``, ``printA`` prints the left-hand side of the equations: K after a static
-analysis, and M, C or K after a transient one with ``integrator GimmeMCK m c k`` (M. Scott, "Gimme
-All Your Damping, All Your Mass and Stiffness Too", Portwood Digital, 2020; OpenSees documentation,
-``printA``). Rows are the equations in the order of the numberer (``nodeDOFs`` gives them); the file
-does not state them. Six digits are printed unless ``setPrecision`` asks for more.
+Files of npz, MATLAB and Matrix Market are of no one program; ANSYS writes the last, too
+(``*EXPORT, …, MMF``), in the order of its solver.
+
+OpenSees's ``printA -file`` prints one row a line. With ``system FullGeneral`` it is the left-hand
+side of the equations: K after a static analysis, and M, C or K after a transient one with
+``integrator GimmeMCK m c k`` (M. Scott, "Gimme All Your Damping, All Your Mass and Stiffness Too",
+Portwood Digital, 2020; OpenSees documentation, ``printA``). Rows are the equations in the order of
+the numberer (``nodeDOFs`` gives them). Six digits are printed unless ``setPrecision`` asks for
+more.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from bayes_ssi.structures.solver_files.formats import Matrices, Source
-from bayes_ssi.structures.solver_files.text_entries import read_number_lines
+from bayes_ssi.structures.finite_elements.matrix_files import matrix_keys, read_matrix
+from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
+from bayes_ssi.structures.solver_files.solver_text import from_triangle, read_number_lines
+
+# Under this key, a file of several arrays may hold the labels of all rows.
+LABELS = "labels"
+
+
+def read_containers(source: Source) -> Matrices:
+    """Stiffness and mass among the arrays of one file, or of two files with one each."""
+    keys = matrix_keys(source.path)
+    labels = None
+    if keys is None or source.mass is not None:
+        source.refuse_keys()
+        places: list[tuple[Path, str | None]] = [(source.path, None), (source.needed_mass(), None)]
+    else:
+        names = [key for key in keys if key != LABELS]
+        places = [(source.path, names[i]) for i in source.pair(names)]
+        if LABELS in keys:
+            labels = [str(each) for each in np.ravel(read_matrix(source.path, LABELS))]
+    called = [str(file) if key is None else f"{file}: {key}" for file, key in places]
+    stated = [
+        _sparse(read_matrix(*place), name) for place, name in zip(places, called, strict=True)
+    ]
+    whole = [from_triangle(matrix) for matrix in stated]
+    notes = tuple(
+        f"{name} states one triangle, which is mirrored"
+        for name, part, matrix in zip(called, stated, whole, strict=True)
+        if matrix.nnz > part.nnz
+    )
+    return Matrices(whole[0], whole[1], called[0], called[1], labels=labels, notes=notes)
+
+
+def _sparse(array: Any, name: str) -> sp.csc_array:
+    if not sp.issparse(array) and (np.ndim(array) != 2 or array.dtype.kind not in "biufc"):
+        raise ValueError(f"{name} must be a matrix of numbers, got shape {np.shape(array)}")
+    return sp.csc_array(array)
 
 
 def recognises_rows(head: bytes) -> bool:
