@@ -7,7 +7,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -326,44 +325,6 @@ class Structure(ABC):
     def prior_medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
-
-
-class CombinedSensors(Structure):
-    """A structure that takes sensors at points and in directions between degrees of freedom."""
-
-    _combined: tuple[Sensor, ...] = ()
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        """Sensors that do not measure a single degree of freedom, with their own labels."""
-        return self._combined
-
-    @checked
-    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
-        """This structure with more sensors.
-
-        Args:
-            sensors: their motions are in terms of :attr:`degrees_of_freedom`, for instance 0.5 each
-                of two for a point halfway, or cosines for a direction.
-
-        Raises:
-            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
-                measures a degree of freedom that the structure does not have.
-        """
-        whole = copy(self)
-        whole._combined = (*self._combined, *sensors)
-        whole._check_sensors()
-        return whole
-
-    def _described_sensors(self) -> dict[str, str]:
-        """A line of a description; none where there are no such sensors."""
-        if not self._combined:
-            return {}
-        texts = (
-            f"{each.label} = " + " + ".join(f"{share:g} {place}" for place, share in each.motion)
-            for each in self._combined
-        )
-        return {"combined sensors": "; ".join(texts)}
 
 
 def _as_substituted(name: str) -> Any:

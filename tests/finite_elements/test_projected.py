@@ -101,7 +101,7 @@ def test_an_element_on_it_has_the_modes_of_the_full_model(chain, projected, elem
 def test_a_compact_structure_is_certified(chain, monkeypatch):
     """Of the ten vectors, as many as a batch takes are kept."""
     settings = SolverSettings(batched_up_to=11)
-    monkeypatch.setattr("bayes_ssi.structures.finite_elements.reduced_structure.SOLVER", settings)
+    monkeypatch.setattr("bayes_ssi.structures.finite_elements.matrix_structure.SOLVER", settings)
     values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
     compact = chain.compact(values).with_element(bs.Pendulum("s40", m, f, label="a"))
     whole = chain.with_element(bs.Pendulum("s40", m, f, label="a"))

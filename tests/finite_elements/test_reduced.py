@@ -87,7 +87,7 @@ def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
 
 def with_at_most(n_full_solutions, monkeypatch):
     monkeypatch.setattr(
-        "bayes_ssi.structures.finite_elements.reduced_structure.FEM",
+        "bayes_ssi.structures.finite_elements.matrix_structure.FEM",
         replace(FEM, most_full_solutions=n_full_solutions),
     )
 

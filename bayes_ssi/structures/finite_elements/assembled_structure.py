@@ -1,16 +1,21 @@
-"""A finite-element model of assembled matrices, the elements on it, and its full solutions."""
+"""A finite-element model of matrices K(θ) = Σ c_i(θ) K_i and M(θ) = Σ d_j(θ) M_j, in full.
+
+The matrices are those of any finite-element program, sparse or dense, as it wrote them
+(:func:`~bayes_ssi.structures.finite_elements.matrix_files.read_matrix`); a coefficient is a number
+times powers of parameters.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
@@ -22,6 +27,13 @@ from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
 from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix, System
+from bayes_ssi.structures.finite_elements.model_arguments import (
+    Sensors,
+    checked_influence,
+    checked_n_modes,
+    require_nodes,
+    sensor_rows,
+)
 from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import (
@@ -32,31 +44,59 @@ from bayes_ssi.structures.modal import (
     frequencies_hz,
     solve_modes,
 )
-from bayes_ssi.structures.structure import CombinedSensors
 
 
-class AssembledStructure(PointwiseStructure, CombinedSensors):
+class AssembledStructure(PointwiseStructure):
     """A model whose matrices are sums of fixed ones times products of parameters."""
 
     def __init__(
         self,
-        stiffness: AffineMatrix,
-        mass: AffineMatrix,
-        sensors: tuple[tuple[str, ...], NDArray[np.intp]],
-        n_modes: int | None,
-        up_to_hz: float | None,
-        influence: FloatArray | None,
-        labels: tuple[str, ...] | None,
-        geometry: Geometry | None,
+        stiffness: Any,
+        mass: Any,
+        *,
+        sensors: Sensors | None = None,
+        labels: Sequence[str] | None = None,
+        n_modes: int | None = None,
+        up_to_hz: float | None = None,
+        influence: ArrayLike | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
-        """Keep what was checked: ``sensors`` are names and rows."""
-        self._stiffness, self._mass, self._influence = stiffness, mass, influence
-        self._names, self._rows = sensors
-        self._n_modes, self._up_to_hz = n_modes, up_to_hz
-        self._labels, self._geometry = labels, geometry
+        """Check and keep the matrices; no modes are computed yet.
+
+        Args:
+            stiffness: K: a matrix, or a list of matrices and of pairs (coefficient, matrix), which
+                are summed. A coefficient is a number, a Parameter, or a product such as
+                ``12.5 * thickness**3``; a matrix is scipy's or an array (n, n), symmetric.
+            mass: M, in the same way; it may be singular (degrees of freedom without inertia).
+            sensors: name → number, from 0, or label of a degree of freedom; or a list of labels;
+                all degrees of freedom if None, where they are no more than a thousand.
+            labels: of all degrees of freedom.
+            n_modes: number of lowest modes that are computed.
+            up_to_hz: instead of ``n_modes``: compute all modes below 1.2 times this frequency at
+                the prior medians.
+            influence: (n,), displacements when the ground moves by 1 and nothing deforms; needed
+                only for responses to ground motion.
+            geometry: where the nodes are that labels name, for drawings; sensors name them where
+                there are no labels.
+
+        Raises:
+            ValueError, TypeError: an argument is not valid; the message says which.
+        """
+        try:
+            self._stiffness = AffineMatrix.of(stiffness, "stiffness")
+            size = self._stiffness.size
+            self._mass = AffineMatrix.of(mass, "mass", size)
+            self._names, self._rows = sensor_rows(size, labels, sensors)
+            self._n_modes, self._up_to_hz = checked_n_modes(n_modes, up_to_hz, size)
+            self._influence = checked_influence(influence, size)
+            self._labels = None if labels is None else tuple(labels)
+            require_nodes(geometry, self._labels or self._names)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"MatrixStructure: {error}") from None
+        self._geometry = geometry
         self.elements: tuple[Element, ...] = ()
         self._main: AssembledStructure | None = None  # without elements, where there are any
-        self._carried = CarriedElements((), (), (), stiffness.size)
+        self._carried = CarriedElements((), (), (), size)
 
     @property
     def without_elements(self) -> AssembledStructure:
@@ -348,3 +388,25 @@ class AssembledStructure(PointwiseStructure, CombinedSensors):
                 "of freedom (1 for a displacement in the direction of the ground motion, else 0)"
             )
         return self.system.influence
+
+    def description(self) -> Mapping[str, Any]:
+        up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
+        number = self.n_rigid_modes
+        rigid = f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
+        observed = len(self.degrees_of_freedom)
+        return {
+            "size": f"{self.size} degrees of freedom, {observed} of them observed",
+            "stiffness": self._stiffness.formula("K"),
+            "mass": self._mass.formula("M"),
+            "modes": f"the lowest {self.n_modes}{up_to}{rigid}",
+            **{element.label: element for element in self.elements},
+            **self._described_sensors(),
+        }
+
+    def __repr__(self) -> str:
+        modes = f"n_modes={self._n_modes}" if self._n_modes else f"up_to_hz={self._up_to_hz}"
+        own = range(self._carried.size, self.size)
+        places = dict(zip(self.degrees_of_freedom, (*self._rows.tolist(), *own), strict=True))
+        stiffness = self._stiffness.with_terms(self.size, self._carried.springs)
+        mass = self._mass.with_terms(self.size, self._carried.masses)
+        return f"MatrixStructure(stiffness={stiffness!r}, mass={mass!r}, sensors={places}, {modes})"

@@ -6,15 +6,16 @@ import hashlib
 import inspect
 from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from numbers import Integral
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import require
+from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.parameters.parameters import (
@@ -27,24 +28,26 @@ from bayes_ssi.parameters.parameters import (
 )
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
-from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
+from bayes_ssi.structures.finite_elements.model_arguments import Sensors, sensor_rows
 from bayes_ssi.structures.finite_elements.sparse_modes import (
     fill_reducing_order,
     is_semidefinite,
     lowest_modes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError, frequencies_hz
-from bayes_ssi.structures.structure import CombinedSensors, Structure
+from bayes_ssi.structures.sensors import Sensor
+from bayes_ssi.structures.structure import Structure
 
 
 class PointwiseStructure(Structure):
-    """A structure that is solved at one row of values at a time.
+    """A structure that is solved at one row of values at a time, with sensors of any motion.
 
     Recent solutions and errors are cached: a batch that failed in one row is evaluated again in
     parts, and the modes of stored draws are computed more than once.
     """
 
     is_solved_by_rows = True
+    _combined: tuple[Sensor, ...] = ()
 
     @abstractmethod
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
@@ -95,6 +98,35 @@ class PointwiseStructure(Structure):
             raise ValueError(answer)
         return answer
 
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        return self._combined
+
+    @checked
+    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
+        """This structure with more sensors.
+
+        Args:
+            sensors: their motions are in terms of :attr:`degrees_of_freedom`, for instance 0.5 each
+                of two for a point halfway, or cosines for a direction.
+
+        Raises:
+            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
+                measures a degree of freedom that the structure does not have.
+        """
+        whole = copy(self)
+        whole._combined = (*self._combined, *sensors)
+        whole._check_sensors()
+        return whole
+
+    def _described_sensors(self) -> dict[str, str]:
+        """A line of a description; none where there are no such sensors."""
+        texts = [
+            f"{sensor.label} = " + " + ".join(f"{share:g} {dof}" for dof, share in sensor.motion)
+            for sensor in self._combined
+        ]
+        return {"combined sensors": "; ".join(texts)} if texts else {}
+
     def _named(self, row: FloatArray) -> str:
         """One row of values with the parameters' names."""
         each = zip(self.parameters, row, strict=True)
@@ -107,7 +139,7 @@ class PointwiseStructure(Structure):
         return {name: value for name, value in state.items() if name != "_cache"}
 
 
-class FunctionStructure(PointwiseStructure, CombinedSensors):
+class FunctionStructure(PointwiseStructure):
     """A structure whose modes or matrices are returned by a function of the parameters.
 
     The function is called once for each set of values, in whichever process evaluates them

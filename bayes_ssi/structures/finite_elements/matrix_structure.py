@@ -1,28 +1,315 @@
-"""A structure given by its matrices: K(θ) = Σ c_i(θ) K_i and M(θ) = Σ d_j(θ) M_j.
-
-The matrices are those of any finite-element program, sparse or dense, as it wrote them
-(:func:`~bayes_ssi.structures.finite_elements.matrix_files.read_matrix`); a coefficient is a number
-times powers of parameters.
-"""
-
-from __future__ import annotations
+"""A finite-element model given by its matrices, and in a reduced basis with a certified error."""
 
 import math
-from collections.abc import Mapping, Sequence
-from numbers import Integral
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import listed_choices
+from bayes_ssi.structures.affine_array import AffineArray
+from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix
-from bayes_ssi.structures.finite_elements.reduced_structure import ReducedStructure
-from bayes_ssi.structures.finite_elements.sensor_rows import Sensors, sensor_rows
-from bayes_ssi.structures.geometry import Geometry, motion_of
+from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure, Projection
+from bayes_ssi.structures.finite_elements.reduced_basis import (
+    Bounds,
+    ReducedBasis,
+    Reference,
+)
+from bayes_ssi.structures.geometry import Place, SinglePlace
+from bayes_ssi.structures.modal import (
+    SOLVER,
+    ModalModel,
+    Modes,
+    NoModesError,
+    lowest_eigenpairs,
+    settle,
+    solve_modes,
+)
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
+
+
+class ReducedStructure(ApproximateStructure):
+    """A finite-element model whose modes are combinations of some of its full solutions.
+
+    The basis is made when modes are first computed. Full solutions are placed one after the other
+    where the certified error is largest among points of the prior (a greedy reduced basis), until
+    it is small enough at all of them. :meth:`accurate_at` adds solutions at other values. A basis
+    never changes: adding solutions makes a new structure.
+
+    The error is certified as in :mod:`bayes_ssi.structures.finite_elements.reduced_basis`. That
+    cannot detect a mode that no full solution has; the modes of every full solution are counted by
+    Sylvester's law.
+    """
+
+    def __init__(self, full: AssembledStructure) -> None:
+        self.full = full
+        self.n_full_solutions = 0
+        self._basis: ReducedBasis | None = None
+
+    @checked
+    def with_element(self, element: Element) -> Self:
+        """This structure with one more element on it, in the same basis.
+
+        The basis is extended by a static solution for every place of the element and by the
+        element's own degree of freedom; no mode is solved for. The error is certified as before,
+        and :meth:`accurate_at` adds full solutions of the model with the element where they are
+        needed.
+        """
+        whole = self._copied()
+        whole.full = self.full.with_element(element)
+        whole._basis = whole._carrying(self.basis.without_elements(self._reference))
+        return whole
+
+    def require_place(self, place: Place, label: str) -> None:
+        self.full.require_place(place, label)
+
+    @property
+    def exact(self) -> AssembledStructure:
+        return self.full
+
+    @property
+    def basis(self) -> ReducedBasis:
+        """The basis with the elements that it carries, computed when it is first needed."""
+        if self._basis is None:
+            points = self.prior_points(FEM.training_points, tail=1e-4)
+            self._train(points, FEM.frequency_error, FEM.shape_error, self.n_modes)
+        assert self._basis is not None
+        return self._basis
+
+    def _carrying(self, basis: ReducedBasis) -> ReducedBasis:
+        """The basis with the elements, from one of the model without them."""
+        negligible = self._negligible(FEM.frequency_error, FEM.shape_error)
+        return basis.carrying(self.full.system.carried, negligible, self._reference)
+
+    def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
+        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
+
+        At unit modal mass; by a full solution where the structure carries elements.
+        """
+        if self.full.elements:
+            return self.full.place_shapes(places, values)
+        in_basis: FloatArray = self.full.motions(places) @ self.basis.vectors
+        return in_basis @ self._modes_in_basis(values).shapes[0]
+
+    def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
+        """The model in the few combinations of the basis that its modes at some values consist of.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
+                of ``FEM.frequency_error`` on average.
+            places: degrees of freedom and sensors on which elements may be put.
+        """
+        if self.full.elements:
+            return self
+        shares, directions = self._directions(values)
+        # The energy that is neglected of a mode is about twice the relative error of its frequency.
+        neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * FEM.frequency_error
+        n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
+        basis = self.basis.combined(directions[:, -n_kept:])
+        return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
+
+    def compact(self, values: FloatArray) -> Self:
+        """This structure in fewer combinations of the basis, certified as before.
+
+        They are as many as a batch of small matrices is solved with at once, less those that two
+        elements need.
+
+        Args:
+            values: (B, n_parameters), where it is to be accurate. Where that is not enough,
+                :meth:`accurate_at` adds full solutions as to any basis.
+        """
+        if self.full.elements:
+            return self
+        smaller = self._copied()
+        _, directions = self._directions(values)
+        smaller._basis = self.basis.combined(directions[:, 4 - SOLVER.batched_up_to :])
+        return smaller
+
+    def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Combinations (N, N) of the basis, and their mean shares (N,) in the modes at ``values``.
+
+        In ascending order; shares of the modes' energy.
+        """
+        shapes = self._shifted_modes_in_basis(values).shapes
+        modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
+        modes = modes.reshape(len(modes), -1)
+        modes = modes / np.linalg.norm(modes, axis=0)
+        shares, directions = np.linalg.eigh(modes @ modes.T / modes.shape[1])
+        return shares, directions
+
+    @staticmethod
+    def _negligible(frequency_error: float, shape_error: float) -> float:
+        return FEM.negligible * min(math.sqrt(frequency_error), shape_error)
+
+    def modes(self, values: FloatArray) -> Modes:
+        """See :meth:`Structure.modes`; rows without modes are NaN."""
+        in_basis = self._modes_in_basis(values)
+        shapes = self.basis.at_sensors @ in_basis.shapes
+        # What basis the vectors are is a matter of rounding, too.
+        settle(in_basis.frequencies_hz, shapes)
+        return Modes(in_basis.frequencies_hz, shapes)
+
+    def modal_model(self, values: FloatArray) -> ModalModel:
+        influence = self.full.require_influence()
+        frequencies_hz, y = self._modes_in_basis(values)
+        mass = self.full.system.mass
+        loads = np.array([self.basis.loads(each @ influence) for each in mass.matrices])
+        of_batch = mass.projected(loads, self.parameters).evaluate(values)
+        return ModalModel(
+            frequencies_hz,
+            self.basis.at_sensors @ y,
+            np.einsum("bk,bkm->bm", np.broadcast_to(of_batch, (len(values), len(loads[0]))), y),
+            influence[self.full.sensor_rows],
+        )
+
+    def description(self) -> Mapping[str, Any]:
+        basis = (
+            f"frequencies within {FEM.frequency_error:g} (as a fraction) and shapes within "
+            f"{FEM.shape_error:g} (at unit length) over the prior, smaller where the posterior "
+            f"lies; at most {FEM.most_full_solutions} full solutions"
+        )
+        return {**self.full.description(), "reduced basis": basis}
+
+    def bounds(self, values: FloatArray, n_modes: int | None = None) -> Bounds:
+        """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
+        basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
+        rigid = self.full.n_rigid_modes
+        rows = [
+            basis.bounds(each, n + rigid, reference)
+            for each in self.full.system.coefficients(values)
+        ]
+        frequency, shape = (
+            np.array([getattr(row, name) for row in rows]).reshape(-1, n + rigid)[:, rigid:]
+            for name in ("frequency", "shape")
+        )
+        # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
+        return Bounds(1.5 * frequency if rigid else frequency, shape)
+
+    def accurate_at(
+        self,
+        values: FloatArray,
+        frequency_error: float,
+        shape_error: float,
+        n_modes: int | None = None,
+    ) -> Self:
+        """This structure if it is accurate enough at all ``values``, or one with a larger basis.
+
+        ``FEM.most_full_solutions`` limits the total of both.
+        """
+        n = n_modes or self.n_modes
+        bounds = self.bounds(values, n)
+        if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
+            return self
+        better = self._copied()
+        better._train(values, frequency_error, shape_error, n)
+        return better if better.n_full_solutions > self.n_full_solutions else self
+
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        bounds = self.bounds(values, n_modes)
+        frequency = float(bounds.frequency.max(initial=0.0))
+        shape = float(bounds.shape.max(initial=0.0))
+        return Accuracy(
+            frequency,
+            shape,
+            f"{self.full.size} degrees of freedom reduced to {self.basis.size} by "
+            f"{self.n_full_solutions} full solutions; by the residuals at {len(values)} draws, "
+            f"frequencies are within {frequency:.1g} of the full model's (as a fraction) and "
+            f"shapes at the sensors within about {shape:.1g} (at unit length)",
+        )
+
+    def _train(
+        self, points: FloatArray, frequency_error: float, shape_error: float, n_modes: int
+    ) -> None:
+        """Add full solutions where errors are largest, until they are small at all ``points``."""
+        negligible = self._negligible(frequency_error, shape_error)
+        of_points = self.full.system.coefficients(points)
+        whole = self._basis or ReducedBasis.empty(self._reference)
+        basis = whole.without_elements(self._reference)
+        # In units of what is required, at most: errors shrink as the basis grows, so only that of
+        # the worst point is computed again, until it stays the worst.
+        errors = np.full(len(points), np.inf)
+        while self.n_full_solutions < FEM.most_full_solutions:
+            worst = int(errors.argmax())
+            while basis.size and errors[worst] > 1.0:
+                n_bounded = n_modes + self.full.n_rigid_modes
+                bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
+                errors[worst] = _excess(bounds, frequency_error, shape_error).max()
+                if errors[worst] >= errors.max():
+                    break
+                worst = int(errors.argmax())
+            if errors[worst] <= 1.0:
+                break
+            try:
+                modes = self.full.shifted_modes(points[worst], extra=1)
+            except NoModesError:
+                if not basis.size:
+                    raise
+            else:
+                basis = basis.enriched(modes, negligible, self._reference)
+                whole = self._carrying(basis)
+                self.n_full_solutions += 1
+            # No point is solved twice, whatever rounding makes of its bound.
+            errors[worst] = 0.0
+        self._basis = whole
+
+    def _modes_in_basis(self, values: FloatArray) -> Modes:
+        """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
+        return self.full.system.free_body.elastic(self._shifted_modes_in_basis(values))
+
+    def _shifted_modes_in_basis(self, values: FloatArray) -> Modes:
+        n, size = self.full.n_solved, self.basis.size
+        frequencies_hz, y = np.empty((len(values), n)), np.empty((len(values), size, n))
+        step = 64  # rows, whose matrices stay in the processor's cache
+        for start in range(0, len(values), step):
+            rows = slice(start, start + step)
+            k, m = (each.evaluate(values[rows]) for each in self._in_basis)
+            frequencies_hz[rows], y[rows] = solve_modes(k, m, n)
+        if len(values) == 1 and np.isnan(frequencies_hz).any():
+            lowest_eigenpairs(k[0], m[0], n)  # raises, and says why
+        return Modes(frequencies_hz, y)
+
+    @cached_property
+    def _in_basis(self) -> tuple[AffineArray, AffineArray]:
+        """Stiffness and mass of the small problem."""
+        system, basis = self.full.system, self.basis
+        return (
+            system.stiffness.projected(basis.stiffness, self.parameters),
+            system.mass.projected(basis.mass, self.parameters),
+        )
+
+    @cached_property
+    def _reference(self) -> Reference:
+        main = self.full.without_elements
+        (medians,) = main.system.coefficients(main.prior_medians())
+        return Reference(main.system, main.sensor_rows, medians)
+
+    def _copied(self) -> Self:
+        """A copy for another basis, with the same reference."""
+        other = copy(self)
+        other.__dict__["_reference"] = self._reference
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without what is large, or belongs to this basis, and is quickly recomputed."""
+        derived = ("_reference", "_in_basis")
+        return {name: value for name, value in self.__dict__.items() if name not in derived}
+
+    def __repr__(self) -> str:
+        return (
+            f"ReducedStructure({self.full!r}, frequency_error={FEM.frequency_error}, "
+            f"shape_error={FEM.shape_error}, most_full_solutions={FEM.most_full_solutions}, "
+            f"training_points={FEM.training_points})"
+        )
+
+
+def _excess(bounds: Bounds, frequency_error: float, shape_error: float) -> FloatArray:
+    """The larger of the two errors, relative to the required ones."""
+    return np.maximum(bounds.frequency / frequency_error, bounds.shape / shape_error)
 
 
 class MatrixStructure(AssembledStructure):
@@ -31,51 +318,6 @@ class MatrixStructure(AssembledStructure):
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
     degrees of freedom and seconds for a hundred thousand; use :meth:`reduced` for sampling.
     """
-
-    def __init__(
-        self,
-        stiffness: Any,
-        mass: Any,
-        *,
-        sensors: Sensors | None = None,
-        labels: Sequence[str] | None = None,
-        n_modes: int | None = None,
-        up_to_hz: float | None = None,
-        influence: ArrayLike | None = None,
-        geometry: Geometry | None = None,
-    ) -> None:
-        """Check and keep the matrices; no modes are computed yet.
-
-        Args:
-            stiffness: K: a matrix, or a list of matrices and of pairs (coefficient, matrix), which
-                are summed. A coefficient is a number, a Parameter, or a product such as
-                ``12.5 * thickness**3``; a matrix is scipy's or an array (n, n), symmetric.
-            mass: M, in the same way; it may be singular (degrees of freedom without inertia).
-            sensors: name → number, from 0, or label of a degree of freedom; or a list of labels;
-                all degrees of freedom if None, where they are no more than a thousand.
-            labels: of all degrees of freedom.
-            n_modes: number of lowest modes that are computed.
-            up_to_hz: instead of ``n_modes``: compute all modes below 1.2 times this frequency at
-                the prior medians.
-            influence: (n,), displacements when the ground moves by 1 and nothing deforms; needed
-                only for responses to ground motion.
-            geometry: where the nodes are that labels name, for drawings; sensors name them where
-                there are no labels.
-
-        Raises:
-            ValueError, TypeError: an argument is not valid; the message says which.
-        """
-        try:
-            k = AffineMatrix.of(stiffness, "stiffness")
-            m = AffineMatrix.of(mass, "mass", k.size)
-            names_and_rows = sensor_rows(k.size, labels, sensors)
-            modes_or_hz = _checked_n_modes(n_modes, up_to_hz, k.size)
-            of_all = None if labels is None else tuple(labels)
-            ground = _checked_influence(influence, k.size)
-            _require_nodes(geometry, of_all or names_and_rows[0])
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"MatrixStructure: {error}") from None
-        super().__init__(k, m, names_and_rows, *modes_or_hz, ground, of_all, geometry)
 
     def reduced(self) -> ReducedStructure:
         """The same model in a reduced basis: thousands of times faster, with a certified error."""
@@ -90,64 +332,3 @@ class MatrixStructure(AssembledStructure):
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "
             f"{type(self).__name__}.reduced() needs dozens of full solutions"
         )
-
-    def description(self) -> Mapping[str, Any]:
-        up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
-        number = self.n_rigid_modes
-        rigid = f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
-        observed = len(self.degrees_of_freedom)
-        return {
-            "size": f"{self.size} degrees of freedom, {observed} of them observed",
-            "stiffness": self._stiffness.formula("K"),
-            "mass": self._mass.formula("M"),
-            "modes": f"the lowest {self.n_modes}{up_to}{rigid}",
-            **{element.label: element for element in self.elements},
-            **self._described_sensors(),
-        }
-
-    def __repr__(self) -> str:
-        modes = f"n_modes={self._n_modes}" if self._n_modes else f"up_to_hz={self._up_to_hz}"
-        own = range(self._carried.size, self.size)
-        places = dict(zip(self.degrees_of_freedom, (*self._rows.tolist(), *own), strict=True))
-        stiffness = self._stiffness.with_terms(self.size, self._carried.springs)
-        mass = self._mass.with_terms(self.size, self._carried.masses)
-        return f"MatrixStructure(stiffness={stiffness!r}, mass={mass!r}, sensors={places}, {modes})"
-
-
-def _checked_n_modes(
-    n_modes: int | None, up_to_hz: float | None, n: int
-) -> tuple[int | None, float | None]:
-    if (n_modes is None) == (up_to_hz is None):
-        raise ValueError("give either n_modes or up_to_hz, to say how many modes are computed")
-    if n_modes is None:
-        if not (isinstance(up_to_hz, (int, float)) and 0 < up_to_hz < math.inf):
-            raise ValueError(f"up_to_hz must be a positive frequency in Hz, got {up_to_hz!r}")
-        return None, float(up_to_hz)
-    if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or not 1 <= n_modes <= n:
-        raise ValueError(
-            f"n_modes must be a whole number from 1 to {n}, the degrees of freedom, got {n_modes!r}"
-        )
-    return int(n_modes), None
-
-
-def _checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None:
-    if influence is None:
-        return None
-    array = np.array(influence, dtype=float)
-    if array.shape != (n,) or not np.isfinite(array).all():
-        raise ValueError(
-            f"influence must be {n} finite numbers, one per degree of freedom, got "
-            f"shape {array.shape}"
-        )
-    array.setflags(write=False)
-    return array
-
-
-def _require_nodes(geometry: Geometry | None, labels: Sequence[str]) -> None:
-    if geometry is None or any(geometry.location(motion_of(label)) for label in labels):
-        return
-    raise ValueError(
-        "geometry: no degree of freedom is at any of its nodes; labels are "
-        f"{listed_choices(labels, 3)}, nodes {listed_choices(geometry.nodes, 3)}, and a label is "
-        "the name of a node and a direction, such as 'node 7 x'"
-    )

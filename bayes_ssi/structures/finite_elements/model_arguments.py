@@ -1,14 +1,17 @@
-"""Which degrees of freedom of a model are measured, as a user names them."""
+"""Arguments of finite-element models, as users give them."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import listed_choices
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
+from bayes_ssi.structures.geometry import Geometry, motion_of
 
 Sensors = Mapping[str, "int | str"] | Sequence["int | str"]
 
@@ -72,3 +75,42 @@ def _require_names(what: str, names: Sequence[object]) -> None:
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise ValueError(f"{what}: {repeated[0]!r} names two degrees of freedom")
+
+
+def checked_n_modes(
+    n_modes: int | None, up_to_hz: float | None, n: int
+) -> tuple[int | None, float | None]:
+    if (n_modes is None) == (up_to_hz is None):
+        raise ValueError("give either n_modes or up_to_hz, to say how many modes are computed")
+    if n_modes is None:
+        if not (isinstance(up_to_hz, (int, float)) and 0 < up_to_hz < math.inf):
+            raise ValueError(f"up_to_hz must be a positive frequency in Hz, got {up_to_hz!r}")
+        return None, float(up_to_hz)
+    if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or not 1 <= n_modes <= n:
+        raise ValueError(
+            f"n_modes must be a whole number from 1 to {n}, the degrees of freedom, got {n_modes!r}"
+        )
+    return int(n_modes), None
+
+
+def checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None:
+    if influence is None:
+        return None
+    array = np.array(influence, dtype=float)
+    if array.shape != (n,) or not np.isfinite(array).all():
+        raise ValueError(
+            f"influence must be {n} finite numbers, one per degree of freedom, got "
+            f"shape {array.shape}"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def require_nodes(geometry: Geometry | None, labels: Sequence[str]) -> None:
+    if geometry is None or any(geometry.location(motion_of(label)) for label in labels):
+        return
+    raise ValueError(
+        "geometry: no degree of freedom is at any of its nodes; labels are "
+        f"{listed_choices(labels, 3)}, nodes {listed_choices(geometry.nodes, 3)}, and a label is "
+        "the name of a node and a direction, such as 'node 7 x'"
+    )
