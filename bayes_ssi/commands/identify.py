@@ -18,7 +18,7 @@ from bayes_ssi.commands.options import (
 )
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
 from bayes_ssi.foundations.displayed import columns
-from bayes_ssi.measurements.records import methods
+from bayes_ssi.measurements.records.identification_settings import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -54,9 +54,9 @@ MODE_FIELDS = (
 @record_options
 @default_option(
     "--method",
-    methods.BAYESIAN_FFT,
+    BAYESIAN_FFT,
     "Whose modes are written; the others look near those of the Bayesian FFT.",
-    click.Choice(list(methods.NAMES)),
+    click.Choice(list(METHOD_NAMES)),
 )
 @flag("--compare", text="Print the modes by every method in one table.")
 @modes_option
@@ -85,7 +85,7 @@ def identify(
         modal_files,
         write_modal_data,
     )
-    from bayes_ssi.measurements.records import modal_identification
+    from bayes_ssi.measurements.records import modal_identification, other_methods
     from bayes_ssi.measurements.records.record_files import read_record
     from bayes_ssi.report.tables.mode_tables import estimates_table
     from bayes_ssi.results.result_files import require_new_files
@@ -99,15 +99,15 @@ def identify(
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
     by_others: dict[str, ModalData | str] = {}
     if compare:
-        by_others = methods.compared(record, found.quoted)
-    chosen = methods.modes_by(method, record, found.quoted)
+        by_others = other_methods.compared(record, found.quoted)
+    chosen = other_methods.modes_by(method, record, found.quoted)
     where = console()
     where.print(estimates_table(found.quoted, found.method))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
 
-        where.print(methods_table(by_others, methods.NAMES))
-        say(where, *(f"{methods.NAMES[name]}: {why}" for name, why in by_others.items()
+        where.print(methods_table(by_others, METHOD_NAMES))
+        say(where, *(f"{METHOD_NAMES[name]}: {why}" for name, why in by_others.items()
                      if isinstance(why, str)))  # fmt: skip
     say(
         where,
@@ -127,9 +127,9 @@ def identify(
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
-        if method != methods.BAYESIAN_FFT:
+        if method != BAYESIAN_FFT:
             data = replace(chosen, source=data.source)
-            own = replace(own, method=methods.NAMES[method])
+            own = replace(own, method=METHOD_NAMES[method])
         data = replace(data, identifications=(own,))
         say(where, f"Wrote {listed(write_modal_data(data, out))}.")
     print_record(lambda: _record(found, warnings))

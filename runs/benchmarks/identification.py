@@ -22,7 +22,8 @@ import numpy as np
 from simulated_records import FRAME, Truth, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.methods import NAMES, modes_by
+from bayes_ssi.measurements.records.identification_settings import METHOD_NAMES
+from bayes_ssi.measurements.records.other_methods import modes_by
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -86,7 +87,7 @@ def report(kind: str, seeds: range) -> None:
     how = changes.pop("disturbed", "")
     band = TALL_BAND if structure is TALL else BAND
     truth = truth_of(structure, sensors, changes.get("damping", 0.02)).within(band)
-    of_methods: dict[str, list[Errors]] = {name: [] for name in NAMES}
+    of_methods: dict[str, list[Errors]] = {name: [] for name in METHOD_NAMES}
     seconds, all_modes, failed, silent, pairs = [], 0, 0, 0.0, 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -102,7 +103,7 @@ def report(kind: str, seeds: range) -> None:
             len(peak.frequencies_hz) > 1 and (peak.probability_of_two or 0.0) > 0.9
             for peak in found.peaks
         )
-        for name in NAMES:
+        for name in METHOD_NAMES:
             try:
                 modes = modes_by(name, record, found.quoted)
             except ValueError:
@@ -120,7 +121,7 @@ def report(kind: str, seeds: range) -> None:
     )
     for name, several in of_methods.items():
         if several:
-            print_row(NAMES[name], several)
+            print_row(METHOD_NAMES[name], several)
     sys.stdout.flush()
 
 

@@ -12,13 +12,12 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
+from bayes_ssi.measurements.records.identification_settings import METHOD_NAMES
 from bayes_ssi.measurements.records.local_fit import Fitter
-from bayes_ssi.measurements.records.methods import NAMES, compared, modes_by
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
-from bayes_ssi.measurements.records.peak_methods import fdd, tfie
+from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, ssi_cov, tfie
 from bayes_ssi.measurements.records.resonances import Resonances
 from bayes_ssi.measurements.records.spectra import transforms_of
-from bayes_ssi.measurements.records.ssi_cov import ssi_cov
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -305,7 +304,7 @@ def test_methods_are_compared_and_one_of_them_is_used():
     """NExT-ERA's errors are from a jackknife of twenty parts: known to a sixth, in two records."""
     record, result = simulated(1), identified(1, ground=False)
     modes = compared(record, result.quoted)
-    assert list(modes) == list(NAMES)
+    assert list(modes) == list(METHOD_NAMES)
     era = modes["next-era"]
     frequencies = np.log(era.frequencies_hz / TRUTH.frequencies_hz) / of_modes(era, "frequency_cov")
     assert np.abs(frequencies).max() < 4.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.next_era import correlations
+from bayes_ssi.measurements.records.other_methods import correlations
 from bayes_ssi.measurements.records.spectra import transforms_of
 
 RATE = 50.0

@@ -7,6 +7,16 @@ else is said; evidences are in nats.
 import math
 from dataclasses import dataclass
 
+# What the command line calls each method, and how it is called in tables.
+BAYESIAN_FFT = "bayesian-fft"
+METHOD_NAMES = {
+    BAYESIAN_FFT: "Bayesian FFT",
+    "next-era": "NExT-ERA",
+    "ssi-cov": "SSI-cov",
+    "fdd": "FDD",
+    "tfie": "TFIE",
+}
+
 
 @dataclass(frozen=True)
 class IdentificationSettings:
