@@ -24,11 +24,9 @@ from bayes_ssi.measurements.modes.modal_files import write_modal_data as write_m
 from bayes_ssi.measurements.modes.modal_tools import (
     modal_data_from_pyoma2 as modal_data_from_pyoma2,
 )
-from bayes_ssi.measurements.records.ground_motion_files import (
-    read_ground_motion as read_ground_motion,
-)
 from bayes_ssi.measurements.records.modal_identification import identify as identify
 from bayes_ssi.measurements.records.record import Record as Record
+from bayes_ssi.measurements.records.record_files import read_ground_motion as read_ground_motion
 from bayes_ssi.measurements.records.record_files import read_record as read_record
 from bayes_ssi.parameters.families import HalfNormal as HalfNormal
 from bayes_ssi.parameters.families import LogNormal as LogNormal

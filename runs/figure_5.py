@@ -25,7 +25,7 @@ from rich.table import Table
 from scipy.constants import g
 from scipy.integrate import cumulative_trapezoid
 
-from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
+from bayes_ssi.measurements.records.record_files import read_ground_motion
 from bayes_ssi.plots.figure_style import STYLE, style
 from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion
 from bayes_ssi.structures.response.modal_response import time_histories

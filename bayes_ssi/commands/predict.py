@@ -192,7 +192,7 @@ def _request(
     """The request from the options, and remarks on it."""
     import numpy as np
 
-    from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
+    from bayes_ssi.measurements.records.record_files import read_ground_motion
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
     from bayes_ssi.results.predictions.response_bands import (
         ResponseRequest,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.measurements.records.ground_motion_files import read_ground_motion
+from bayes_ssi.measurements.records.record_files import read_ground_motion
 
 G = 9.80665
 SAMPLES = [-0.1, 0.25e-2, 0.3, -0.4, 0.5, -0.6]

@@ -38,13 +38,11 @@ class Channels(NamedTuple):
         """Channels of several files with the same instants; named where all files have names."""
         if len(parts) == 1:
             return parts[0]
-        are_named = all(part.names for part in parts)
+        samples, names, *stated = zip(*parts, strict=True)
         return cls(
-            np.concatenate([part.samples for part in parts]),
-            tuple(chain(*(part.names for part in parts))) if are_named else (),
-            tuple(chain(*(part.rates_hz for part in parts))),
-            tuple(chain(*(part.quantities for part in parts))),
-            tuple(chain(*(part.units for part in parts))),
+            np.concatenate(samples),
+            tuple(chain(*names)) if all(names) else (),
+            *(tuple(chain(*statements)) for statements in stated),
         )
 
 

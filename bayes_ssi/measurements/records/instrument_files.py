@@ -1,4 +1,4 @@
-"""Records in files of measuring systems: universal files (data sets 58), TDMS and strong motion.
+"""Records in files of measuring systems: universal files, TDMS, strong motion and PEER's AT2.
 
 Corrected strong motion (volume 2, ``.v2``) is that of the Center for Engineering Strong Motion
 Data. Every channel has a heading of text with a line such as ``Chan  4:  Long  (Sta Chn:  6)``,
@@ -19,7 +19,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.packages import optional_package
-from bayes_ssi.foundations.text_files import damage_named, require_regular_file
+from bayes_ssi.foundations.text_files import damage_named, read_columns, require_regular_file
 from bayes_ssi.foundations.universal_files import read_data_sets, response_direction
 from bayes_ssi.measurements.records.channels import Channels
 from bayes_ssi.measurements.records.record import units_of
@@ -40,6 +40,9 @@ BLOCK_LINE = re.compile(
     re.IGNORECASE,
 )
 END_OF_CHANNEL = "end of data for channel"
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
+# After "UNITS OF", "UNITS:" or "UNITS =" in the header of an AT2 file.
+UNIT = r"\bunits?\s*(?:\bof\b|:|=)\s*([^\s,;.]+)"
 
 
 def read_universal(path: Path) -> Channels:
@@ -147,6 +150,37 @@ def _numbers(file: TextIO, points: int, what: str) -> FloatArray:
     if len(samples) != points:
         raise ValueError(f"'{points} points of {what} data' are followed by {len(samples)} numbers")
     return samples
+
+
+def read_at2(path: Path) -> Channels:
+    """Read PEER's AT2: a header, whose last line has the number of points and dt, then numbers."""
+    lines = read_columns(path)[0].splitlines()
+    at = next((i for i, line in enumerate(lines) if "NPTS" in line.upper()), None)
+    if at is None:
+        raise ValueError("not a PEER AT2 file: no header line states NPTS and DT")
+    n_points, rates = _points_and_rates(lines[at])
+    units = re.findall(UNIT, " ".join(lines[:at]), re.IGNORECASE)
+    samples: list[float] = []
+    for i, line in enumerate(lines[at + 1 :], at + 2):
+        # In AT2's fixed columns a minus sign may touch the number before it.
+        if rest := re.sub(NUMBER, "", line).strip():
+            raise ValueError(f"line {i}: expected accelerations, got {rest!r}")
+        samples += [float(re.sub("[dD]", "e", each)) for each in re.findall(NUMBER, line)]
+    if len(samples) != n_points:
+        raise ValueError(f"the header says NPTS = {n_points}, but {len(samples)} values follow")
+    return Channels(np.array([samples]), rates_hz=tuple(rates), units=tuple(units))
+
+
+def _points_and_rates(line: str) -> tuple[int, list[float]]:
+    """NPTS and 1/DT of an AT2 header, in its newer form (NPTS= 3, DT= .01 SEC) or its older one."""
+    older = re.match(rf"\s*(\d+)\s+({NUMBER})\s+NPTS", line, re.IGNORECASE)
+    points = older or re.search(r"NPTS\s*=\s*(\d+)", line, re.IGNORECASE)
+    if points is None:
+        raise ValueError(f"the header's line {line.strip()!r} holds no number of points (NPTS)")
+    steps = [older[2]] if older else re.findall(rf"DT\s*=\s*({NUMBER})", line, re.IGNORECASE)
+    if not all(float(step) > 0.0 for step in steps):
+        raise ValueError(f"dt must be positive, got {line.strip()!r}")
+    return int(points[1]), [1.0 / float(step) for step in steps]
 
 
 def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:

@@ -1,10 +1,11 @@
-"""Files of vibration records, in any format that the package reads."""
+"""Files of vibration records and of ground motion, in any format that the package reads."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
@@ -15,6 +16,7 @@ from bayes_ssi.measurements.records.channels import Channels, read_channels
 from bayes_ssi.measurements.records.columns import read_columns_of_record
 from bayes_ssi.measurements.records.instrument_files import (
     STRONG_MOTION,
+    read_at2,
     read_strong_motion,
     read_tdms,
     read_universal,
@@ -26,6 +28,7 @@ from bayes_ssi.measurements.records.record import (
     checked_unit_of,
     units_of,
 )
+from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion, checked_unit
 
 # Columns of a file of modes.
 COLUMNS_OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
@@ -67,10 +70,8 @@ def read_record(
         raise ValueError("read_record: no file is given")
     parts = []
     for path in files:
-        try:
-            parts.append(read_file_of_record(path, keys, quantity))
-        except ValueError as error:
-            raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        with _named(path):
+            parts.append(_read_file(path, keys, quantity))
     lengths = [part.samples.shape[1] for part in parts]
     for path, length in zip(files, lengths, strict=True):
         if length != lengths[0]:
@@ -85,19 +86,17 @@ def read_record(
     rates = (*([] if rate_hz is None else [rate_hz]), *channels.rates_hz)
     quantities = (*([quantity] if quantity else []), *channels.quantities)
     units = (*([unit] if unit else []), *channels.units)
-    try:
+    with _named(whole):
         _require(rates, quantities, units, names, len(channels.samples))
-        kind = agreed(quantities, "quantity")
+        kind = _agreed(quantities, "quantity")
         return Record(
             channels.samples,
-            agreed_rate(rates),
+            _agreed_rate(rates),
             names,
             kind,
-            agreed([checked_unit_of(kind, stated) for stated in units], "unit"),
+            _agreed([checked_unit_of(kind, stated) for stated in units], "unit"),
             ", ".join(path.name for path in files),
         )
-    except ValueError as error:
-        raise ValueError(f"{whole}: {error}") from None
 
 
 def _require(
@@ -117,6 +116,51 @@ def _require(
         raise ValueError("; ".join(missing))
 
 
+@checked
+def read_ground_motion(
+    path: str | Path, *, unit: str | None = None, dt: float | None = None
+) -> GroundMotion:
+    """Read the acceleration of the ground from a PEER AT2 file or a record of one channel.
+
+    Records are those of :func:`read_record`: columns of text, with the times in a column or dt in a
+    line ``# dt_s, 0.005``; arrays; universal files; TDMS; and strong motion.
+
+    Args:
+        path: the file; one whose name ends in .AT2 is read as PEER's.
+        unit: "g", "m/s2" or "cm/s2", for instance, in place of the file's; needed where the file
+            states none.
+        dt: time between samples in s; needed where the file does not state it.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the content is not understood, unit or dt are missing, dt is contradicted by
+            the file, or there are fewer than two samples. The message names the file.
+    """
+    path = Path(path)
+    with _named(path):
+        channels = _read_file(path, (), "acceleration")
+        if len(channels.samples) != 1:
+            held = ", ".join(map(repr, channels.names)) or "without names"
+            raise ValueError(
+                f"{len(channels.samples)} channels ({held}); a ground motion is one, beside a "
+                "column of times named time"
+            )
+        for quantity in channels.quantities:
+            if quantity != "acceleration":
+                raise ValueError(f"the file holds a {quantity}, not an acceleration")
+        units = [checked_unit(each) for each in (channels.units if unit is None else [unit])]
+        if not units:
+            choices = ", ".join(map(repr, UNITS))
+            raise ValueError(f"the unit of the acceleration is not given; give one of {choices}")
+        if dt is not None and not 0 < dt < math.inf:
+            raise ValueError(f"dt must be positive and finite (s), got {dt!r}")
+        rates = (*([] if dt is None else [1.0 / dt]), *channels.rates_hz)
+        if not rates:
+            raise ValueError("dt, the time between samples, is not given; give it in s")
+        acceleration = UNITS[_agreed(units, "unit")] * channels.samples[0]
+        return GroundMotion(acceleration, 1.0 / _agreed_rate(rates), path.stem)
+
+
 def is_record(path: Path) -> bool:
     """Whether a file that exists holds a record rather than identified modes.
 
@@ -132,7 +176,7 @@ def is_record(path: Path) -> bool:
     return bool(head.strip()) and COLUMNS_OF_MODES.search(head[:4096]) is None
 
 
-def read_file_of_record(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
+def _read_file(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
     """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
@@ -141,13 +185,24 @@ def read_file_of_record(path: Path, keys: Sequence[str], quantity: str | None) -
         return read_tdms(path, keys)
     if keys:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    if suffix == ".at2":
+        return read_at2(path)
     if suffix in STRONG_MOTION:
         return read_strong_motion(path, quantity or "acceleration")
     universal = begins_universal(first_bytes(path))
     return read_universal(path) if universal else read_columns_of_record(path)
 
 
-def agreed_rate(rates: Sequence[float]) -> float:
+@contextmanager
+def _named(what: Path | str) -> Iterator[None]:
+    """Begin the message of an error with the name of what is read."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{what}: {str(error).removeprefix(f'{what}: ')}") from None
+
+
+def _agreed_rate(rates: Sequence[float]) -> float:
     """The rate that is stated, once or more often."""
     for rate in rates:
         # Files state a rate or its inverse, some to three digits.
@@ -156,7 +211,7 @@ def agreed_rate(rates: Sequence[float]) -> float:
     return rates[0]
 
 
-def agreed(stated: Sequence[str], what: str) -> str:
+def _agreed(stated: Sequence[str], what: str) -> str:
     """The one text that is stated, once or more often."""
     for other in stated:
         if other != stated[0]:

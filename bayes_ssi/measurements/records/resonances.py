@@ -110,7 +110,7 @@ def turned(shapes: ComplexArray) -> ComplexArray:
     return np.asarray(shapes * np.exp(-0.5j * np.angle((shapes**2).sum(0))))
 
 
-def real_shapes(shapes: ComplexArray) -> FloatArray:
+def real_shapes(shapes: NDArray[Any]) -> FloatArray:
     """The real parts of turned shapes (n, m), at unit length, the largest component positive."""
     real = turned(shapes).real
     return with_positive_largest(real / np.sqrt((real**2).sum(0)))[0]
