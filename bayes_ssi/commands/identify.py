@@ -22,7 +22,7 @@ from bayes_ssi.measurements.records.identification_settings import BAYESIAN_FFT,
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
-    from bayes_ssi.measurements.records.identification_result import ModalIdentification
+    from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd", "shape",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_ssi.measurements.records.identification_result import ModalIdentification
+from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 from bayes_ssi.plots.figure_style import (
     STYLE,
     axes_of,

@@ -16,8 +16,7 @@ from bayes_ssi.measurements.records.identification_settings import METHOD_NAMES
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, ssi_cov, tfie
-from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.spectra import transforms_of
+from bayes_ssi.measurements.records.spectra import Resonances, transforms_of
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)

@@ -12,9 +12,9 @@ from bayes_ssi.measurements.records.local_model import (
     basis,
     coordinates,
 )
-from bayes_ssi.measurements.records.resonances import Resonances
 from bayes_ssi.measurements.records.spectra import (
     LocalSpectra,
+    Resonances,
     Spectra,
     local_spectra,
     noise_scales,

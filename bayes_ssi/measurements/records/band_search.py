@@ -11,19 +11,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.measurements.records.explained_band import Explained, ExplainedPeak
-from bayes_ssi.measurements.records.identification_settings import BANDS, FIT, SELECTION
-from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
-from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.mode_selection import (
+from bayes_ssi.measurements.records.explained_band import (
+    Explained,
+    ExplainedPeak,
     nats_of_a_pair,
     share_a_peak,
     two_in_place_of,
     with_others,
     without_needless,
 )
-from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.spectra import LocalSpectra, Transforms, local_spectra
+from bayes_ssi.measurements.records.identification_settings import BANDS, FIT, SELECTION
+from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
+from bayes_ssi.measurements.records.mode_candidates import Candidates
+from bayes_ssi.measurements.records.spectra import (
+    LocalSpectra,
+    Resonances,
+    Transforms,
+    local_spectra,
+)
 
 
 class Group(NamedTuple):

@@ -27,8 +27,7 @@ from bayes_ssi.measurements.records.local_model import (
     scene,
     started,
 )
-from bayes_ssi.measurements.records.resonances import Resonances, turned
-from bayes_ssi.measurements.records.spectra import LocalSpectra
+from bayes_ssi.measurements.records.spectra import LocalSpectra, Resonances, turned
 
 BACKGROUND_SDS = np.array(FIT.background_sds)
 

@@ -24,8 +24,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import FIT
-from bayes_ssi.measurements.records.resonances import Resonances
-from bayes_ssi.measurements.records.spectra import LocalSpectra
+from bayes_ssi.measurements.records.spectra import LocalSpectra, Resonances
 
 DIRECT_SDS = np.array(FIT.direct_sds)[:, None]
 ROOT_2_PI = math.sqrt(2.0 * math.pi)

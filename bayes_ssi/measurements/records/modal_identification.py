@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.displayed import columns
+from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import (
     EstimatedMode,
+    IdentificationSummary,
     MeasuredRecord,
     Peak,
 )
+from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.disturbances import (
@@ -24,13 +27,65 @@ from bayes_ssi.measurements.records.disturbances import (
     without_lines,
 )
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
-from bayes_ssi.measurements.records.identification_result import ModalIdentification
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.resonances import Resonances, with_positive_largest
-from bayes_ssi.measurements.records.sensor_delays import common_delays
-from bayes_ssi.measurements.records.spectra import Spectra, Transforms, transforms_of
+from bayes_ssi.measurements.records.record_checks import common_delays
+from bayes_ssi.measurements.records.spectra import (
+    Resonances,
+    Spectra,
+    Transforms,
+    transforms_of,
+    with_positive_largest,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ModalIdentification(Displayed, IdentificationSummary):
+    """The modes identified from a record, and what they were identified in.
+
+    Attributes:
+        quoted: the modes to use, with all that was estimated of them.
+        bands: the parts of the spectrum that were explained, also beyond the band of the search.
+        candidates: from which the explanation began.
+        spectrum: of the band, for figures; over the power of the ground where that is measured.
+        too_short: places of the quoted modes that the record is too short for: nothing is claimed
+            of their damping and shape.
+        ground: the sensor whose motion drives all, and over which the spectra are; "" if none.
+    """
+
+    quoted: ModalData
+    bands: tuple[Explained, ...]
+    candidates: Candidates
+    spectrum: Spectra
+    too_short: tuple[int, ...]
+    ground: str
+
+    def modal_data(self, source: str = "") -> ModalData:
+        """The quoted modes as data of model classes, with a record of their identification.
+
+        Modes that the record is too short for have their frequency alone.
+
+        Args:
+            source: where they come from.
+        """
+        modes = tuple(
+            IdentifiedMode(mode.label, mode.frequency_hz, frequency_cov=mode.frequency_cov)
+            if i in self.too_short
+            else mode
+            for i, mode in enumerate(self.quoted.modes)
+        )
+        values = {each.name: getattr(self, each.name) for each in fields(IdentificationSummary)}
+        identifications = (IdentificationSummary(**values),)
+        return replace(self.quoted, modes=modes, source=source, identifications=identifications)
+
+    def _line(self) -> str:
+        failed = counted(len(self.failed_checks), "failed check")
+        return f"{counted(len(self.modes), 'mode')} driven by {self.loads}, {failed}"
+
+    def _rows(self) -> Iterable[dict[str, Any]]:
+        return self.modal_data()._rows()
+
 
 METHOD = "Bayesian FFT"
 FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")

@@ -18,8 +18,13 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import CANDIDATES, FIT
-from bayes_ssi.measurements.records.resonances import Resonances, block_hankel
-from bayes_ssi.measurements.records.spectra import Spectra, Transforms, noise_scales
+from bayes_ssi.measurements.records.spectra import (
+    Resonances,
+    Spectra,
+    Transforms,
+    block_hankel,
+    noise_scales,
+)
 
 
 class Prominence(NamedTuple):

@@ -45,7 +45,7 @@ from bayes_ssi.measurements.records.identification_settings import (
     METHODS,
 )
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.resonances import Resonances, block_hankel, real_shapes
+from bayes_ssi.measurements.records.spectra import Resonances, block_hankel, real_shapes
 from bayes_ssi.structures.modal import mac
 
 Band = tuple[float, float]
