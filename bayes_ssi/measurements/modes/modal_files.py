@@ -11,39 +11,45 @@
 
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
-rows), ``identification`` (a file in the same directory, see
-:mod:`bayes_ssi.measurements.modes.companion_files`); anything else there is a comment, allowed
+rows), ``identification`` (a file in the same directory); anything else there is a comment, allowed
 above the column names only. The first other row holds the column names, also spelled ``Frequency
 [Hz]``: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping``
 and ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
 structure's degree of freedom. An empty cell is a value not measured. Complex components are written
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
+
+The JSON file beside it holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
+``unit_shapes`` (m lists of n components, null where not measured) and
+``covariance_of_log_frequencies_and_unit_shapes`` (m + m n, m + m n), shapes mode by mode, null
+where errors are independent. Frequencies and shapes tell which row of the CSV file is which mode,
+so that its modes may be renamed, sorted or left out. Its ``identifications`` are records of each
+vibration record that the modes come from, one, or several where modes were merged. Paths of figures
+are relative to the file's directory.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
+import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
 from bayes_ssi.foundations.universal_files import begins_universal
-from bayes_ssi.measurements.modes.companion_files import (
-    covariance_of,
-    read_companion,
-    write_companion,
-)
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
+from bayes_ssi.measurements.modes.joint_covariance import of_modes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
 
@@ -113,23 +119,15 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
             raise ValueError(f"{path}: give band_hz; a universal file does not state the band")
         return read_modal_uff(path, band_hz)
     lines = _split(path)
-    n_head = next((i for i, line in enumerate(lines) if not line.is_comment), len(lines))
-    head = [line for line in lines if line.is_comment]
-    body = [line for line in lines if not line.is_comment]
-    if not body:
+    table = [line for line in lines if not line.is_comment]
+    if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
-    for line in lines[n_head:]:
-        if line.is_comment and line.key_and_cells()[0] not in (*ONCE, "failed_check"):
-            raise line.error(
-                "a row beginning with '#' below the column names that holds no key; comments "
-                "belong above them, and no mode's label may begin with '#'"
-            )
-    columns = _column_names(body[0])
-    modes = tuple(_mode(line, columns) for line in body[1:])
+    columns = _column_names(table[0])
+    modes = tuple(_mode(line, columns) for line in table[1:])
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
 
-    stated = _read_head(head)
+    stated = _read_statements(lines)
     band = band_hz if band_hz is not None else stated.band_hz
     if band is None:
         raise ValueError(
@@ -137,17 +135,17 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = band
-    named = tuple(name for name in columns if name not in RESERVED_NAMES)
+    sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
     if stated.companion is not None:
         beside = path.parent / stated.companion
-        content = read_companion(beside, path)
-        covariance = covariance_of(content, beside, modes, named)
+        content = _read_companion(beside, path)
+        covariance = _covariance_of(content, beside, modes, sensors)
         identifications = content.identifications
     try:
         return ModalData(
-            modes, (low, high), named, stated.source, covariance, identifications,
+            modes, (low, high), sensors, stated.source, covariance, identifications,
             stated.failed_checks,
         )  # fmt: skip
     except ValueError as error:
@@ -199,7 +197,7 @@ def write_modal_data(data: ModalData, path: str | Path) -> tuple[Path, ...]:
                 + [_component_text(component) for component in components]
             )
     if has_companion:
-        write_companion(data, beside)
+        _write_companion(data, beside)
     return files
 
 
@@ -267,7 +265,7 @@ def _column_names(line: _Line) -> list[str]:
 
 
 @dataclass
-class _Head:
+class _Statements:
     """What the lines with keys state."""
 
     source: str = ""
@@ -276,30 +274,39 @@ class _Head:
     companion: str | None = None
 
 
-def _read_head(lines: list[_Line]) -> _Head:
-    head = _Head()
+def _read_statements(lines: list[_Line]) -> _Statements:
+    stated = _Statements()
     first: dict[str, int] = {}
+    is_below = False
     for line in lines:
+        if not line.is_comment:
+            is_below = True
+            continue
         key, values = line.key_and_cells()
         if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "source":
-            head.source = ", ".join(values)
+            stated.source = ", ".join(values)
         elif key == "failed_check":
-            head.failed_checks += (", ".join(values),)
+            stated.failed_checks += (", ".join(values),)
         elif key == "covariance":
             raise line.error("of an earlier version; identify again, or remove it and its file")
         elif key == "identification":
             if len(values) != 1:
                 raise line.error(f"{key} needs the name of one file, got {values!r}")
-            head.companion = values[0]
+            stated.companion = values[0]
         elif key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
             if len(values) != 2:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
-            head.band_hz = [line.parse(float, value, "band_hz") for value in values]
-    return head
+            stated.band_hz = [line.parse(float, value, "band_hz") for value in values]
+        elif is_below:
+            raise line.error(
+                "a row beginning with '#' below the column names that holds no key; comments "
+                "belong above them, and no mode's label may begin with '#'"
+            )
+    return stated
 
 
 def _component(text: str, column: str, line: _Line) -> complex:
@@ -334,3 +341,97 @@ def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
         )
     except ValueError as error:
         raise line.error(str(error)) from None
+
+
+@dataclass(frozen=True)
+class Companion:
+    """The content of the file."""
+
+    sensors: tuple[str, ...]
+    frequencies_hz: FloatArray
+    unit_shapes: tuple[tuple[float | None, ...], ...]
+    covariance_of_log_frequencies_and_unit_shapes: Any  # a large list of lists, or None
+    identifications: tuple[IdentificationSummary, ...]
+
+
+def _write_companion(data: ModalData, path: Path) -> None:
+    """Write what a CSV file does not hold of these modes to a new file."""
+    shapes = [
+        tuple(float(component) if np.isfinite(component) else None for component in shape)
+        for shape in data.unit_shapes.T
+    ]
+    identifications = tuple(
+        replace(each, figures=tuple(os.path.relpath(file, path.parent) for file in each.figures))
+        for each in data.identifications
+    )
+    content = Companion(
+        data.sensors, data.frequencies_hz, tuple(shapes), data.covariance, identifications
+    )
+    with path.open("x", encoding="utf-8") as file:
+        json.dump(to_record(content), file)
+
+
+def _read_companion(path: Path, csv_path: Path) -> Companion:
+    """The file that a CSV file names."""
+    lost = "and with it the covariance, and what is known of failed checks"
+    try:
+        content = from_record(Companion, json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise ValueError(
+            f"{csv_path}: no file {path.name}, which its line 'identification' names, in its "
+            f"directory; put it there, or remove the line, {lost}"
+        ) from None
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: no record of the identification that this version reads: {error}; identify "
+            f"again, or remove the line 'identification' of {csv_path.name}, {lost}"
+        ) from None
+    moved = tuple(
+        replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
+        for each in content.identifications
+    )
+    return replace(content, identifications=moved)
+
+
+def _covariance_of(
+    content: Companion, path: Path, modes: Sequence[IdentifiedMode], sensors: Sequence[str]
+) -> FloatArray | None:
+    """The joint covariance of ``modes``, in their order; None if the file holds none."""
+    if content.covariance_of_log_frequencies_and_unit_shapes is None:
+        return None
+    if content.sensors != tuple(sensors):
+        raise ValueError(
+            f"{path}: the sensors, {', '.join(map(repr, content.sensors))}, are not those of the "
+            "CSV file; names and order must be the same in both files"
+        )
+    frequencies = content.frequencies_hz
+    m, n = len(frequencies), len(sensors)
+    size = m + m * n
+    try:
+        shapes = np.array(content.unit_shapes, dtype=float).reshape(m, n)
+        matrix = np.reshape(content.covariance_of_log_frequencies_and_unit_shapes, (size, size))
+        matrix = matrix.astype(float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{path}: {m} modes at {n} sensors need unit_shapes {(m, n)} and a covariance "
+            f"{(size, size)} of numbers"
+        ) from None
+    sds = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+    places: list[int] = []
+    for mode in modes:
+        i = int(np.abs(frequencies - mode.frequency_hz).argmin())
+        unit = np.full(n, np.nan) if mode.unit_shape is None else mode.unit_shape
+        measured = np.isfinite(shapes[i])
+        # Numbers in the CSV file may be rounded, by less than their standard deviations.
+        is_same = abs(mode.frequency_hz / frequencies[i] - 1.0) <= sds[i]
+        is_same &= np.array_equal(np.isfinite(unit), measured)
+        of_shape = sds[m + n * i : m + n * (i + 1)][measured]
+        is_same &= np.linalg.norm((unit - shapes[i])[measured]) <= np.linalg.norm(of_shape)
+        if i in places or not is_same:
+            raise ValueError(
+                f"{path}: not the covariance of these modes: mode {mode.label!r} differs in "
+                "frequency or shape by more than its standard deviation; identify again, or remove "
+                "the line 'identification' of the CSV file to use each mode's own errors"
+            )
+        places.append(i)
+    return of_modes(matrix, places, m, n)
