@@ -50,6 +50,8 @@ FACES = np.array(
     [(1.0, 0.0, HALF_WIDTH), (1.0, 0.0, -HALF_WIDTH), (0.0, 1.0, HALF_WIDTH),
      (0.0, 1.0, -HALF_WIDTH)]
 )  # fmt: skip
+# Of two braces and three of the nine columns.
+FACE_STIFFNESSES = np.array([2.0 * BRACE + COLUMNS[way] / 3.0 for way in "xxyy"])
 # Storey and face, from 0 → what is left of its two braces.
 PATTERNS = {
     "none": {},
@@ -135,33 +137,39 @@ def braces_left(pattern):
     return left
 
 
-def true_losses(left):
-    """The shares that storeys lose in x, y and torsion: name of a stiffness → its loss."""
+def of_storeys(left):
+    """The shares that storeys lose in x, y and torsion: direction and storey → its loss."""
     lost = 2.0 * BRACE * (1.0 - left)
-    names = dict(zip("xyt", STOREY, strict=True))
-    of_storeys = {"x": lost[:, :2].sum(1), "y": lost[:, 2:].sum(1),
-                  "t": lost.sum(1) * HALF_WIDTH**2}  # fmt: skip
-    return {
-        f"{way}{storey}": float(of_storeys[way][storey - 1] / STOREY[names[way]])
-        for storey in range(1, 5)
-        for way in "xyt"
-    }
+    losses = {"x": lost[:, :2].sum(1), "y": lost[:, 2:].sum(1),
+              "torsion": lost.sum(1) * HALF_WIDTH**2}  # fmt: skip
+    return {(way, i + 1): float(losses[way][i] / STOREY[way]) for i in range(4) for way in losses}
+
+
+def of_faces(left):
+    """The shares that faces lose of the stiffness of their braces and columns: face → its loss."""
+    lost = 2.0 * BRACE * (1.0 - left) / FACE_STIFFNESSES
+    return {f"{face}{i + 1}": float(lost[i, j]) for i in range(4) for j, face in enumerate("snew")}
 
 
 def simulated(left, rng, finer=False, source="", whole=None):
-    """The modes that a test would identify, labelled by their direction and number in it."""
+    """The modes that a test would identify, and which of the structure's they are.
+
+    They are labelled by their direction and number in it; the second is label → number of the mode.
+    """
     frequencies_hz, shapes = modes(left, finer, whole)
     energies = np.column_stack([MASSES, MASSES, INERTIAS]).ravel()[:, None] * shapes**2
     ways = np.array([energies[i::3].sum(axis=0) for i in range(3)]).argmax(axis=0)
     at_sensors = np.kron(np.eye(4), FACES) @ shapes
-    identified, numbers = [], dict.fromkeys("xyt", 0)
-    for frequency_hz, way, shape in zip(frequencies_hz, ways, at_sensors.T, strict=True):
+    identified, pairing, numbers = [], {}, dict.fromkeys("xyt", 0)
+    for i, (frequency_hz, way) in enumerate(zip(frequencies_hz, ways, strict=True)):
+        shape = at_sensors[:, i]
         numbers["xyt"[way]] += 1
         measured_hz = frequency_hz * (1.0 + FREQUENCY_ERROR * rng.standard_normal())
         error = SHAPE_ERROR * rng.standard_normal(len(shape))
         if measured_hz < BAND_HZ[1]:
             unit = shape / np.linalg.norm(shape) * np.sign(shape[np.abs(shape).argmax()])
             label = f"{'xyt'[way]}{numbers['xyt'[way]]}"
+            pairing[label] = i + 1
             identified.append(
                 bs.IdentifiedMode(
                     label, round(float(measured_hz), 4), np.round(unit + error, 4),
@@ -169,7 +177,7 @@ def simulated(left, rng, finer=False, source="", whole=None):
                 )
             )  # fmt: skip
     identified.sort(key=lambda mode: mode.frequency_hz)
-    return bs.ModalData(tuple(identified), BAND_HZ, SENSORS, source)
+    return bs.ModalData(tuple(identified), BAND_HZ, SENSORS, source), pairing
 
 
 def main():
@@ -180,7 +188,7 @@ def main():
             f"{FREQUENCY_ERROR:.1%} and {SHAPE_ERROR:g}, seed {SEED} {i}"
         )
         rng = np.random.default_rng([SEED, i])
-        data = simulated(braces_left(pattern), rng, source=source)
+        data, _ = simulated(braces_left(pattern), rng, source=source)
         bs.write_modal_data(data, directory / f"asce_{name.replace(' ', '_')}.csv")
 
 

@@ -156,15 +156,14 @@ class LumpedStructure(Structure):
         return self._carried.labels
 
     def height_of(self, parameter: str) -> float | None:
-        labels = self.main_degrees_of_freedom()
-        floors: dict[SinglePlace, int] = {0: 0}
-        for i, label in enumerate(labels):
-            floors[label] = floors[i + 1] = 1 + i * self.n_floors // len(labels)
+        n_main = len(self.main_degrees_of_freedom())
         middles = []
-        for spring in self.main_springs():
+        for spring in self._springs:
             if parameter in [each.name for each in spring.coefficient.parameters]:
-                ends = {floors[place] for place, _ in spring.direction}
-                middles.append(0.5 * (max(ends) + (min(ends) if len(ends) > 1 else 0)))
+                # Of elements in series, the own degrees of freedom have no floor.
+                ends = [1 + row * self.n_floors // n_main for row in spring.vector if row < n_main]
+                on_ground = len(set(ends)) == 1
+                middles.append(0.5 * (max(ends) + (0 if on_ground else min(ends))))
         return sum(middles) / len(middles) if middles else None
 
     def heights(self) -> dict[str, float]:

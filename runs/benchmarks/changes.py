@@ -1,20 +1,31 @@
 """What changed between two tests of the IASC-ASCE benchmark structure: how often is it right?
 
-    python runs/benchmarks/changes.py FILE.csv STUDY [--seeds FIRST LAST] [--finer] [--full]
-    python runs/benchmarks/changes.py FILE.csv table
+    python runs/benchmarks/changes.py STUDY FILE.csv [--seeds FIRST LAST] [--finer]
+    python runs/benchmarks/changes.py table FILE.csv...
+    python runs/benchmarks/changes.py visible
 
 Every pair is two simulated tests (``runs/make_asce_benchmark.py``), before and after; with --finer
 both are of the model on flexible beams, which the class of 12 degrees of freedom is not. A row of
-FILE is written for each pair as it is done, and pairs that it has are not done again. STUDY is a
-pattern of the benchmark, "none", "uniform" (3 % of all stiffnesses), "uniform-common" (the same,
-where a factor in common is considered), "mixed" (half of the pairs undamaged, the others without
-one to eight of the 32 braces' thirds, anywhere), or a storey with its loss, such as "storey 2:0.2",
-of all its stiffness.
+FILE is written for each pair as it is done, and pairs that it has are not done again. STUDY is
 
-Evidences are those of the quick screening, which takes three seconds a pair; with --full those of
-all efforts below sampling. ``table`` prints what FILE has: how often the true storeys are the most
-probable set, or not distinguishable from it; how often a change was stated above 0.9; whether 90 %
-intervals hold the true losses; and the reliability of stated probabilities.
+    none, or a pattern of the benchmark
+    uniform         3 % of all stiffnesses
+    uniform-common  the same, where a factor in common is considered
+    prior           faces, the number of changes and their losses drawn from the search's own prior
+    e2:0.15         the face east in storey 2 with its loss; only whether it is shown is computed
+
+Places are the faces of storeys, one change or two; where all braces of storeys are gone (patterns 1
+and 2) storeys, each of whose faces loses a share of its own. Evidences are those of the quick
+screening.
+
+``table`` prints what the files have: how often the true set of storeys is the most probable one, or
+not distinguishable from it; how often a change was stated above 0.9; whether 90 % intervals hold
+the true losses; and the reliability of stated probabilities. Of the finer model, a loss of a face
+is that of its braces and columns; as its columns give way, it is more of what the face resists. So
+intervals are also counted against the losses which the same class finds in tests without errors.
+
+``visible`` prints the smallest loss of every face that the first pair of "none" would have shown,
+and how often it would have shown the losses of pattern 6.
 """
 
 import argparse
@@ -22,6 +33,7 @@ import csv
 import json
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from time import process_time
 from types import SimpleNamespace
@@ -29,9 +41,12 @@ from types import SimpleNamespace
 import numpy as np
 
 import bayes_ssi as bs
+from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
+from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
 from bayes_ssi.studies.ranking.study import load_study
+from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen
 from bayes_ssi.studies.search.efforts import EFFORTS, Effort
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
@@ -39,91 +54,128 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "runs"))
 import make_asce_benchmark as asce  # noqa: E402
 
-PLACES = {f"storey {i}": tuple(f"{way}{i}" for way in "xyt") for i in range(1, 5)}
-HEADER = ("study", "seed", "finer", "full", "true", "losses", "change", "best", "odds_of_true",
+STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
+OF_STOREYS = ("pattern 1", "pattern 2")
+# One ascent where a change is scanned, another from the prior; importance draws of 20 dimensions.
+QUICK = replace(EFFORTS, most_full=0, quick=Effort(250, 1, 1000))
+HEADER = ("study", "seed", "finer", "true", "losses", "change", "best", "odds_of_true",
           "intervals", "odds_of_places", "seconds")  # fmt: skip
 
 
+@cache
 def frame():
     (model_class,) = load_study(ROOT / "model_classes" / "asce_benchmark.py").model_classes
     return model_class.configurations[0].structure
 
 
-def left_of(study, rng):
-    """What is left of the braces (4, 4), and of all stiffness of the storeys (4,)."""
-    braces, storeys = np.ones((4, 4)), np.ones(4)
+def settings_of(study):
+    return bs.ChangeSettings(branches=1, common_sd=0.05 if study == "uniform-common" else None)
+
+
+def losses_of(study, rng):
+    """What is left of the braces (4, 4) before and after, and the losses of faces, by name."""
+    names = [parameter.name for parameter in frame().parameters]
+    before, losses = np.ones(16), np.zeros(16)
     if study in asce.PATTERNS:
-        braces = asce.braces_left(study)
-    elif study.startswith("uniform"):
-        storeys[:] = 0.97
-    elif study == "mixed":
-        if rng.random() < 0.5:
-            for _ in range(rng.integers(1, 9)):
-                at = rng.integers(4), rng.integers(4)
-                braces[at] = max(0.0, braces[at] - 1.0 / 6.0)
-    else:
+        own = asce.of_faces(asce.braces_left(study))
+        losses = np.array([own[name] for name in names])
+    elif study == "prior":
+        weights = np.array(settings_of(study).number_weights)
+        n = rng.choice(len(weights), p=weights / weights.sum())
+        losses[rng.choice(16, n, replace=False)] = rng.uniform(size=n)
+        before = np.array([p.prior.from_normal(rng.standard_normal()) for p in frame().parameters])
+    elif ":" in study:
         name, loss = study.split(":")
-        storeys[int(name.split()[1]) - 1] -= float(loss)
-    return braces, storeys
+        losses[names.index(name)] = float(loss)
+
+    def braces(faces):
+        """What is left of the braces where columns are whole, which may be less than nothing."""
+        return 1.0 - (1.0 - faces.reshape(4, 4)) * asce.FACE_STIFFNESSES / (2.0 * asce.BRACE)
+
+    lost = {name: float(loss) for name, loss in zip(names, losses, strict=True) if loss > 0.0}
+    return braces(before), braces(before * (1.0 - losses)), lost
 
 
-def pair(structure, study, seed, finer):
-    """The class with two tests, and the true losses: name of a stiffness → its loss."""
-    rng = np.random.default_rng([seed, 34])
-    braces, storeys = left_of(study, rng)
+def pair(study, seed, finer):
+    """The class with two tests, and the true losses; without errors where there is no seed."""
+    rng = np.random.default_rng([seed or 0, 34])
+    before, after, losses = losses_of(study, rng)
+    if seed is None:
+        rng = SimpleNamespace(standard_normal=lambda n=(): np.zeros(n))
+    whole = np.full(4, 0.97 if study.startswith("uniform") else 1.0)
     tests = {
-        "before": asce.simulated(np.ones((4, 4)), rng, finer),
-        "after": asce.simulated(braces, rng, finer, whole=storeys),
+        "before": asce.simulated(before, rng, finer),
+        "after": asce.simulated(after, rng, finer, whole=whole),
     }
     model_class = bs.ModelClass(
         "12 degrees of freedom",
         configurations=[
-            bs.Configuration(
-                name, structure, data, pairing={label: i for i, label in enumerate(data.labels, 1)}
-            )
-            for name, data in tests.items()
+            bs.Configuration(name, frame(), data, pairing=pairing)
+            for name, (data, pairing) in tests.items()
         ],
     )
-    losses = asce.true_losses(braces)
-    return model_class, {
-        name: 1.0 - (1.0 - loss) * storeys[int(name[1]) - 1] for name, loss in losses.items()
+    return model_class, losses
+
+
+def family_of(study, model_class):
+    tests, places = bs.Study("benchmark", [model_class]), STOREYS if study in OF_STOREYS else {}
+    names = [parameter.name for parameter in frame().parameters]
+    left_out = [name for name in names if name != study.split(":")[0]] if ":" in study else []
+    settings = settings_of(study)
+    return choose_changes(tests, ["before"], ["after"], settings, places=places, left_out=left_out)
+
+
+def storeys(places):
+    """The storeys of places, by their names, which end with the storey's number."""
+    return " + ".join(sorted({f"storey {each.name[-1]}" for each in places}))
+
+
+@cache
+def losses_found(study, finer):
+    """The losses that the class finds in tests without errors, if it changes where they do."""
+    model_class, losses = pair(study, None, finer)
+    family = family_of(study, model_class)
+    places = [p for p in family.features[model_class.name] if losses.keys() & set(p.parameters)]
+    found = screen(ToScreen(family.hypothesis(family.classes[0], places, "true"), None), 0)
+    values = family.hypothesis(family.classes[0], places, "true").values(found.z)
+    return {
+        name.removeprefix("loss, "): weighted_quantiles(values[:, i], found.weights)[1]
+        for i, name in enumerate(found.parameter_names)
+        if name.startswith("loss, ")
     }
 
 
-def row(structure, study, seed, finer, full):
+def row(study, seed, finer):
     begun = process_time()
-    model_class, losses = pair(structure, study, seed, finer)
-    true = sorted(place for place, names in PLACES.items() if any(losses[n] > 0 for n in names))
-    settings = bs.ChangeSettings(common_sd=0.05 if study == "uniform-common" else None)
-    tests = bs.Study("benchmark", [model_class])
-    family = choose_changes(tests, ["before"], ["after"], settings, places=PLACES)
-    efforts = EFFORTS if full else replace(EFFORTS, most_full=0, quick=Effort(250, 3, 2000))
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), efforts)
+    model_class, losses = pair(study, seed, finer)
+    family = family_of(study, model_class)
+    features = family.features[model_class.name]
+    true = [place for place in features if losses.keys() & set(place.parameters)]
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
     nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
     record = change_record(family, found)
     sets = {}
     for each in record.hypotheses:
-        places = [change.place for change in each.changes]
-        key = " + ".join(sorted(place.name for place in places if not place.is_common))
+        key = storeys(change.place for change in each.changes if not change.place.is_common)
         sets[key] = sets.get(key, 0.0) + each.probability
     best = max(sets, key=sets.get)
-    of_true = sets.get(" + ".join(true), 0.0)
     intervals = {
         loss.removeprefix("loss, "): shares
         for place in true
-        if place in [each.place.name for each in record.places]
-        for loss, shares in record.place(place).change.losses.items()
+        for loss, shares in record.place(place.name).change.losses.items()
     }
     alone = {each.name: each for each in record.hypotheses}
     nothing = alone["nothing changed"].probability or 1e-300
+    # Of a place that is considered alone, as if it were one of all faces.
+    share = 1.0 / len(frame().parameters) if ":" in study else 1.0
+    odds = {place.name: share * alone[place.name].probability / nothing for place in features}
     return dict(
         zip(HEADER, (
-            study, seed, int(finer), int(full), " + ".join(true),
-            json.dumps({name: loss for name, loss in losses.items() if name in intervals}),
-            f"{record.probability_of_change:.6g}", best, f"{of_true / sets[best]:.4g}",
-            json.dumps(intervals),
-            json.dumps({place: alone[place].probability / nothing for place in PLACES}),
+            study, seed, int(finer), storeys(true), json.dumps(losses),
+            f"{record.probability_of_change:.6g}", best,
+            f"{sets.get(storeys(true), 0.0) / sets[best]:.4g}", json.dumps(intervals),
+            json.dumps({name: float(f"{each:.4g}") for name, each in odds.items()}),
             f"{process_time() - begun:.1f}",
         ), strict=True)
     )  # fmt: skip
@@ -136,72 +188,108 @@ def written(path):
         return list(csv.DictReader(file))
 
 
+def run(study, path, seeds, finer):
+    done = {(each["study"], int(each["seed"]), bool(int(each["finer"]))) for each in written(path)}
+    for seed in range(seeds[0], seeds[1] + 1):
+        if (study, seed, finer) in done:
+            continue
+        made = row(study, seed, finer)
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, HEADER)
+            if file.tell() == 0:
+                writer.writeheader()
+            writer.writerow(made)
+
+
 def print_table(rows):
-    print("study             finer  pairs  true set first  or not told apart  stated above 0.9  "
-          "losses in 90 % intervals")  # fmt: skip
     groups = {}
     for each in rows:
-        groups.setdefault((each["study"], each["finer"]), []).append(each)
-    for (study, finer), own in groups.items():
+        groups.setdefault((each["study"], bool(int(each["finer"]))), []).append(each)
+    print("study           model  pairs  true set first  or not told apart  stated above 0.9  "
+          "losses in 90 % intervals  those found without errors")  # fmt: skip
+    for (study, finer), own in sorted(groups.items()):
         first = sum(each["best"] == each["true"] for each in own)
         alike = sum(float(each["odds_of_true"]) > np.exp(-1.0) for each in own)
         stated = sum(float(each["change"]) > 0.9 for each in own)
-        inside, n = covered(own)
-        share = f"{inside} of {n}" if n else "-"
-        print(f"{study:<18}{finer:>5}{len(own):>7}{first:>16}{alike:>19}{stated:>18}  {share:>24}")
-    inside, n = covered(rows)
-    print(f"all losses: {inside} of {n} in 90 % intervals, {100 * inside / max(n, 1):.0f} %")
+        print(
+            f"{study:<15}{'finer' if finer else 'own':>6}{len(own):>7}{first:>16}{alike:>19}"
+            f"{stated:>18}  {in_words(own):>24}  {in_words(own, finer):>27}"
+        )
+        if finer and study in asce.PATTERNS and study != "none":
+            both = {name: f"{loss:.3f} → {losses_found(study, True)[name]:.3f}"
+                    for name, loss in pair(study, 0, True)[1].items()}  # fmt: skip
+            print(f"    losses, and those found without errors: {both}")
+    for finer in (False, True):
+        own = [each for each in rows if bool(int(each["finer"])) == finer]
+        print(f"all losses, {'finer' if finer else 'own'}: {in_words(own)}; {in_words(own, finer)}")
     print("\nreliability: stated probability of a change, pairs, share with a change")
-    mixed = [each for each in rows if each["study"] == "mixed"]
-    stated = np.array([float(each["change"]) for each in mixed])
-    changed = np.array([bool(each["true"]) for each in mixed])
+    drawn = [each for each in rows if each["study"] == "prior"]
+    stated = np.array([float(each["change"]) for each in drawn])
+    changed = np.array([bool(each["true"]) for each in drawn])
     for low, high in ((0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 1.01)):
         there = (low <= stated) & (stated < high)
         if there.any():
             print(f"  {low:.1f} to {min(high, 1.0):.1f}: mean {stated[there].mean():.3f}, "
                   f"{there.sum():4} pairs, {changed[there].mean():.3f}")  # fmt: skip
-    for each in sorted({e["study"] for e in rows if ":" in e["study"]}):
+    for each in sorted(
+        {e["study"] for e in rows if ":" in e["study"] or e["study"] == "pattern 6"}
+    ):
         own = [e for e in rows if e["study"] == each]
-        seen = sum(json.loads(e["odds_of_places"])[each.split(":")[0]] >= 9.0 for e in own)
-        print(f"{each}: shown in {seen} of {len(own)}")
+        face = next(iter(json.loads(own[0]["losses"])))
+        for finer in (False, True):
+            odds = [json.loads(e["odds_of_places"])[face] for e in own if int(e["finer"]) == finer]
+            if odds:
+                seen = sum(one >= VISIBILITY.odds for one in odds)
+                print(f"{each}, {'finer' if finer else 'own'}: shown in {seen} of {len(odds)}")
 
 
-def covered(rows):
-    """Number of true losses within their intervals, and of all, where the true set is found."""
+def in_words(rows, as_found=False):
+    """How many true losses are within their intervals, where the true set is found.
+
+    Args:
+        as_found: whether true is what the class finds in tests without errors.
+    """
     inside = n = 0
     for each in rows:
         losses = json.loads(each["losses"])
-        for name, (low, _, high) in json.loads(each["intervals"]).items():
-            if losses[name] > 0.0 and float(each["odds_of_true"]) > np.exp(-1.0):
-                inside += low <= losses[name] <= high
-                n += 1
-    return inside, n
+        if as_found and losses and each["study"] in asce.PATTERNS:
+            losses = losses_found(each["study"], True)
+        if float(each["odds_of_true"]) > np.exp(-1.0):
+            of_true = {k: v for k, v in json.loads(each["intervals"]).items() if losses.get(k)}
+            n += len(of_true)
+            inside += sum(low <= losses[k] <= high for k, (low, _, high) in of_true.items())
+    return f"{inside} of {n}, {100 * inside / n:.0f} %" if n else "-"
+
+
+def print_visible(finer):
+    model_class, _ = pair("none", 0, finer)
+    family = family_of("none", model_class)
+    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    (nothing,) = [each for key, each in hypotheses.items() if not key.features]
+    found = {place.name: each for place, each in visibilities(family, nothing, 0, bs.Run()).items()}
+    for name, each in found.items():
+        smallest = "none" if each.smallest is None else f"{each.smallest:.1%}"
+        print(f"{name}: smallest visible loss {smallest}")
+    for name, loss in asce.of_faces(asce.braces_left("pattern 6")).items():
+        if loss > 0.0:
+            shown = found[name].probability(loss)
+            print(f"pattern 6, a loss of {loss:.1%} in {name}, would be shown: {shown:.2f}")
 
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("file", type=Path)
     arguments.add_argument("study")
+    arguments.add_argument("files", type=Path, nargs="*")
     arguments.add_argument("--seeds", type=int, nargs=2, default=(0, 19))
     arguments.add_argument("--finer", action="store_true")
-    arguments.add_argument("--full", action="store_true")
     given = arguments.parse_args()
-    rows = written(given.file)
     if given.study == "table":
-        print_table(rows)
-        return
-    done = {(each["study"], int(each["seed"]), int(each["finer"]), int(each["full"]))
-            for each in rows}  # fmt: skip
-    structure = frame()
-    for seed in range(given.seeds[0], given.seeds[1] + 1):
-        if (given.study, seed, int(given.finer), int(given.full)) in done:
-            continue
-        made = row(structure, given.study, seed, given.finer, given.full)
-        with given.file.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, HEADER)
-            if file.tell() == 0:
-                writer.writeheader()
-            writer.writerow(made)
+        print_table([each for path in given.files for each in written(path)])
+    elif given.study == "visible":
+        print_visible(given.finer)
+    else:
+        (path,) = given.files
+        run(given.study, path, given.seeds, given.finer)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from bayes_ssi.studies.changes.change_result import (
 )
 from bayes_ssi.studies.changes.change_settings import ChangeSettings
 from bayes_ssi.studies.changes.changes_family import SHARED, Changes, choose_changes
-from bayes_ssi.studies.changes.visible_loss import VISIBILITY, smallest_visible
+from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
@@ -105,9 +105,11 @@ def with_visible_losses(
     """The record with the smallest loss at each place that the tests would have shown."""
     unchanged = [each for each in found.hypotheses if not each.key.features]
     likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
-    losses = smallest_visible(family, likeliest, seed, run)
+    found_visible = visibilities(family, likeliest, seed, run)
     places = tuple(
-        replace(each, smallest_visible=losses.get(each.place)) if each.is_observed else each
+        replace(each, smallest_visible=found_visible[each.place].smallest)
+        if each.is_observed and each.place in found_visible
+        else each
         for each in record.places
     )
     return replace(record, places=places, has_visible=True)

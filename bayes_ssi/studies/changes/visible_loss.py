@@ -6,6 +6,8 @@ a change there is than none. That rises with the loss, and scatters from simulat
 line through its root says where nine in ten are above the odds that count as shown.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +15,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
@@ -49,6 +51,42 @@ class VisibilitySettings:
 VISIBILITY = VisibilitySettings()
 
 
+class Visibility(NamedTuple):
+    """How surely a loss at a place would be shown: a line, and the scatter about it.
+
+    Log odds of a change rise with the square of its loss, so that the root of what is above a floor
+    is ``level + slope · loss``, about which it scatters equally everywhere.
+    """
+
+    slope: float
+    level: float
+    scatter: float
+    needed: float  # the root from which on a change counts as shown
+
+    @classmethod
+    def fitted(
+        cls, losses: FloatArray, log_odds: FloatArray, needed: float, floor: float
+    ) -> Visibility:
+        """To simulations: ``losses`` and ``log_odds`` (n,), and the log odds that are needed."""
+        roots = np.sqrt(np.maximum(log_odds - floor, 0.0))
+        slope, level = np.polyfit(losses, roots, 1)
+        scatter = float((roots - slope * losses - level).std(ddof=2))
+        return cls(float(slope), float(level), scatter, math.sqrt(needed - floor))
+
+    def probability(self, loss: float) -> float:
+        """That it would be shown."""
+        return float(ndtr((self.level + self.slope * loss - self.needed) / self.scatter))
+
+    @property
+    def smallest(self) -> float | None:
+        """The smallest loss that would be shown as surely as wanted; None if none would."""
+        if self.slope <= 0.0:
+            return None
+        wanted = self.needed + float(ndtri(VISIBILITY.share)) * self.scatter
+        found = (wanted - self.level) / self.slope
+        return found if found <= VISIBILITY.largest else None
+
+
 class ToSimulate(NamedTuple):
     """A loss at a place, with which tests are simulated."""
 
@@ -59,10 +97,10 @@ class ToSimulate(NamedTuple):
     number: int  # of the simulation
 
 
-def smallest_visible(
+def visibilities(
     family: Changes, nothing: Hypothesis[ChangePlace], seed: int, run: Run
-) -> dict[ChangePlace, float | None]:
-    """Place → the smallest loss of all its parameters that would be shown; None if none would.
+) -> dict[ChangePlace, Visibility]:
+    """Place → how surely a loss of all its parameters would be shown.
 
     Args:
         nothing: the hypothesis that nothing changed.
@@ -97,7 +135,7 @@ def smallest_visible(
     ]
     found = zip(places, further, log_odds(further, len(first)), rough, strict=True)
     return {
-        place: _where_most_are_above(losses, own, needed, float(before.min()) - 1.0)
+        place: Visibility.fitted(losses, own, needed, float(before.min()) - 1.0)
         for place, losses, own, before in found
     }
 
@@ -107,22 +145,6 @@ def _passed(losses: FloatArray, log_odds: FloatArray, needed: float) -> float:
     above = np.flatnonzero(log_odds > needed)
     last = int(above[0]) if len(above) else len(losses) - 1
     return float(np.sqrt(losses[last] * losses[max(last - 1, 0)]))
-
-
-def _where_most_are_above(
-    losses: FloatArray, log_odds: FloatArray, needed: float, floor: float
-) -> float | None:
-    """The loss at which as many as wanted are above what is needed.
-
-    Log odds rise with the square of a loss from a ``floor`` on, so that the root of what is above
-    it follows a line, about which it scatters equally everywhere.
-    """
-    roots = np.sqrt(np.maximum(log_odds - floor, 0.0))
-    slope, level = np.polyfit(losses, roots, 1)
-    scatter = float((roots - slope * losses - level).std(ddof=2))
-    wanted = math.sqrt(needed - floor) + float(ndtri(VISIBILITY.share)) * scatter
-    found = float((wanted - level) / slope) if slope > 0.0 else math.inf
-    return found if found <= VISIBILITY.largest else None
 
 
 def log_bayes_factor(item: ToSimulate, seed: int) -> float:
