@@ -82,8 +82,8 @@ def changes(
     from bayes_ssi.report.tables.search_tables import averaged_table, search_table
     from bayes_ssi.results.hierarchy.single_tests import read_covariate
     from bayes_ssi.results.stored_result import SEARCH
+    from bayes_ssi.studies.changes.change_places import ChangeSettings
     from bayes_ssi.studies.changes.change_search import changes as compare
-    from bayes_ssi.studies.changes.change_settings import ChangeSettings
     from bayes_ssi.studies.changes.changes_family import choose_changes
 
     loaded = load(study, only)

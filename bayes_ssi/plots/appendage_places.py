@@ -21,7 +21,7 @@ from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_spac
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.appendages.search_result import PlaceRecord
-from bayes_ssi.studies.changes.change_result import ChangeRecord
+from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord
 

@@ -10,7 +10,7 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
-from bayes_ssi.studies.changes.change_result import ChangeRecord, ChangeSummary, Quantiles
+from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSummary, Quantiles
 from bayes_ssi.studies.ranking.comparison import RANKING
 
 

@@ -45,7 +45,7 @@ from bayes_ssi.results.result_files import (
     write_json,
 )
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
-from bayes_ssi.studies.changes import change_result  # noqa: F401
+from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, Study
 from bayes_ssi.studies.search.search_record import FamilyRecord

@@ -57,7 +57,7 @@ import make_asce_benchmark as asce  # noqa: E402
 STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
 OF_STOREYS = ("pattern 1", "pattern 2")
 # One ascent where a change is scanned, another from the prior; importance draws of 20 dimensions.
-QUICK = replace(EFFORTS, most_full=0, quick=Effort(250, 1, 1000))
+QUICK = replace(EFFORTS, most_full=0, quick=Effort(100, 1, 500))
 HEADER = ("study", "seed", "finer", "true", "losses", "change", "best", "odds_of_true",
           "intervals", "odds_of_places", "seconds")  # fmt: skip
 

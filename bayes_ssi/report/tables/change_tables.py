@@ -5,7 +5,7 @@ from rich.table import Table
 from bayes_ssi.report.tables.layout import TABLES, add_row, new_table
 from bayes_ssi.report.tables.search_tables import hypothesis_notes
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.changes.change_result import ChangeRecord, ChangeSearch, PlaceOfChange
+from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSearch, PlaceOfChange
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 

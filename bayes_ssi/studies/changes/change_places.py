@@ -1,15 +1,58 @@
-"""Places of change: a parameter, several together, or all of them in common."""
+"""What a change may be, and where: a parameter, several together, or all of them in common."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.parameters.families import TruncatedNormal
-from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.parameters.families import NearOne, Uniform
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.changes.change_settings import ChangeSettings
+from bayes_ssi.studies.search.family import SearchLimits
+
+
+@dataclass(frozen=True)
+class ChangeSettings(SearchLimits):
+    """What a change may be, and in how many places there may be one.
+
+    Attributes:
+        loss: prior of the share of a parameter that a change takes away; a gain where negative.
+        common_sd: standard deviation of a share that all groups lose or gain in common, as by
+            temperature or moisture, which is no change of the structure; not considered if None.
+        covariate: name of a test → what the common share is proportional to, such as degrees; then
+            ``common_sd`` is that of the share at the test that differs most from those before.
+        shared: prior of the share of prediction errors that the tests have in common, where the
+            class gives none; errors of different tests are independent if None.
+        number_weights, branches, most_unsampled, most_sampled: how many changes, and how far the
+            search goes, as in :class:`~bayes_ssi.studies.search.family.SearchLimits`.
+
+    Raises:
+        ValueError: as :class:`~bayes_ssi.studies.search.family.SearchLimits`; a loss could leave a
+            negative stiffness; or the common share's standard deviation is not usable.
+        TypeError: a prior is not a prior distribution.
+    """
+
+    loss: Prior = field(default_factory=lambda: Uniform(0.0, 1.0))
+    common_sd: float | None = None
+    covariate: Mapping[str, float] | None = None
+    # What is not shared has any order of size, down to a hundredth of an error.
+    shared: Prior | None = field(default_factory=lambda: NearOne(1e-4))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require_priors("loss", "shared", optional=("shared",))
+        if (highest := self.loss.support[1]) > 1.0:
+            raise ValueError(
+                f"ChangeSettings: a loss of {highest:g} would leave a negative stiffness; it must "
+                f"be at most 1, got {self.loss!r}"
+            )
+        if self.common_sd is not None and not 0.0 < self.common_sd < 1.0:
+            raise ValueError(
+                f"ChangeSettings: common_sd must be between 0 and 1, got {self.common_sd!r}"
+            )
+        if self.covariate is not None and self.common_sd is None:
+            raise ValueError("ChangeSettings: a covariate needs common_sd, which is not given")
 
 
 @dataclass(frozen=True)
@@ -38,17 +81,14 @@ class ChangePlace:
     def description(self) -> str:
         return "a loss in common" if self.is_common else f"a loss in {self.name}"
 
-    def losses(self, settings: ChangeSettings) -> Iterator[tuple[Parameter, tuple[str, ...]]]:
-        """Every loss, and the names of the parameters of which it takes a share."""
+    @property
+    def losses(self) -> dict[str, tuple[str, ...]]:
+        """Name of every loss → the parameters of which it takes a share."""
         if self.is_common:
-            assert settings.common_sd is not None
-            prior = TruncatedNormal(0.0, settings.common_sd, -1.0, 1.0)
-            yield Parameter("common loss", prior), self.parameters
-        elif self.is_joined:
-            yield Parameter(f"loss, {self.name}", settings.loss), self.parameters
-        else:
-            for name in self.parameters:
-                yield Parameter(f"loss, {name}", settings.loss), (name,)
+            return {"common loss": self.parameters}
+        if self.is_joined:
+            return {f"loss, {self.name}": self.parameters}
+        return {f"loss, {name}": (name,) for name in self.parameters}
 
 
 def places_of(
@@ -77,20 +117,17 @@ def places_of(
     groups += [(name, tuple(names), False) for name, names in places.items()]
     named = [*left_out, *(one for _, names, _ in groups for one in names)]
     require_known(f"{where}: no parameter", named, parameters)
-    alone = [name for name in parameters if name not in named]
-    made = [ChangePlace(*group) for group in groups if group[1]]
-    made += [ChangePlace(name, (name,)) for name in alone]
-    for names, what in ((named, "parameter"), ([place.name for place in made], "place")):
-        for name in names:
-            if names.count(name) > 1:
+    groups += [(name, (name,), True) for name in parameters if name not in named]
+    groups = [group for group in groups if group[1]]
+    for all_of, what in ((named, "parameter"), ([name for name, *_ in groups], "place")):
+        for name in all_of:
+            if all_of.count(name) > 1:
                 raise ValueError(f"{where}: {what} {name!r} is named twice")
-    if not made:
+    if not groups:
         raise ValueError(f"{where}: every parameter is left out; leave one in")
-    return tuple(replace(place, height=_height(place, structure)) for place in made)
-
-
-def _height(place: ChangePlace, structure: Structure) -> float | None:
-    """The mean of those of its parameters."""
-    heights = [structure.height_of(name) for name in place.parameters]
-    known = [height for height in heights if height is not None]
-    return sum(known) / len(known) if known else None
+    made = []
+    for name, names, is_joined in groups:
+        heights = [at for each in names if (at := structure.height_of(each)) is not None]
+        height = sum(heights) / len(heights) if heights else None
+        made.append(ChangePlace(name, names, is_joined, height=height))
+    return tuple(made)

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.changes.change_places import ChangePlace
-from bayes_ssi.studies.changes.change_result import (
-    ChangeRecord,
-    ChangeSearch,
-    ChangesRecord,
-    ChangeSummary,
-    PlaceOfChange,
-)
-from bayes_ssi.studies.changes.change_settings import ChangeSettings
+from bayes_ssi.studies.changes.change_places import ChangePlace, ChangeSettings
 from bayes_ssi.studies.changes.changes_family import SHARED, Changes, choose_changes
 from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
 from bayes_ssi.studies.ranking.comparison import RANKING
@@ -36,6 +29,9 @@ from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
 from bayes_ssi.studies.search.search_record import (
     Draws,
+    FamilyRecord,
+    HypothesisRecord,
+    SearchResult,
     averaged_features,
     of_every_search,
     records_by_probability,
@@ -43,6 +39,115 @@ from bayes_ssi.studies.search.search_record import (
 
 # A probability to a twentieth of its odds is as much as anyone asks.
 SAMPLING = SamplingSettings(log_evidence_error=0.05)
+Quantiles = tuple[float, float, float]  # 5, 50 and 95 %
+
+
+@dataclass(frozen=True)
+class ChangeSummary:
+    """What one place lost under one hypothesis, or averaged over several."""
+
+    place: ChangePlace
+    losses: Mapping[str, Quantiles]  # name of a loss → the share that is lost
+
+
+@dataclass(frozen=True)
+class ChangesRecord(HypothesisRecord):
+    """One hypothesis of change."""
+
+    changes: tuple[ChangeSummary, ...]
+
+    @property
+    def features(self) -> tuple[ChangeSummary, ...]:
+        return self.changes
+
+    @property
+    def claims_change(self) -> bool:
+        """Whether anything changed but for a factor that all places have in common."""
+        return any(not each.place.is_common for each in self.changes)
+
+
+@dataclass(frozen=True)
+class PlaceOfChange:
+    """A place that may have changed.
+
+    Attributes:
+        change: what it lost, if anything, averaged over all hypotheses in which it did.
+        probability: that it changed.
+        is_observed: whether its parameters move any mode that is compared.
+        alike: names of the places that may have changed instead: the data do not tell them apart.
+        smallest_visible: the smallest loss of all its parameters that the tests would have shown
+            with probability 0.9; None where no loss would be, or it was not computed.
+    """
+
+    change: ChangeSummary
+    probability: float
+    is_observed: bool
+    alike: tuple[str, ...]
+    smallest_visible: float | None = None
+
+    @property
+    def place(self) -> ChangePlace:
+        return self.change.place
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class ChangeRecord(FamilyRecord):
+    """The findings of a comparison of two tests, and those of every search.
+
+    Attributes:
+        before, after: names of the tests.
+        settings: what a change may be.
+        probability_of_change: that anything changed but for a common factor.
+        shared: share of the prediction errors that the tests have in common, averaged over all
+            hypotheses; None where it is not inferred.
+        has_visible: whether smallest visible losses were computed.
+    """
+
+    feature, a_feature = "change", "a change"
+    nothing = "nothing changed"
+    why_unseen = "whose parameters move no mode that is compared"
+
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+    settings: ChangeSettings
+    probability_of_change: float
+    shared: Quantiles | None
+    places: tuple[PlaceOfChange, ...]
+    hypotheses: tuple[ChangesRecord, ...]
+    has_visible: bool = False
+
+    @property
+    def best(self) -> ChangesRecord:
+        """The most probable hypothesis."""
+        return self.hypotheses[0]
+
+    @property
+    def best_change(self) -> ChangesRecord | None:
+        """The most probable hypothesis that anything changed; None if none was tried."""
+        return next((each for each in self.hypotheses if each.claims_change), None)
+
+    def parameters_of_features(self, name: str) -> list[str]:
+        return [loss for change in self.hypothesis(name).changes for loss in change.losses]
+
+    def model_class(self, study: Study, name: str) -> ModelClass:
+        row = self.hypothesis(name)
+        family = choose_changes(study.only([row.baseline]), self.before, self.after, self.settings)
+        return family.hypothesis(family.classes[0], [each.place for each in row.changes], name)
+
+    def place(self, name: str) -> PlaceOfChange:
+        """The place of that name; KeyError if there is none."""
+        return {each.place.name: each for each in self.places}[name]
+
+    def _line(self) -> str:
+        places = counted(len(self.places), "place")
+        return f"of {places}: a change with probability {self.probability_of_change:.4f}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ChangeSearch(SearchResult):
+    """The result of a comparison of two tests."""
+
+    record: ChangeRecord
 
 
 @checked
@@ -91,28 +196,17 @@ def changes(
         found = search_family(family, title, seed, sampling or SAMPLING, run)
         record = change_record(family, found)
         if visible and record.probability_of_change < VISIBILITY.shown:
-            record = with_visible_losses(record, family, found, seed, run)
+            unchanged = [each for each in found.hypotheses if not each.key.features]
+            likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
+            seen = visibilities(family, likeliest, seed, run)
+            with_visible = tuple(
+                replace(each, smallest_visible=seen[each.place].smallest)
+                if each.is_observed and each.place in seen
+                else each
+                for each in record.places
+            )
+            record = replace(record, places=with_visible, has_visible=True)
     return ChangeSearch(found.ranking, record)
-
-
-def with_visible_losses(
-    record: ChangeRecord,
-    family: Changes,
-    found: FamilySearch[ChangePlace],
-    seed: int,
-    run: Run,
-) -> ChangeRecord:
-    """The record with the smallest loss at each place that the tests would have shown."""
-    unchanged = [each for each in found.hypotheses if not each.key.features]
-    likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
-    found_visible = visibilities(family, likeliest, seed, run)
-    places = tuple(
-        replace(each, smallest_visible=found_visible[each.place].smallest)
-        if each.is_observed and each.place in found_visible
-        else each
-        for each in record.places
-    )
-    return replace(record, places=places, has_visible=True)
 
 
 class LossDraws(NamedTuple):
@@ -124,25 +218,20 @@ class LossDraws(NamedTuple):
 
 def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRecord:
     """What was found, for a search in which none, some or all hypotheses were sampled."""
-    names = {
-        place: [loss.name for loss, _ in place.losses(family.options)]
-        for of_class in family.features.values()
-        for place in of_class
-    }
     draws: dict[str, dict[ChangePlace, LossDraws]] = {}
     shared = []
     for each in found.hypotheses:
         name = each.model_class.name
         own = Draws.of(each, found.posteriors.get(name))
         draws[name] = {
-            place: LossDraws(np.column_stack([own.column(n) for n in names[place]]), own.weights)
+            place: LossDraws(np.column_stack([own.column(n) for n in place.losses]), own.weights)
             for place in each.key.features
         }
         if SHARED in own.names:
             shared.append((own.column(SHARED), found.probabilities[name] * own.weights))
 
     def summary(place: ChangePlace, own: LossDraws) -> ChangeSummary:
-        columns = zip(names[place], own.losses.T, strict=True)
+        columns = zip(place.losses, own.losses.T, strict=True)
         losses = {name: weighted_quantiles(each, own.weights) for name, each in columns}
         return ChangeSummary(place, losses)
 

@@ -17,11 +17,12 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     requirements,
 )
+from bayes_ssi.parameters.families import TruncatedNormal
 from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.changes.change_places import ChangePlace, places_of
-from bayes_ssi.studies.changes.change_settings import ChangeSettings
+from bayes_ssi.studies.changes.change_places import ChangePlace, ChangeSettings, places_of
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.efforts import EFFORTS
 from bayes_ssi.studies.search.family import Draws, Family, Hypothesis, compact
@@ -53,10 +54,15 @@ class Changes(Family[ChangePlace]):
 
     def _losses(self, features: Sequence[ChangePlace], test: Configuration) -> Iterator[Loss]:
         for place in features:
-            amounts = self.amounts if place.is_common else dict.fromkeys(self.after, 1.0)
+            prior: Prior = self.options.loss
+            amounts = dict.fromkeys(self.after, 1.0)
+            if place.is_common:
+                assert self.options.common_sd is not None
+                prior = TruncatedNormal(0.0, self.options.common_sd, -1.0, 1.0)
+                amounts = self.amounts
             if amount := amounts.get(test.name, 0.0):
-                for loss, names in place.losses(self.options):
-                    yield from (Loss(name, loss, amount) for name in names)
+                for loss, names in place.losses.items():
+                    yield from (Loss(name, Parameter(loss, prior), amount) for name in names)
 
     @cached_property
     def amounts(self) -> dict[str, float]:
@@ -131,18 +137,15 @@ def _sharing_a_basis(
                 required = required._replace(values=test.structure.left(required.values))
             needed.setdefault(id(own.structure), []).append(required)
     better: dict[int, Structure] = {}
-
-    def shared(structure: Structure, _: int) -> Structure:
-        key = id(structure)
-        if key not in better:
-            values, frequency, shape, n_modes = zip(*needed[key], strict=True)
-            at, limits = np.concatenate(values), (min(frequency), min(shape), max(n_modes))
-            better[key] = (
-                structure.compact(at) if settings is None else structure.accurate_at(at, *limits)
-            )
-        return better[key]
-
-    return baseline.with_structures(shared)
+    for structure in (test.structure for test in baseline.configurations):
+        values, frequency, shape, n_modes = zip(*needed[id(structure)], strict=True)
+        if id(structure) in better:
+            continue
+        at, limits = np.concatenate(values), (min(frequency), min(shape), max(n_modes))
+        better[id(structure)] = (
+            structure.compact(at) if settings is None else structure.accurate_at(at, *limits)
+        )
+    return baseline.with_structures(lambda structure, _: better[id(structure)])
 
 
 def choose_changes(
