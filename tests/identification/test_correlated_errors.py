@@ -10,8 +10,7 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
-from bayes_ssi.inference.likelihood.joint_errors import in_common_plane, tangents
+from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest, in_common_plane, tangents
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SD, SHAPE_SD = 0.02, 0.05

@@ -11,8 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
-from bayes_ssi.inference.likelihood.error_groups import ErrorGroup, Separation
-from bayes_ssi.inference.likelihood.joint_errors import JointErrors
+from bayes_ssi.inference.likelihood.joint_errors import ErrorGroup, JointErrors, Separation
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")

@@ -159,8 +159,8 @@ def test_terms_add_up_and_each_is_as_documented(building, identified):
     terms = model.terms(values)
     assert terms.frequency.shape == (3, 3)
     assert terms.shape.shape == (3, 2)
-    assert terms.undetected.shape == (3,)
-    expected = terms.frequency.sum(1) + terms.shape.sum(1) + terms.undetected + terms.spurious
+    assert terms.missed.shape == (3, 1)
+    expected = terms.frequency.sum(1) + terms.shape.sum(1) + terms.missed.sum(1) + terms.spurious
     np.testing.assert_allclose(model.log_density(values), expected, rtol=1e-13)
     # Three spurious modes in 4.5 Hz, one of them with a shape on a circle.
     spurious = -0.3 + 3.0 * math.log(0.3 / 4.5) - math.log(2.0 * math.pi)
@@ -247,7 +247,7 @@ def test_half_of_a_mode_on_the_end_of_the_band_may_be_missed():
     upper = (math.sqrt(5.0) + 1.0) / (4.0 * math.pi)
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, upper))
     terms = likelihood(two, data, {"1": 1}).terms(np.empty((1, 0)))
-    assert terms.undetected[0] == pytest.approx(math.log(1.0 - 0.9 / 2.0), rel=1e-12)
+    assert terms.missed[0].sum() == pytest.approx(math.log(1.0 - 0.9 / 2.0), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -264,7 +264,7 @@ def test_only_a_mode_inside_the_band_can_be_missed(band, pairing, undetected):
     two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))  # 0.098 and 0.258 Hz
     data = bs.ModalData((bs.IdentifiedMode("1", sum(band) / 2.0),), band)
     terms = likelihood(two, data, pairing).terms(np.empty((1, 0)))
-    assert terms.undetected[0] == pytest.approx(undetected, abs=1e-12)
+    assert terms.missed[0].sum() == pytest.approx(undetected, abs=1e-12)
 
 
 # Frequencies of two unit masses on two unit springs.

@@ -96,20 +96,20 @@ class AnyPairing(ModalLikelihood):
     ) -> tuple[PairingWeights, FloatArray]:
         """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
         modes = self.compared_modes(values) if modes is None else modes
-        error_var = self.prediction_var(values)
-        n_data, n_model = len(self.data.modes), self.structure.n_modes
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            missed = self.log_missed(modes.frequencies_hz, error_var[:, :1], range(n_model))
-            paired = self._frequency_terms(modes, error_var[:, :1])
-            paired[:, self.pairs.with_shape] += self._shape_terms(
-                modes.shape_distances, error_var[:, 1:]
-            )
-            if self.joint_pairs is not None:
+        terms = self.terms(values, modes)
+        paired, missed = terms.frequency, terms.missed
+        paired[:, self.pairs.with_shape] += terms.shape
+        if self.joint_pairs is not None:
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
-        paired = paired.reshape(len(values), n_data, n_model)
+        paired = paired.reshape(len(values), len(self.data.modes), missed.shape[1])
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
-        frequencies_hz = np.array([mode.frequency_hz for mode in self.data.modes])
-        return PairingWeights(log_ratios, frequencies_hz, modes.frequencies_hz), missed
+        return PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz), missed
+
+    @cached_property
+    def _unpaired_model_modes(self) -> list[int]:
+        """All of them, which is what weights are relative to."""
+        return list(range(self.structure.n_modes))
 
     @cached_property
     def _spurious(self) -> FloatArray:

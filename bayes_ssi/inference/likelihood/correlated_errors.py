@@ -33,15 +33,16 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.error_groups import (
+from bayes_ssi.inference.likelihood.error_model import ErrorModel
+from bayes_ssi.inference.likelihood.joint_errors import (
     ErrorGroup,
     ErrorSizes,
+    JointErrors,
     ModeOfTest,
     Separation,
-    conditional_errors,
+    in_common_plane,
+    tangents,
 )
-from bayes_ssi.inference.likelihood.error_model import ErrorModel
-from bayes_ssi.inference.likelihood.joint_errors import JointErrors, in_common_plane, tangents
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.parameters.parameters import Parameter, ProductTable, as_product
@@ -155,36 +156,29 @@ class CorrelatedErrors:
         return list(groups.values())
 
     @cached_property
-    def _joint(self) -> dict[int, JointErrors]:
-        """Groups with shapes and data of a joint covariance, by their index."""
-        joint = {}
-        for i, group in enumerate(self.groups):
-            shapes = np.flatnonzero(np.isin(self._pairs.with_shape, group)).tolist()
-            if shapes and self._have_covariance[group].any():
-                same = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
-                repeated = same if len(same) < len(shapes) else []
-                args = self._identification, self._pairs, self._frequency_group(group)
-                joint[i] = JointErrors.of(*args, shapes, repeated)
+    def _joint(self) -> list[JointErrors]:
+        """Each group's frequencies, and shapes where data have a joint covariance."""
+        joint = []
+        for group in self.groups:
+            shapes: list[int] = []
+            if self._have_covariance[group].any():
+                shapes = np.flatnonzero(np.isin(self._pairs.with_shape, group)).tolist()
+            same = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
+            repeated = same if len(same) < len(shapes) else []
+            identification = self._identification[np.ix_(group, group)]
+            frequencies = ErrorGroup(group, identification, self._separation.within(group))
+            parts = self._identification, self._pairs, frequencies, shapes, repeated
+            joint.append(JointErrors.of(*parts))
         return joint
-
-    def _frequency_group(self, group: list[int]) -> ErrorGroup:
-        identification = self._identification[np.ix_(group, group)]
-        return ErrorGroup(group, identification, self._separation.within(group))
-
-    @cached_property
-    def _frequencies(self) -> dict[int, ErrorGroup]:
-        """The frequencies of groups that are not in ``_joint``, by their index."""
-        rest = (i for i in range(len(self.groups)) if i not in self._joint)
-        return {i: self._frequency_group(self.groups[i]) for i in rest}
 
     @cached_property
     def _repeated_shapes(self) -> list[tuple[int, ErrorGroup]]:
-        """The shapes of one mode in several tests, in such groups with these indices."""
+        """The shapes of one mode in several tests, in groups with these indices and no others."""
         pairs, found = self._pairs, []
         group_of = {pair: i for i, group in enumerate(self.groups) for pair in group}
         for shapes in self._shape_groups:
             first = int(pairs.with_shape[shapes[0]])
-            if len(shapes) > 1 and group_of[first] in self._frequencies:
+            if len(shapes) > 1 and not self._joint[group_of[first]].shapes:
                 of_pairs = self._separation.within(pairs.with_shape[shapes].tolist())
                 dimensions = pairs.n_measured[shapes[0]] - 1.0
                 identification = np.diag(pairs.shape_var[shapes])
@@ -225,7 +219,7 @@ class CorrelatedErrors:
             values: (B, n_parameters).
             modes: of each test at these values.
         """
-        largest = max((joint.largest_array for joint in self._joint.values()), default=1)
+        largest = max((joint.largest_array for joint in self._joint), default=1)
         n_rows = max(1, LARGEST_ARRAY // largest)
         if len(values) > n_rows:
             parts = [slice(i, i + n_rows) for i in range(0, len(values), n_rows)]
@@ -236,19 +230,13 @@ class CorrelatedErrors:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             sizes = self._sizes(values)
             residuals = self._residuals([compared.frequencies_hz for compared in modes])
-            for i, group in self._frequencies.items():
-                errors = residuals[:, group.members][..., None]
-                ratios[:, i] = group.log_ratio(errors, sizes[0])
-            if not (self._joint or self._repeated_shapes):
-                return ratios
             shapes = self._unit_shapes(modes)
-            for i, group in self._repeated_shapes:
-                at_model = shapes[:, group.members]
-                errors = tangents(at_model, self._pairs.unit_shapes.T[group.members])
-                ratios[:, i] += group.log_ratio(in_common_plane(errors, at_model), sizes[1])
-            for i, joint in self._joint.items():
-                errors = residuals[:, self.groups[i]]
-                ratios[:, i] = joint.log_ratio(errors, shapes[:, joint.shapes], sizes)
+            for i, (group, joint) in enumerate(zip(self.groups, self._joint, strict=True)):
+                ratios[:, i] = joint.log_ratio(residuals[:, group], shapes[:, joint.shapes], sizes)
+            for i, repeated in self._repeated_shapes:
+                at_model = shapes[:, repeated.members]
+                errors = tangents(at_model, self._pairs.unit_shapes.T[repeated.members])
+                ratios[:, i] += repeated.log_ratio(in_common_plane(errors, at_model), sizes[1])
         return ratios
 
     def independent_residuals(
@@ -269,18 +257,12 @@ class CorrelatedErrors:
         residuals = self._residuals([compared.frequencies_hz for compared in modes])
         variances = sizes[0].variance[:, None] + self._pairs.frequency_var
         independent = residuals / np.sqrt(variances)
-        for of_group in self._frequencies.values():
-            errors = residuals[:, of_group.members][..., None]
-            variances, errors = conditional_errors(of_group.covariance(sizes[0]), errors)
-            independent[:, of_group.members] = errors[..., 0] / np.sqrt(variances)
-        together = {}
-        for i, group in enumerate(self.groups):
-            if i in self._joint:
-                shapes = self._unit_shapes(modes)[:, self._joint[i].shapes]
-                together[i] = self._joint[i].white(residuals[:, group], shapes, sizes).numbers
-                independent[:, group] = together[i][:, : len(group)]
-            elif self._have_covariance[group].any():
-                together[i] = independent[:, group]
+        shapes, together = self._unit_shapes(modes), {}
+        for i, (group, joint) in enumerate(zip(self.groups, self._joint, strict=True)):
+            white = joint.white(residuals[:, group], shapes[:, joint.shapes], sizes).numbers
+            independent[:, group] = white[:, : len(group)]
+            if self._have_covariance[group].any():
+                together[i] = white
         return independent, together
 
     def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
@@ -290,13 +272,11 @@ class CorrelatedErrors:
         """
         sizes, _ = self._sizes(values)
         correlated = normals.copy()
-        joint = (joint.frequencies for joint in self._joint.values())
-        for group in (*self._frequencies.values(), *joint):
-            covariance = group.covariance(sizes)
+        for group, joint in zip(self.groups, self._joint, strict=True):
+            covariance = joint.frequencies.covariance(sizes)
             factors = np.linalg.cholesky(covariance)
             factors /= np.sqrt(np.einsum("...ii->...i", covariance))[..., None]
-            numbers = normals[:, group.members]
-            correlated[:, group.members] = np.einsum("...ij,...j->...i", factors, numbers)
+            correlated[:, group] = np.einsum("...ij,...j->...i", factors, normals[:, group])
         return correlated
 
     def conditional(

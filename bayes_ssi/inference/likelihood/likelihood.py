@@ -60,7 +60,6 @@ class ComparedModes(NamedTuple):
     unit_shapes: FloatArray
 
     def rows(self, which: Places) -> ComparedModes:
-        """Some rows of the batch."""
         return ComparedModes(*(array[which] for array in self))
 
 
@@ -69,12 +68,12 @@ class ModalTerms(NamedTuple):
 
     frequency: FloatArray  # (B, n_pairs), terms of the paired frequencies, p_D included
     shape: FloatArray  # (B, n_shape_pairs), terms of the paired modes whose shape is scored
-    undetected: FloatArray  # (B,), terms of the unpaired model modes
-    spurious: float
+    missed: FloatArray  # (B, n_unpaired), terms of the unpaired model modes
+    spurious: float  # the term of all unpaired data, and of e^(-ν)
 
     def total(self) -> FloatArray:
-        """The log-likelihood (B,)."""
-        return row_sums(self.frequency) + row_sums(self.shape) + self.undetected + self.spurious
+        paired = row_sums(self.frequency) + row_sums(self.shape)
+        return paired + row_sums(self.missed) + self.spurious
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,21 +134,17 @@ class ModalLikelihood:
         return self.terms(values, modes).total()
 
     def terms(self, values: FloatArray, modes: ComparedModes | None = None) -> ModalTerms:
-        """The log-likelihood in parts; NaN where the structure has no modes.
-
-        ``modes`` are the modes at ``values``, where already known.
-        """
+        """As :meth:`log_density`, in parts."""
         modes = self.compared_modes(values) if modes is None else modes
         error_var = self.prediction_var(values)
         # Far out in the tail of its prior an error size can be so small that its square is zero.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             unpaired = self._unpaired_model_modes
-            missed = self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired)
             return ModalTerms(
-                frequency=self._frequency_terms(modes, error_var[:, :1]),
-                shape=self._shape_terms(modes.shape_distances, error_var[:, 1:]),
-                undetected=row_sums(missed),
-                spurious=self._unpaired_data,
+                self._frequency_terms(modes, error_var[:, :1]),
+                self._shape_terms(modes.shape_distances, error_var[:, 1:]),
+                self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired),
+                self._unpaired_data,
             )
 
     @property
@@ -162,13 +157,10 @@ class ModalLikelihood:
 
         One column for each identified mode, paired or spurious; the last one for what was not
         identified: unpaired model modes, and no further spurious modes.
-
-        Args:
-            values: (B, n_parameters).
         """
         terms = self.terms(values, modes)
         spurious = [self.log_spurious(mode) for mode in self.data.modes]
-        undetected = terms.undetected - self.identification.expected_spurious_modes
+        undetected = row_sums(terms.missed) - self.identification.expected_spurious_modes
         log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
         column = np.array(
             [self.data.labels.index(m.label) for m in self.pairs.modes], dtype=np.intp
@@ -246,9 +238,7 @@ class ModalLikelihood:
     ) -> FloatArray:
         """Log probability (B, len(which)) that these model modes, from 0, are missed.
 
-        Args:
-            frequencies_hz: (B, n_modes), of all model modes.
-            prediction_var: (B, 1), squared prediction errors of frequencies.
+        ``frequencies_hz`` (B, n_modes) are those of all, ``prediction_var`` (B, 1).
         """
         if not which:
             return np.zeros((len(frequencies_hz), 0))
@@ -329,7 +319,6 @@ class ModalLikelihood:
 
     @cached_property
     def _unpaired_data(self) -> float:
-        """The term of all identified modes that belong to no model mode, and of e^(-ν)."""
         unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
         spurious = sum(map(self.log_spurious, unpaired))
         return spurious - self.identification.expected_spurious_modes

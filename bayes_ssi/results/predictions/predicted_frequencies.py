@@ -10,7 +10,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.likelihood.error_groups import ModeOfTest
+from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.results.predictions.bands import Prediction
