@@ -77,27 +77,6 @@ def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) ->
     return math.sqrt(sum(squares) / len(squares))
 
 
-def mode_fits(
-    configuration: Configuration, likelihood: ModalLikelihood, modes: Modes
-) -> list[ModeFit]:
-    """The paired modes of one configuration, identified and of the model at one point."""
-    data = configuration.data
-    criteria = mac(data.unit_shapes, likelihood.shapes_at_sensors(modes)[0])
-    return [
-        ModeFit(
-            configuration=configuration.name,
-            label=label,
-            model_mode=number,
-            identified_hz=data.mode(label).frequency_hz,
-            model_hz=float(modes.frequencies_hz[0, number - 1]),
-            mac=float(criteria[data.labels.index(label), number - 1])
-            if data.mode(label).scored_shape is not None
-            else math.nan,
-        )
-        for label, number in likelihood.pairing.items()
-    ]
-
-
 @dataclass(frozen=True)
 class CalibrationSettings:
     """What counts as a minimum, and as determined; distances are in prior standard deviations."""
@@ -189,13 +168,10 @@ class CalibrationProblem:
 
     def modes(self, values: FloatArray) -> Iterator[tuple[Configuration, ModalLikelihood, Modes]]:
         """Every configuration, its likelihood and its model modes at ``values`` (B, d)."""
-        column = {name: i for i, name in enumerate(self.names)}
-        for configuration, likelihood in zip(
-            self.model_class.configurations, self.model_class.likelihoods, strict=True
-        ):
-            structure = configuration.structure
-            own = values[:, [column[p.name] for p in structure.parameters]]
-            yield configuration, likelihood, Modes(*structure.modes(own))
+        n_errors = len(self.model_class.parameters) - len(self.parameters)
+        with_errors = np.pad(values, ((0, 0), (0, n_errors)))  # which modes do not depend on
+        for configuration, likelihood, columns in self.model_class.parts(with_errors):
+            yield configuration, likelihood, likelihood.modes(columns)
 
     @cached_property
     def standard_errors(self) -> FloatArray:
@@ -272,8 +248,13 @@ class CalibrationProblem:
     def fit(self, values: FloatArray) -> Fit:
         """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
-        for configuration, likelihood, modes in self.modes(values):
-            fits += mode_fits(configuration, likelihood, modes)
+        for test, likelihood, modes in self.modes(values):
+            macs = mac(test.data.unit_shapes, likelihood.shapes_at_sensors(modes)[0])
+            for label, number in likelihood.pairing.items():
+                mode, model_hz = test.data.mode(label), float(modes.frequencies_hz[0, number - 1])
+                alike = float(macs[test.data.labels.index(label), number - 1])
+                alike = math.nan if mode.scored_shape is None else alike
+                fits.append(ModeFit(test.name, label, number, mode.frequency_hz, model_hz, alike))
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         medians = self._normalised(self.prior_medians)
         return Fit(
@@ -287,5 +268,11 @@ class CalibrationProblem:
 def central_differences(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
     """Jacobian (m, d) at one point, by central differences in one batch."""
     steps = DIFFERENCE_STEP * np.eye(len(z))
-    both = function(np.concatenate([z + steps, z - steps]))
-    return (both[: len(z)] - both[len(z) :]).T / (2.0 * DIFFERENCE_STEP)
+    return difference_quotients(function(np.concatenate([z + steps, z - steps]))).T
+
+
+def difference_quotients(both: FloatArray) -> FloatArray:
+    """Slopes (d, ...) from values (2 d, ...) ahead in each direction, then behind."""
+    ahead, behind = np.split(both, 2)
+    slopes: FloatArray = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+    return slopes

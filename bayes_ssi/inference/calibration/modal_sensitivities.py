@@ -18,7 +18,11 @@ import scipy.linalg
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
-from bayes_ssi.inference.calibration.least_squares import CalibrationProblem, central_differences
+from bayes_ssi.inference.calibration.least_squares import (
+    DIFFERENCE_STEP,
+    CalibrationProblem,
+    difference_quotients,
+)
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
@@ -85,33 +89,22 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
             "of it are not defined"
         )
 
-    def frequencies_and_shapes(by: FloatArray) -> FloatArray:
-        """ln f, then unit shapes, of every paired mode (B, ...), where ln θ changes by (B, p)."""
-        parts = []
-        for _, likelihood, modes in problem.modes(values * np.exp(by)):
-            pairs = likelihood.pairs
-            shapes = likelihood.shapes_at_sensors(modes)[:, :, pairs.model_modes]
-            lengths = np.linalg.norm(shapes, axis=1, keepdims=True)
-            # A shape's sign is nobody's; that of the first row goes for all.
-            signs = np.where((shapes * shapes[:1]).sum(1, keepdims=True) < 0.0, -1.0, 1.0)
-            shapes = shapes * signs / np.maximum(lengths, np.finfo(float).tiny)
-            parts.append(np.log(modes.frequencies_hz[:, pairs.model_modes]))
-            parts.append(shapes.reshape(len(by), shapes.shape[1] * shapes.shape[2]))
-        return np.concatenate(parts, axis=1)
-
-    slopes = central_differences(frequencies_and_shapes, np.zeros(len(values)))
     labels: list[str] = []
-    frequencies, changes, first = [], [], 0
-    for configuration, likelihood in zip(
-        model_class.configurations, model_class.likelihoods, strict=True
+    frequencies, changes = [], []
+    steps = DIFFERENCE_STEP * np.eye(len(values))  # of ln θ
+    for configuration, likelihood, modes in problem.modes(
+        values * np.exp(np.concatenate([steps, -steps]))
     ):
-        paired = likelihood.pairs.modes
-        m, n = len(paired), len(configuration.data.sensors)
-        own = slopes[first : first + m * (1 + n)]
-        first += m * (1 + n)
-        labels += [label_in(configuration.name, mode.label) for mode in paired]
-        frequencies.append(own[:m])
-        changes.append(np.linalg.norm(own[m:].reshape(n, m, slopes.shape[1]), axis=0))
+        pairs = likelihood.pairs
+        labels += [label_in(configuration.name, mode.label) for mode in pairs.modes]
+        slopes = difference_quotients(np.log(modes.frequencies_hz[:, pairs.model_modes]))
+        frequencies.append(slopes.T)
+        shapes = likelihood.shapes_at_sensors(modes)[:, :, pairs.model_modes]
+        lengths = np.linalg.norm(shapes, axis=1, keepdims=True)
+        # A shape's sign is nobody's; that of the first row goes for all.
+        signs = np.where((shapes * shapes[:1]).sum(1, keepdims=True) < 0.0, -1.0, 1.0)
+        shapes = shapes * signs / np.maximum(lengths, np.finfo(float).tiny)
+        changes.append(np.linalg.norm(difference_quotients(shapes), axis=1).T)
     # In prior standard deviations, at the prior medians, too.
     jacobian = problem.sensitivities(np.zeros(len(values)))
     triangle, order = scipy.linalg.qr(jacobian, mode="r", pivoting=True)
