@@ -42,8 +42,6 @@ from bayes_ssi.structures.modal import Modes
 
 @dataclass(frozen=True)
 class NarrowRegionSettings:
-    """How narrow regions are sought."""
-
     # Of one search. Where a wrong model fits some of the modes only, in one of many ways, each of
     # its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
     descents: int = 24
@@ -314,7 +312,6 @@ class _Descents:
         return z
 
     def _values(self, z: FloatArray) -> list[FloatArray]:
-        """The values of each configuration's parameters."""
         return [values for _, _, values in self.model_class.parts(self.model_class.values(z))]
 
     def _errors(self, z: FloatArray, width: float) -> list[tuple[FloatArray, FloatArray]]:

@@ -121,8 +121,6 @@ class Hint:
 
 @dataclass(frozen=True)
 class Adequacy:
-    """How well a class explains the data, part by part."""
-
     overall: PValue
     modes: tuple[ModeMisfit, ...]
     parameters: tuple[ParameterMisfit, ...]
@@ -151,11 +149,9 @@ def adequacy(
     modes: Sequence[ComparedModes],
     rng: np.random.Generator,
 ) -> Adequacy:
-    """The adequacy of a class.
+    """The adequacy of a class, from draws (B, n_parameters) of its posterior.
 
-    Args:
-        values: draws from its posterior, (B, n_parameters).
-        rng: draws pairings where they are inferred.
+    ``rng`` draws pairings where they are inferred.
     """
     parts = [
         misfit(likelihood, own, seen, rng)
@@ -311,11 +307,9 @@ class AtEdge:
 
 
 def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) -> list[AtEdge]:
-    """The edges at which a posterior lies.
+    """The edges at which a posterior lies, from draws ``z`` (n, d).
 
-    Args:
-        z: draws from its posterior (n, d).
-        frequencies_hz: model frequencies at the draws (n, n_modes), all configurations in turn.
+    ``frequencies_hz`` (n, n_modes) are the model's there, all configurations in turn.
     """
     return [*_prior_edges(model_class, z), *_band_edges(model_class, z, frequencies_hz)]
 

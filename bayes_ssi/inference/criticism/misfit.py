@@ -114,11 +114,9 @@ def misfit(
     modes: ComparedModes,
     rng: np.random.Generator,
 ) -> Misfit:
-    """The misfit of one configuration's identified modes.
+    """The misfit of one configuration's identified modes at posterior draws (B, n_parameters).
 
-    Args:
-        values: draws from the posterior, (B, n_parameters).
-        rng: draws the pairing at each draw, where it is inferred.
+    ``rng`` draws the pairing at each draw, where it is inferred.
     """
     pairs, n_data = likelihood.pairs, len(likelihood.data.modes)
     which = likelihood.sampled_pairs(values, modes, rng)

@@ -85,10 +85,7 @@ class AnyPairing(ModalLikelihood):
     def pairing_weights(
         self, values: FloatArray, modes: ComparedModes | None = None
     ) -> PairingWeights:
-        """The weights of all pairs at ``values`` (B, n_parameters).
-
-        ``modes`` are the modes at ``values``, where already known.
-        """
+        """The weights of all pairs at ``values`` (B, n_parameters)."""
         return self._weights(values, modes)[0]
 
     def _weights(

@@ -53,8 +53,6 @@ LARGEST_ARRAY = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedErrors:
-    """Errors of the paired modes of all tests of a model class."""
-
     error: ErrorModel
     likelihoods: tuple[ModalLikelihood, ...]
     # Columns of ``values``; those of all likelihoods are among them.
@@ -129,10 +127,7 @@ class CorrelatedErrors:
 
     @cached_property
     def _identification(self) -> FloatArray:
-        """Covariance of identification errors of frequencies, and of shapes where it is joint.
-
-        (N, N) or (N + S n, N + S n).
-        """
+        """Covariance (N, N) of identification errors, (N + S n, N + S n) where shapes' is joint."""
         if not self._have_covariance.any():
             return np.diag(self._pairs.frequency_var)
         n = len(self.modes)
@@ -215,9 +210,7 @@ class CorrelatedErrors:
     def log_ratios(self, values: FloatArray, modes: Sequence[ComparedModes]) -> FloatArray:
         """Log of the joint density over the product of the single ones, (B, n_groups).
 
-        Args:
-            values: (B, n_parameters).
-            modes: of each test at these values.
+        ``modes`` are those of each test at ``values`` (B, n_parameters).
         """
         largest = max((joint.largest_array for joint in self._joint), default=1)
         n_rows = max(1, LARGEST_ARRAY // largest)
@@ -242,11 +235,7 @@ class CorrelatedErrors:
     def independent_residuals(
         self, values: FloatArray, modes: Sequence[ComparedModes]
     ) -> tuple[FloatArray, dict[int, FloatArray]]:
-        """All residuals as independent standard-normal numbers.
-
-        Args:
-            values: (B, n_parameters).
-            modes: of each test at these values.
+        """All residuals as independent standard-normal numbers; arguments as in :meth:`log_ratios`.
 
         Returns:
             Those of frequencies (B, N): residuals, given those before them in their group, over
@@ -266,10 +255,7 @@ class CorrelatedErrors:
         return independent, together
 
     def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
-        """Standard-normal numbers (B, N) with the correlation of all paired frequencies' residuals.
-
-        ``normals`` (B, N) are independent ones.
-        """
+        """Independent ``normals`` (B, N) with the correlation of paired frequencies' residuals."""
         sizes, _ = self._sizes(values)
         correlated = normals.copy()
         for group, joint in zip(self.groups, self._joint, strict=True):
@@ -285,14 +271,10 @@ class CorrelatedErrors:
         frequencies_hz: Sequence[FloatArray],
         further: Sequence[ModeOfTest],
     ) -> tuple[FloatArray, FloatArray]:
-        """Frequency errors of further modes, given the residuals of the paired ones.
+        """Prediction errors of further modes' frequencies, given the residuals of the paired ones.
 
-        Args:
-            values: (B, n_parameters).
-            frequencies_hz: model frequencies (B, n_modes) of each test at these values.
-
-        Returns:
-            Means (B, M) and covariance (B or 1, M, M) of their prediction errors, as residuals.
+        Means (B, M) and covariance (B or 1, M, M), as residuals; ``frequencies_hz`` (B, n_modes)
+        are the model's in each test at ``values`` (B, n_parameters).
         """
         sizes, _ = self._sizes(values)
         every, n = (*self.modes, *further), len(self.modes)

@@ -13,6 +13,9 @@ In the axes of C's part of the shapes, ``C + Σ`` of all shapes is diagonal wher
 errors are independent, and only frequencies need a factorisation at each row of a batch. Where
 tests share the errors of their shapes, all of ``C + Σ`` is factorised at each row, whose model
 shapes say how the tests' planes are turned into common ones.
+
+A batch has B rows of parameter values; what no parameter enters has one row, for all of them. How
+sums are added up does not depend on B, so that a row gets the same last digit in any batch.
 """
 
 from __future__ import annotations

@@ -29,10 +29,7 @@ def draws_with_shapes(n_draws: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class KnownModes(Structure):
-    """A structure of which only the modes at some parameter values are known.
-
-    Its degrees of freedom are the sensors.
-    """
+    """A structure with known modes at some parameter values; degrees of freedom are sensors."""
 
     inferred: tuple[Parameter, ...]  # the parameters, columns of ``values``
     sensor_names: tuple[str, ...]  # labels of the degrees of freedom
@@ -69,8 +66,7 @@ def known_structures(
 ) -> list[KnownModes]:
     """The structure of each configuration, known at draws whose shapes the posterior keeps.
 
-    Args:
-        tests: data, pairing and the structure's parameters of each configuration.
+    ``tests`` have data, pairing and the structure's parameters of each configuration.
     """
     if posterior.sensor_shapes is None:
         raise ValueError(f"posterior of {posterior.name!r}: keeps no mode shapes at its draws")

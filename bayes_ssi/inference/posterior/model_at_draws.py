@@ -29,8 +29,6 @@ from bayes_ssi.structures.structure import Structure
 
 @dataclass(frozen=True)
 class KeptSettings:
-    """What a posterior keeps of the model's modes."""
-
     level: float = 0.95  # of intervals
     draws: int = 200  # for intervals: enough for a plot, at a small part of the sampling's cost
     places: int = 100  # with more degrees of freedom, shapes are kept at the sensors only
@@ -70,8 +68,6 @@ class UpdatedMode:
 
 @dataclass(frozen=True)
 class UpdatedModes:
-    """The paired modes of one configuration of a model class."""
-
     places: tuple[str, ...]  # degrees of freedom at which shapes are given
     place_heights: tuple[float, ...]
     appendages: tuple[str, ...]
@@ -87,8 +83,6 @@ class UpdatedModes:
 
 @dataclass(frozen=True)
 class ConfigurationModes:
-    """The model's modes in one configuration, and their pairing with the identified modes."""
-
     name: str  # name of the configuration; empty where there is only one and it has no name
     n_modes: int
     # Label of an identified mode → number of the model mode, from 1; where it was inferred, the
@@ -218,13 +212,11 @@ class AtDraws(NamedTuple):
         return np.concatenate([of_test.frequencies_hz for of_test in self.modes], axis=1)
 
     def rows(self, which: Places) -> AtDraws:
-        """The model at some of the draws."""
         modes = tuple(of_test.rows(which) for of_test in self.modes)
         return AtDraws(modes, self.log_likelihoods[which], self.sensor_shapes[which])
 
     @classmethod
     def joined(cls, parts: Sequence[AtDraws]) -> AtDraws:
-        """The model at the draws of all parts."""
         modes, *arrays = zip(*parts, strict=True)
         of_tests = tuple(map(joined, zip(*modes, strict=True)))
         return cls(of_tests, *map(np.concatenate, arrays))
@@ -289,11 +281,9 @@ def datum_terms(
     shape: tuple[int, int],
     rng: np.random.Generator,
 ) -> DatumTerms:
-    """The posterior of a class, datum by datum.
+    """The posterior of a class at all draws ``values`` (n, n_parameters), datum by datum.
 
-    Args:
-        values: (n, n_parameters), all draws, chain after chain.
-        shape: (n_chains, n_steps).
+    ``shape`` is (n_chains, n_steps).
     """
     identified: list[str] = []
     centres, normals = [], []

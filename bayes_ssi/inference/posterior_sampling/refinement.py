@@ -74,9 +74,7 @@ def refined(
 ) -> Posterior:
     """The posterior of a class with approximate structures, refined, certified and corrected.
 
-    Args:
-        workers: where the quick search evaluates the model; in this process if None.
-        report: called with the name of the step and 0 or 1 when full solutions begin and end.
+    ``report`` is called with the name of the step and 0 or 1 when full solutions begin and end.
     """
     settings = wanted = settings or RefinementSettings()
 
@@ -235,15 +233,11 @@ def _near_maxima(
 
 
 class Confirmation(NamedTuple):
-    """Exact solutions at draws, and what they change.
-
-    Attributes:
-        correction, error: of the log evidence.
-    """
+    """Exact solutions at draws, and what they change."""
 
     values: FloatArray  # (n, n_parameters), the draws
-    correction: float
-    error: float
+    correction: float  # of the log evidence
+    error: float  # of the correction
     change: float  # of the mean log-likelihood
     # Largest relative difference of frequencies, and least MAC at the sensors.
     differences: tuple[float, float]
@@ -402,10 +396,7 @@ def n_needed(likelihood: ModalLikelihood, values: FloatArray, settings: Refineme
 def more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
-    """The class with structures accurate enough at all ``values``; unchanged if they are.
-
-    Structures that cannot be made so accurate are as accurate as they become.
-    """
+    """The class with structures as accurate as needed at all ``values``, or as they become."""
     while True:
         better = improved(model_class, requirements(model_class, values, settings))
         if better is model_class:

@@ -21,10 +21,9 @@ class LocalWorkers(Workers):
     def __init__(self, n: int, *, copies: bool = False) -> None:
         """Prepare ``n`` processes.
 
-        Args:
-            copies: whether to start them as copies of this process, where that is possible: at
-                once, while a new process imports the package for about a second. There must be no
-                state of other threads and libraries that a copy could stumble over.
+        ``copies`` starts them as copies of this process, where that is possible: at once, while a
+        new process imports the package for about a second. There must be no state of other threads
+        and libraries that a copy could stumble over.
         """
         if n < 1:
             raise ValueError(f"workers must be at least 1, got {n!r}")
@@ -140,7 +139,6 @@ class DaskWorkers(Workers):
             return 0
 
     def _start(self) -> None:
-        """Connect."""
         with optional_package("Dask", extra="dask"):
             from dask.distributed import Client
             from distributed.comm import get_address_host_port

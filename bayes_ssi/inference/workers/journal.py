@@ -70,7 +70,6 @@ class Journal:
         run: Mapping[str, Any],
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Open a journal, or create one."""
         self.path, self._say = Path(path), say
         with self._errors_of_file():
             # Without waiting for a lock; every statement is a transaction.
@@ -115,7 +114,7 @@ class Journal:
         self.close()
 
     def recalled(self, z: FloatArray) -> Evaluated | None:
-        """The journal's numbers of the next batch ``z`` (B, d), flat; None if it holds no more.
+        """The numbers of the next batch ``z`` (B, d), flat; None if there are no more.
 
         Damaged ones, and those at other coordinates, are dropped, with all that follow them, and so
         computed again.
@@ -127,10 +126,7 @@ class Journal:
         return Evaluated(values, {int(row): why for row, why in json.loads(failures).items()})
 
     def recalled_suggestion(self, n_dimensions: int) -> tuple[FloatArray, int] | None:
-        """The journal's next batch as suggested starts, and the evaluations that they took.
-
-        None is as for :meth:`recalled`.
-        """
+        """The next batch as suggested starts, and the evaluations that they took; None likewise."""
         batch = self._next(SUGGESTION)
         return None if batch is None else (batch[0].reshape(-1, n_dimensions), batch[2])
 

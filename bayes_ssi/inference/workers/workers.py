@@ -45,8 +45,7 @@ class Evaluated(NamedTuple):
 def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) -> Evaluated:
     """``function`` at every row of ``z`` (B, d); rows at which it raises are NaN.
 
-    Args:
-        n_columns: number of values that it returns for each row; None if it is one, (B,).
+    It returns ``n_columns`` values for each row, (B, n_columns); if None, one, (B,).
     """
     of_row = () if n_columns is None else (n_columns,)
     values = np.full((len(z), *of_row), np.nan)
@@ -69,8 +68,6 @@ def evaluate(function: Function, z: FloatArray, n_columns: int | None = None) ->
 
 @dataclass(frozen=True)
 class SafeFunction:
-    """:func:`evaluate` of one function."""
-
     function: Function
     n_columns: int | None = None
 
@@ -80,8 +77,6 @@ class SafeFunction:
 
 @dataclass(frozen=True)
 class WorkerSettings:
-    """How work is divided, and when a run gives up."""
-
     parts_per_worker: int = 4  # of a batch: none should wait long for the slowest
     # Into which lost points are divided to be evaluated again, down to single points: four isolate
     # the point of a batch of 1024 at which a worker dies after six deaths at most.
@@ -100,12 +95,7 @@ class Workers:
     settings = WorkerSettings()
 
     def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
-        """Use an executor.
-
-        Args:
-            n_workers: number of its workers, where known; determines only the number of parts
-                into which a batch is divided.
-        """
+        """Use an executor; by ``n_workers``, where known, batches are divided into parts."""
         self._executor = executor
         self._n_workers = n_workers
         self._n_entered = 0
@@ -163,10 +153,7 @@ class Workers:
         return Evaluated(values, failures)
 
     def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-        """``function`` of every item, each in one worker, in the order of the items.
-
-        Arguments and errors are as in :meth:`try_each`. An item whose worker died is tried again.
-        """
+        """As :meth:`try_each`, in the order of items; those whose worker died are tried again."""
         answers: dict[int, R] = {}
         while len(answers) < len(items):
             left = [i for i in range(len(items)) if i not in answers]
