@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
-from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 
 # Name of a variable → its dimensions and its values; a coordinate is named as its dimension.
 Group = Mapping[str, tuple[Sequence[str], ArrayLike]]

@@ -12,7 +12,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.likelihood.error_model import IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
-from bayes_ssi.inference.posterior.known_modes import known_structures
+from bayes_ssi.inference.posterior.posterior import known_structures
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.calibration.levenberg_marquardt import DEFAULT, DescentSettings, descend
+from bayes_ssi.inference.calibration.least_squares import DEFAULT, DescentSettings, descend
 
 PRECISE = DescentSettings(tolerance=1e-12)
 

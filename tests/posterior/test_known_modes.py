@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.known_modes import draws_with_shapes, known_at_draws
+from bayes_ssi.inference.posterior.posterior import draws_with_shapes, known_at_draws
 
 COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=100)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.known_modes import known_at_draws
+from bayes_ssi.inference.posterior.posterior import known_at_draws
 from bayes_ssi.studies.ranking.variations import reweighted
 
 

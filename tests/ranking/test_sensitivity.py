@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.known_modes import known_at_draws
+from bayes_ssi.inference.posterior.posterior import known_at_draws
 from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.stored_what_if import every_setting

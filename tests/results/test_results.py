@@ -10,7 +10,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.text_files import file_names
-from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
+from bayes_ssi.inference.posterior.posterior import draws_with_shapes
 from bayes_ssi.results.stored_result import ResultRecord, load_result, save_result
 from bayes_ssi.results.stored_what_if import recorded_class
 

@@ -13,6 +13,9 @@ spurious modes, uniform over the band and over the sphere of shapes, and P_in th
 that a model mode would have been identified inside the band. Where errors are correlated, the joint
 density of pairs takes the place of their product
 (:mod:`~bayes_ssi.inference.likelihood.correlated_errors`).
+
+Where the pairing is inferred along with the parameters, the density is the sum over all pairings,
+and the order of model modes may change with them.
 """
 
 from __future__ import annotations
@@ -30,7 +33,15 @@ from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.joint_errors import JointPairs
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
-from bayes_ssi.inference.likelihood.pairings import InferredPairing
+from bayes_ssi.inference.likelihood.pairings import (
+    InferredPairing,
+    PairingWeights,
+    inferred_pairing,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+    thinned,
+)
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -356,3 +367,93 @@ def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
             known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
     columns = kinds if len(known) > 1 else kinds[:1]
     return np.array([known[kind] for kind in columns]).T
+
+
+# The one datum of a test whose pairing is inferred.
+ALL_MODES = "all modes"
+
+
+@dataclass(frozen=True, eq=False)
+class AnyPairing(ModalLikelihood):
+    """The log-likelihood of identified modes, summed over all pairings with model modes.
+
+    Its ``pairing`` is empty: the weights of all pairings are relative to the one in which every
+    identified mode is spurious and every model mode missed. Of a joint covariance of the data it
+    takes each mode's own part, of its frequency and its shape: errors of different modes count as
+    independent, because the sum over pairings is one over products.
+    """
+
+    pairing_is_given = False
+
+    def __post_init__(self) -> None:
+        if self.error.is_correlated:
+            raise ValueError(
+                "pairing 'any' needs independent prediction errors, because the sum over pairings "
+                "is one over products; give the pairing, or leave between_tests and "
+                "between_modes at 0"
+            )
+
+    @cached_property
+    def pairs(self) -> PairedModes:
+        """Every pair of an identified mode and a model mode, grouped by identified mode."""
+        numbers = range(1, self.structure.n_modes + 1)
+        return PairedModes.of(
+            self.data, [(label, i) for label in self.data.labels for i in numbers]
+        )
+
+    def _is_unpaired(self, values: FloatArray) -> NDArray[np.bool_]:
+        return pair_probabilities(self.pairing_weights(values)).sum(axis=1) < 0.5
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        return (ALL_MODES,)
+
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """One column: a sum over pairings has no terms of single modes."""
+        return self.log_density(values, modes)[:, None]
+
+    def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
+        nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()
+        weights, missed = self._weights(values, modes)
+        return nothing_paired + row_sums(missed) + log_sum(weights)
+
+    def inferred_pairing(self, values: FloatArray) -> InferredPairing:
+        values = thinned(values)
+        return inferred_pairing(self.data.labels, self.pairing_weights(values))
+
+    def sampled_pairs(
+        self, values: FloatArray, modes: ComparedModes, rng: np.random.Generator
+    ) -> NDArray[np.intp]:
+        chosen = sample_pairings(self.pairing_weights(values, modes), rng)
+        first = self.structure.n_modes * np.arange(len(self.data.labels))
+        return np.where(chosen < 0, -1, first + chosen)
+
+    def pairing_weights(
+        self, values: FloatArray, modes: ComparedModes | None = None
+    ) -> PairingWeights:
+        """The weights of all pairs at ``values`` (B, n_parameters)."""
+        return self._weights(values, modes)[0]
+
+    def _weights(
+        self, values: FloatArray, modes: ComparedModes | None = None
+    ) -> tuple[PairingWeights, FloatArray]:
+        """Weights of pairs, and log probabilities (B, I) that a model mode is missed."""
+        modes = self.compared_modes(values) if modes is None else modes
+        terms = self.terms(values, modes)
+        paired, missed = terms.frequency, terms.missed
+        paired[:, self.pairs.with_shape] += terms.shape
+        if self.joint_pairs is not None:
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
+        paired = paired.reshape(len(values), len(self.data.modes), missed.shape[1])
+        log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
+        return PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz), missed
+
+    @cached_property
+    def _unpaired_model_modes(self) -> list[int]:
+        """All of them, which is what weights are relative to."""
+        return list(range(self.structure.n_modes))
+
+    @cached_property
+    def _spurious(self) -> FloatArray:
+        return np.array([self.log_spurious(mode) for mode in self.data.modes])

@@ -22,14 +22,13 @@ from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy, edges
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.known_modes import draws_with_shapes
 from bayes_ssi.inference.posterior.model_at_draws import (
     AtDraws,
     at_draws,
     configuration_modes,
     datum_terms,
 )
-from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
+from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region, draws_with_shapes
 from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
     is_approximate,

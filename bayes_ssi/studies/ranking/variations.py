@@ -20,8 +20,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.known_modes import draws_with_shapes, known_at_draws
-from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes, known_at_draws
 from bayes_ssi.inference.sampling.diagnostics import pareto_tail
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.settings import IMPORTANCE
@@ -138,7 +137,7 @@ class SampledClasses:
 
     posteriors: Mapping[str, Posterior]  # by the names of the classes
     # With modes known at draws, from
-    # :func:`~bayes_ssi.inference.posterior.known_modes.known_at_draws`.
+    # :func:`~bayes_ssi.inference.posterior.posterior.known_at_draws`.
     known: Mapping[str, ModelClass]
     # As they were sampled, and how varied ones are sampled where draws do not cover them.
     classes: Mapping[str, ModelClass] = field(default_factory=dict)
