@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.calibration.least_squares import DEFAULT, DescentSettings, descend
+from bayes_ssi.inference.calibration.least_squares import DESCENT, DescentSettings, descend
 
 PRECISE = DescentSettings(tolerance=1e-12)
 
@@ -57,4 +57,4 @@ def test_the_search_stays_near():
         return np.exp(-z)  # falls for ever
 
     descend(residuals, np.zeros((3, 1)), 30, PRECISE)
-    assert np.abs(np.concatenate(seen)).max() < DEFAULT.farthest + 1e-6
+    assert np.abs(np.concatenate(seen)).max() < DESCENT.farthest + 1e-6

@@ -1,13 +1,14 @@
 """Starts in narrow regions, against quadrature and exact fits computed elsewhere."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.inference.calibration.narrow_regions import NarrowRegions
+from bayes_ssi.inference.calibration.narrow_regions import starts_in_narrow_regions
 from bayes_ssi.inference.sampling.multistart import search_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
@@ -69,7 +70,7 @@ def test_precise_modes_of_any_pairing_are_found(error):
     """Without suggested starts no two of twelve searches find them at errors of 1e-4."""
     candidate = benchmark_class(error)
     exact = log_evidence_near_truth(candidate, error)
-    result = searched(candidate, NarrowRegions(candidate))
+    result = searched(candidate, partial(starts_in_narrow_regions, candidate, None))
     assert result.found_by[:, 0].all()
     # Laplace's approximation is accurate where the posterior is this narrow.
     assert result.maxima.laplace_estimate.log_evidence == pytest.approx(exact, abs=0.005)
@@ -83,7 +84,10 @@ def test_all_exact_fits_of_a_given_pairing_are_reached(model_classes):
     test = candidate.configuration()
     test = replace(test, data=test.data.without_shapes())
     candidate = replace(candidate, configurations=(test,))
-    starts = [NarrowRegions(candidate)(np.random.default_rng(seed)).z for seed in range(12)]
+    starts = [
+        starts_in_narrow_regions(candidate, None, np.random.default_rng(seed)).z
+        for seed in range(12)
+    ]
     values = candidate.values(np.concatenate(starts))
     for exact in ([1.0, 1.0, 1.0, 1.0], [1.0634, 0.8877, 1.1313, 0.9364]):
         nearest = np.abs(values - exact).max(axis=1).min()
@@ -93,7 +97,7 @@ def test_all_exact_fits_of_a_given_pairing_are_reached(model_classes):
 def test_inferred_errors_are_drawn_down_to_an_exact_fit(model_classes):
     """Exact data: the density rises as errors fall, until their prior holds against it."""
     exact = replace(model_classes["3"], error=bs.ErrorModel()).with_any_pairing("inferred")
-    starts = NarrowRegions(exact)
+    starts = partial(starts_in_narrow_regions, exact, None)
     z = starts(np.random.default_rng(0)).z
     heights = exact.log_likelihood_at(z) + log_standard_normal(z)
     result = searched(exact, starts)
@@ -120,8 +124,8 @@ def failing_class(m):
 
 def test_models_that_fail():
     candidate = failing_class(100.0)
-    suggested = NarrowRegions(candidate)(np.random.default_rng(0))
+    suggested = starts_in_narrow_regions(candidate, None, np.random.default_rng(0))
     assert np.abs(candidate.values(suggested.z) - 1.3).min() < 1e-4
-    nothing = NarrowRegions(failing_class(-1.0))(np.random.default_rng(0))
+    nothing = starts_in_narrow_regions(failing_class(-1.0), None, np.random.default_rng(0))
     assert nothing.z.shape == (0, 1)
     assert nothing.n_evaluations > 0

@@ -21,6 +21,7 @@ plausible where errors are wide, a descent follows them while the errors are nar
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,18 +63,15 @@ class NarrowRegionSettings:
 NARROW = NarrowRegionSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class NarrowRegions:
-    """Starts in the narrow regions of a model class's posterior."""
+def starts_in_narrow_regions(
+    model_class: ModelClass, workers: Workers | None, rng: np.random.Generator
+) -> SuggestedStarts:
+    """Starts of one search, in standard-normal coordinates.
 
-    model_class: ModelClass
-    # Where structures that are solved one by one are solved; in this process if None.
-    workers: Workers | None = None
-
-    def __call__(self, rng: np.random.Generator) -> SuggestedStarts:
-        """Starts of one search, in standard-normal coordinates."""
-        descents = _Descents(self, rng)
-        return SuggestedStarts(descents.ends(), descents.n_evaluations)
+    Structures that are solved one by one are solved by the workers, if there are any.
+    """
+    descents = _Descents(model_class, workers, rng)
+    return SuggestedStarts(descents.ends(), descents.n_evaluations)
 
 
 def class_target(
@@ -88,7 +86,7 @@ def class_target(
         len(model_class.parameters),
         workers,
         journal,
-        NarrowRegions(model_class, workers),
+        partial(starts_in_narrow_regions, model_class, workers),
         known_starts,
     )
 
@@ -193,9 +191,10 @@ class PairedResiduals:
 class _Descents:
     """The descents of one search, each a row of ``z`` (n, d)."""
 
-    def __init__(self, regions: NarrowRegions, rng: np.random.Generator) -> None:
-        self.model_class = regions.model_class
-        self.rng = rng
+    def __init__(
+        self, model_class: ModelClass, workers: Workers | None, rng: np.random.Generator
+    ) -> None:
+        self.model_class, self.rng = model_class, rng
         self.n_evaluations = 0
         self.tests = [PairedResiduals(likelihood) for likelihood in self.model_class.likelihoods]
         self.n_structural = len(self.model_class.structural_parameters)
@@ -203,7 +202,7 @@ class _Descents:
         self.sizes = range(self.n_structural, len(self.model_class.parameters))
         # Other structures are solved faster here than sent.
         slow = any(test.structure.is_solved_by_rows for test in self.model_class.configurations)
-        self._workers = regions.workers if slow else None
+        self._workers = workers if slow else None
 
     def _modes(self, z: FloatArray) -> list[Modes]:
         """Modes of each configuration at ``z`` (B, n_parameters); NaN where there are none."""

@@ -126,10 +126,8 @@ def misfit(
     frequency_sds, shape_sds = likelihood.standard_errors(values)
     errors = _taken(pairs.frequency_residuals(modes.frequencies_hz), which)
     sds = _taken(frequency_sds, which)
-    distances, shape_sds = (
-        _taken(modes.shape_distances, which_shape),
-        _taken(shape_sds, which_shape),
-    )
+    distances = _taken(modes.shape_distances, which_shape)
+    shape_sds = _taken(shape_sds, which_shape)
     frequency_log_p = log_two_sided(errors / sds)
     shape_log_p, expected_distances = _shape_misfit(likelihood, distances, shape_sds)
     if likelihood.joint_pairs is not None:

@@ -316,7 +316,7 @@ class ModalLikelihood:
         variance = (prediction_var.T + self._own_var[1]).T
         normalisers = self._fixed_normalisers
         if normalisers is None:
-            normalisers = _log_normalisers(variance, self.pairs)
+            normalisers = self._log_normalisers(variance)
         return -distances / variance - normalisers
 
     @cached_property
@@ -326,7 +326,18 @@ class ModalLikelihood:
         if shape_sd.parameters:
             return None
         variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
-        return _log_normalisers(variance, self.pairs)
+        return self._log_normalisers(variance)
+
+    def _log_normalisers(self, variance: FloatArray) -> FloatArray:
+        """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""
+        kinds = list(zip(self.pairs.shape_var.tolist(), self.pairs.n_measured, strict=True))
+        columns = kinds if len(set(kinds)) > 1 else kinds[:1]
+        known: dict[tuple[float, int], FloatArray] = {}
+        for column, (own, d) in enumerate(columns):
+            if (own, d) not in known:
+                shared = variance[:, min(column, variance.shape[1] - 1)]
+                known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
+        return np.array([known[kind] for kind in columns]).T
 
     @cached_property
     def _unpaired_data(self) -> float:
@@ -355,18 +366,6 @@ def _column(variances: FloatArray) -> FloatArray:
     """Variances (P, 1), or (1, 1) where all are the same."""
     differ = not len(variances) or bool((variances != variances[0]).any())
     return variances[:, None] if differ else variances[:1, None]
-
-
-def _log_normalisers(variance: FloatArray, pairs: PairedModes) -> FloatArray:
-    """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""
-    kinds = list(zip(pairs.shape_var.tolist(), pairs.n_measured, strict=True))
-    known: dict[tuple[float, int], FloatArray] = {}
-    for column, (own, d) in enumerate(kinds):
-        if (own, d) not in known:
-            shared = variance[:, min(column, variance.shape[1] - 1)]
-            known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
-    columns = kinds if len(known) > 1 else kinds[:1]
-    return np.array([known[kind] for kind in columns]).T
 
 
 # The one datum of a test whose pairing is inferred.

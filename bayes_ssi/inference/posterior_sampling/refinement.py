@@ -15,7 +15,7 @@ While a class is sampled its structures do not change, so a result depends on no
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,9 +23,9 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.narrow_regions import (
-    NarrowRegions,
     PairedResiduals,
     class_target,
+    starts_in_narrow_regions,
 )
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -87,8 +87,12 @@ def refined(
     model_class.check_structure()
     misfit = least_misfit(_widened_over_prior(model_class, seed, settings), seed, workers)
     if misfit > settings.hopeless_misfit:
-        posterior = _without_hope(sample_class(model_class, roughly=True), misfit)
-        return replace(posterior, emulators=_emulators(model_class))
+        posterior = sample_class(model_class, roughly=True)
+        hopeless = (
+            f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
+            "sampled roughly, and the error of its evidence is not known"
+        )
+        return replace(posterior, failed_checks=(hopeless,), emulators=_emulators(model_class))
     model_class = _accurate_near_maxima(model_class, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
@@ -113,12 +117,15 @@ def refined(
             n_before += len(confirmation.values)
     if confirmation is None:
         confirmation = confirmed_by_full_solutions()
-    posterior = certified(model_class, posterior, settings)
+    remarks, failed = certified(model_class, posterior, settings)
     if n_before:
-        remark = f"{n_before} full solutions at draws showed that this accuracy is needed"
-        posterior = replace(posterior, remarks=(*posterior.remarks, remark))
-    posterior = corrected(posterior, confirmation, log_evidence_error, settings)
-    return replace(posterior, emulators=_emulators(model_class))
+        remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
+    failed += confirmation.failures(log_evidence_error, settings)
+    return replace(
+        corrected(posterior, confirmation, remarks),
+        failed_checks=(*posterior.failed_checks, *failed),
+        emulators=_emulators(model_class),
+    )
 
 
 def _emulators(model_class: ModelClass) -> tuple[Any, ...]:
@@ -137,7 +144,8 @@ def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) ->
         return 0.0
     least = math.inf
     for search in range(2):
-        ends = NarrowRegions(model_class, workers)(np.random.default_rng([seed, 3, search])).z
+        rng = np.random.default_rng([seed, 3, search])
+        ends = starts_in_narrow_regions(model_class, workers, rng).z
         values = model_class.values(ends)
         halves = np.zeros(len(values))
         for _, likelihood, columns in model_class.parts(values):
@@ -149,15 +157,6 @@ def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) ->
         if least <= 0.0:
             break
     return least if math.isfinite(least) else 0.0
-
-
-def _without_hope(posterior: Posterior, misfit: float) -> Posterior:
-    """The posterior of a class that was sampled roughly, and says so."""
-    words = (
-        f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
-        "sampled roughly, and the error of its evidence is not known"
-    )
-    return replace(posterior, failed_checks=(words,))
 
 
 def _accurate_near_maxima(
@@ -287,12 +286,9 @@ def confirmed(
 
 
 def corrected(
-    posterior: Posterior,
-    confirmation: Confirmation,
-    log_evidence_error: float,
-    settings: RefinementSettings,
+    posterior: Posterior, confirmation: Confirmation, remarks: Sequence[str]
 ) -> Posterior:
-    """The posterior with its evidence corrected by exact solutions at some draws."""
+    """The posterior with its evidence corrected by exact solutions at some draws, and remarks."""
     correction, error = confirmation.correction, confirmation.error
     frequency, least_mac = confirmation.differences
     remark = (
@@ -310,11 +306,7 @@ def corrected(
             mean_log_likelihood=evidence.mean_log_likelihood + confirmation.change,
             checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
-        failed_checks=(
-            *posterior.failed_checks,
-            *confirmation.failures(log_evidence_error, settings),
-        ),
-        remarks=(*posterior.remarks, remark),
+        remarks=(*posterior.remarks, *remarks, remark),
         frequency_error=frequency,
     )
 
@@ -421,11 +413,12 @@ def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass
 
 def certified(
     model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
-) -> Posterior:
-    """The posterior with remarks on how accurate the structures are at its draws."""
+) -> tuple[list[str], list[str]]:
+    """Remarks on how accurate the structures are at posterior draws, and failed checks of it."""
     values = evenly_spaced_draws(posterior, settings.n_certified)
     needed = requirements(model_class, values, settings)
-    remarks, failed = [], []
+    remarks: list[str] = []
+    failed: list[str] = []
     for configuration, required in zip(model_class.configurations, needed, strict=True):
         if not configuration.structure.is_approximate:
             continue
@@ -440,8 +433,4 @@ def certified(
                 f"{required.frequency:.1g} and {required.shape:.1g}, {settings.error_share:g} of "
                 "the data's and model's errors; allow it more full solutions"
             )
-    return replace(
-        posterior,
-        remarks=(*posterior.remarks, *remarks),
-        failed_checks=(*posterior.failed_checks, *failed),
-    )
+    return remarks, failed

@@ -200,7 +200,15 @@ def sample_as_it_is(
         log_likelihoods=log_likelihoods,
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.effective_sample_sizes,
-        evidence=_evidence(sampled),
+        evidence=Evidence(
+            log_evidence=sampled.evidence.log_evidence,
+            error=sampled.evidence.error,
+            effective_sample_size=sampled.importance.effective_sample_size,
+            pareto_k=sampled.importance.pareto_k,
+            n_draws=len(sampled.importance.z),
+            mean_log_likelihood=sampled.importance.log_likelihood_mean,
+            checks=sampled.evidence_checks,
+        ),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
         r_hat=float(r_hat(list(values)).max()),
@@ -271,19 +279,6 @@ def seed_of(name: str, seed: int) -> np.random.SeedSequence:
     if seed < 0:
         raise ValueError(f"seed must be zero or positive, got {seed!r}")
     return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
-
-
-def _evidence(sampled: SamplingResult) -> Evidence:
-    quoted = sampled.evidence
-    return Evidence(
-        log_evidence=quoted.log_evidence,
-        error=quoted.error,
-        effective_sample_size=sampled.importance.effective_sample_size,
-        pareto_k=sampled.importance.pareto_k,
-        n_draws=len(sampled.importance.z),
-        mean_log_likelihood=sampled.importance.log_likelihood_mean,
-        checks=sampled.evidence_checks,
-    )
 
 
 def _corrected_draws(
