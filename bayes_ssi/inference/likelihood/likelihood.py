@@ -191,16 +191,10 @@ class ModalLikelihood:
         if len(self.pairs.with_shape):
             shapes = self.shapes_at_sensors(modes)
             distances = self.pairs.shape_distances(shapes)
-            if self.needs_unit_shapes:
+            if self.error.repeats_between_tests or self.data.covariance is not None:
                 unit = self.pairs.unit_model_shapes(shapes)
         # In memory the rows of the batch next to each other: columns are longer than rows.
         return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, unit)
-
-    @cached_property
-    def needs_unit_shapes(self) -> bool:
-        """Whether the errors of scored shapes are correlated."""
-        correlated = self.error.repeats_between_tests or self.data.covariance is not None
-        return correlated and bool(self.pairs.n_measured)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.

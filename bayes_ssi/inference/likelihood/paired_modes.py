@@ -110,7 +110,7 @@ class PairedModes:
 
     def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
-        shapes = self._of_pairs(shapes_at_sensors)
+        shapes = of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured
         length = np.sqrt(row_sums(shapes * shapes))[:, None]
         sign = np.where(row_sums(shapes * self.unit_shapes) < 0, -1.0, 1.0)[:, None]
         return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
@@ -119,10 +119,6 @@ class PairedModes:
         """Unit model shapes φ with the sign of φ_e, (B, S s), 0 where not measured."""
         shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
         return shapes.transpose(0, 2, 1).reshape(len(shapes), self.unit_shapes.size)
-
-    def _of_pairs(self, shapes_at_sensors: FloatArray) -> FloatArray:
-        """Model shapes of the pairs, (B, s, S), 0 where not measured."""
-        return of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured
 
     @cached_property
     def _sensors(self) -> list[tuple[FloatArray, FloatArray | None]]:

@@ -253,7 +253,8 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
         ratios = model_class.correlated_errors.log_ratios(values, of_tests)
         for group, ratio in zip(groups, ratios.T, strict=True):
             terms[:, group[0]] = terms[:, group].sum(axis=1) + ratio
-        terms = np.delete(terms, _joined_to_others(groups), axis=1)
+        others = [column for group in groups for column in group[1:]]
+        terms = np.delete(terms, others, axis=1)
     return AtDraws(tuple(of_tests), terms, np.concatenate(sensor_shapes, axis=1))
 
 
@@ -266,11 +267,6 @@ def _joint_columns(model_class: ModelClass) -> list[list[int]]:
         for mode in errors.modes
     ]
     return [[columns[position] for position in group] for group in errors.groups]
-
-
-def _joined_to_others(groups: list[list[int]]) -> list[int]:
-    """The columns whose terms are part of the first column of their group."""
-    return [column for group in groups for column in group[1:]]
 
 
 def datum_terms(
@@ -286,8 +282,7 @@ def datum_terms(
     ``shape`` is (n_chains, n_steps).
     """
     identified: list[str] = []
-    centres, normals = [], []
-    sds = []
+    centres, normals, sds = [], [], []
     parts = zip(model_class.parts(values), model.modes, pairings, strict=True)
     for (configuration, likelihood, columns), modes, pairing in parts:
         own = np.array([mode.frequency_cov or 0.0 for mode in configuration.data.modes])
@@ -317,15 +312,10 @@ def datum_terms(
 
 def _datum_names(model_class: ModelClass) -> list[str]:
     """Names of the columns of log-likelihoods; a joint one has the names of all its data."""
-    names = [
-        label_in(configuration.name, name)
-        for configuration, likelihood in zip(
-            model_class.configurations, model_class.likelihoods, strict=True
-        )
-        for name in likelihood.datum_names
-    ]
-    groups = _joint_columns(model_class)
-    for group in groups:
-        names[group[0]] = " and ".join(names[column] for column in group)
-    others = _joined_to_others(groups)
+    tests = zip(model_class.configurations, model_class.likelihoods, strict=True)
+    names = [label_in(test.name, name) for test, own in tests for name in own.datum_names]
+    others: list[int] = []
+    for first, *rest in _joint_columns(model_class):
+        names[first] = " and ".join(names[column] for column in (first, *rest))
+        others += rest
     return [name for column, name in enumerate(names) if column not in others]

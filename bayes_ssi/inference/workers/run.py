@@ -47,14 +47,20 @@ class Run:
     """How to carry out a calculation; no result depends on it.
 
     Attributes:
-        workers: where models are evaluated; in this process if None. Several model classes are
-            sampled side by side where there are at least as many as workers or their models are
-            fast; otherwise workers share the evaluations of one.
+        workers: where models are evaluated; in this process if None. May be given as a number of
+            processes on this machine, or as any ``concurrent.futures.Executor``. Several model
+            classes are sampled side by side where there are at least as many as workers or their
+            models are fast; otherwise workers share the evaluations of one.
         checkpoint: keeps every evaluation on disk, so that a run that was interrupted is resumed
-            to the same result; nothing is kept if None. The caller removes it.
+            to the same result; nothing is kept if None. May be given as a directory, created if
+            necessary inside an existing one. The caller removes it.
         progress: called with the name of a model class, the name of the step, and the completed
             share of the step; for a class sampled in a worker of another machine, only at its
             end. In a notebook, lines below the cell if None.
+
+    Raises:
+        ValueError: the number of workers is not positive.
+        TypeError: the workers are neither a number nor an executor.
     """
 
     workers: Workers | None
@@ -67,18 +73,6 @@ class Run:
         checkpoint: str | Path | Checkpoint | None = None,
         progress: Progress | None = None,
     ) -> None:
-        """Choose workers, checkpoint and progress.
-
-        Args:
-            workers: may also be a number of processes on this machine, or any
-                ``concurrent.futures.Executor``.
-            checkpoint: may also be a directory, created if necessary inside an existing one.
-            progress: as the attribute.
-
-        Raises:
-            ValueError: the number of workers is not positive.
-            TypeError: the workers are neither a number nor an executor.
-        """
         if isinstance(checkpoint, (str, Path)):
             checkpoint = Checkpoint(Path(checkpoint))
         object.__setattr__(self, "workers", as_workers(workers))
