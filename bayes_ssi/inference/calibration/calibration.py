@@ -136,14 +136,13 @@ def calibrate(
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
     problem = CalibrationProblem(model_class, shape_weight, with_prior)
+    report = progress or (lambda *_: None)
+    report("local searches", 0.0)
     ends = []
-    if progress is not None:
-        progress("local searches", 0.0)
     for done, start in enumerate(problem.starts(n_starts, seed), 1):
         end = problem.descend(start)
         ends += [end] if end is not None else []
-        if progress is not None:
-            progress("local searches", done / n_starts)
+        report("local searches", done / n_starts)
     if not ends:
         raise ValueError(
             f"model class {model_class.name!r}: no local search for a minimum converged, as where "
@@ -268,10 +267,12 @@ def determination(problem: CalibrationProblem, z: FloatArray) -> Determination:
     open_ = [column for column, size in enumerate(alone) if size <= 1.0]
     determined: list[Combination] = []
     undetermined: list[Combination] = []
+    negligible = CALIBRATION.zero_sensitivity * float(np.linalg.norm(jacobian))
     for group in _groups(jacobian, open_):
         columns, names = _marginal(jacobian, group), [problem.names[c] for c in group]
-        determined += _sums(columns, names, slopes[group])
-        undetermined += _changes(columns, names, slopes[group], float(np.linalg.norm(jacobian)))
+        sums, changes = _combinations(columns, names, slopes[group], negligible)
+        determined += sums
+        undetermined += changes
     own_unit = _slopes(problem, z, [False] * len(z))
     if problem.with_prior:
         variance = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(z))).diagonal()
@@ -324,43 +325,32 @@ def _determined_rows(jacobian: FloatArray) -> FloatArray:
     return determined
 
 
-def _sums(columns: FloatArray, names: Sequence[str], slopes: FloatArray) -> list[Combination]:
-    """The determined sums of a group of parameters, from its ``columns`` (m, k)."""
-    sums = []
-    for row in _determined_rows(columns):
-        components, scale = _scaled(row / slopes)
-        error = 1.0 / (scale * float(np.linalg.norm(columns @ row)))
-        sums.append(Combination(dict(zip(names, components, strict=True)), error))
-    return sums
+def _combinations(
+    columns: FloatArray, names: Sequence[str], slopes: FloatArray, negligible: float
+) -> tuple[list[Combination], list[Combination]]:
+    """The determined sums of a group of parameters, from its ``columns`` (m, k), and other changes.
 
-
-def _changes(
-    columns: FloatArray, names: Sequence[str], slopes: FloatArray, size: float
-) -> list[Combination]:
-    """Changes of a group of parameters that are not determined, as for :func:`_sums`.
-
-    ``size`` is that of the whole Jacobian, next to which less than a millionth counts as zero.
-
-    Each changes as few parameters as possible: one that is free, and as many as the group has
-    sums, which make up for it.
+    Each of these changes as few parameters as possible: one that is free, and as many as the group
+    has sums, which make up for it.
     """
     rows = _determined_rows(columns)
+    sums, changes = [], []
+    for row in rows:
+        components, scale = _scaled(names, row / slopes)
+        error = 1.0 / (scale * float(np.linalg.norm(columns @ row)))
+        sums.append(Combination(components, error))
     null = scipy.linalg.null_space(rows) if len(rows) else np.eye(columns.shape[1])
-    n, negligible = null.shape[1], CALIBRATION.zero_sensitivity * size
     # Of parameters that are equally free, the first.
     preferred = null.T * (1.0 - EQUAL_SIZES * np.arange(len(null)))
-    free = scipy.linalg.qr(preferred, pivoting=True, mode="r")[1][:n]
-    changes = []
+    free = scipy.linalg.qr(preferred, pivoting=True, mode="r")[1][: null.shape[1]]
     for change in np.linalg.solve(null[free].T, null.T):
-        unit = change / np.linalg.norm(change)
-        noticed = float(np.linalg.norm(columns @ unit))
+        noticed = float(np.linalg.norm(columns @ (change / np.linalg.norm(change))))
         error = math.inf if noticed <= negligible else 1.0 / noticed
-        components, _ = _scaled(change * slopes)
-        changes.append(Combination(dict(zip(names, components, strict=True)), error))
-    return changes
+        changes.append(Combination(_scaled(names, change * slopes)[0], error))
+    return sums, changes
 
 
-def _scaled(components: FloatArray) -> tuple[list[float], float]:
-    """Components over the largest, and the size of that."""
+def _scaled(names: Sequence[str], components: FloatArray) -> tuple[dict[str, float], float]:
+    """Components over the largest, by name, and the size of that."""
     size = float(components[place_of_largest(np.abs(components))])
-    return (components / size).tolist(), abs(size)
+    return dict(zip(names, (components / size).tolist(), strict=True)), abs(size)
