@@ -13,7 +13,6 @@ ARRAY_FILES = (".npz", ".mat", ".h5", ".hdf5")
 
 
 def array_names(path: Path) -> tuple[str, ...]:
-    """Names of the arrays in a file."""
     from scipy.io import whosmat
 
     require_regular_file(path)

@@ -1,18 +1,24 @@
-"""One identified mode: its frequency and partial shape, checked and normalised."""
+"""Identified modes, checked and normalised, and the joint covariance of their errors.
+
+Rows and columns of a covariance are the logarithms of m frequencies, then the components of m unit
+shapes at n sensors, mode by mode. A shape at unit length has no error along itself, and what was
+not measured has none either: there the covariance is zero.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.modal import scaled_shapes
+from bayes_ssi.structures.modal import SOLVER, scaled_shapes
 
 # Columns of a file of modes; no sensor may have one of these names.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
@@ -188,7 +194,6 @@ def _require_positive(number: float, where: str) -> None:
 
 
 def checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
-    """Lowest and highest frequency in Hz."""
     try:
         low, high = (float(bound) for bound in band_hz)
     except (TypeError, ValueError):
@@ -196,3 +201,86 @@ def checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
     if not (0 <= low < high < math.inf):
         raise ValueError(f"band_hz must be 0 <= lowest < highest, got {low!r}, {high!r}")
     return low, high
+
+
+def with_joint_errors(
+    modes: Sequence[IdentifiedMode], covariance: FloatArray, n_sensors: int
+) -> tuple[tuple[IdentifiedMode, ...], FloatArray]:
+    """The modes with the sizes of their errors, and their covariance, in their order, read-only."""
+    matrix = np.array(covariance, dtype=float)
+    m = len(modes)
+    size = m * (1 + n_sensors)
+    if matrix.shape != (size, size):
+        raise ValueError(
+            f"modal data: covariance must be ({size}, {size}) for {m} modes at {n_sensors} "
+            f"sensors, got {matrix.shape}"
+        )
+    planes = _tangent_planes(modes, n_sensors)
+    counted = np.concatenate([np.ones(m, dtype=bool), planes.any(axis=2).ravel()])
+    matrix[~counted] = 0.0
+    matrix[:, ~counted] = 0.0
+    if not np.isfinite(matrix).all():
+        raise ValueError("modal data: covariance has entries that are not finite")
+    # Entries may be rounded to single precision, which leaves eigenvalues as much below zero.
+    rounding = 1e-6 * np.abs(matrix).max()
+    if np.abs(matrix - matrix.T).max() > rounding:
+        raise ValueError("modal data: covariance is not symmetric")
+    matrix = _in_planes(0.5 * (matrix + matrix.T), planes)
+    lowest = float(np.linalg.eigvalsh(matrix)[0])
+    if lowest < -rounding:
+        raise ValueError(
+            f"modal data: covariance is not positive semi-definite: an eigenvalue is {lowest:.3g}"
+        )
+    variances = matrix.diagonal()
+    traces = variances[m:].reshape(m, -1).sum(axis=1)
+    sized = []
+    for mode, variance, trace in zip(modes, variances[:m], traces, strict=True):
+        sizes = {"frequency_cov": float(np.sqrt(variance))}
+        if mode.scored_shape is not None:
+            sizes["shape_sd"] = float(np.sqrt(trace / (mode.n_measured - 1)))
+        for name, number in sizes.items():
+            if number == 0.0:
+                raise ValueError(
+                    f"modal data: covariance: mode {mode.label!r} has no variance of its "
+                    f"{name.partition('_')[0]}"
+                )
+            # Sizes of errors beside a covariance may be rounded to two digits.
+            stated = getattr(mode, name)
+            if stated is not None and abs(stated / number - 1.0) > 0.05:
+                raise ValueError(
+                    f"mode {mode.label!r}: {name} is {stated:g}, but the covariance gives "
+                    f"{number:.3g}"
+                )
+        sized.append(replace(mode, **sizes))
+    matrix.setflags(write=False)
+    return tuple(sized), matrix
+
+
+def of_modes(covariance: FloatArray, places: Sequence[int], m: int, n: int) -> FloatArray:
+    """The covariance of some of m modes at n sensors, in the order of ``places``."""
+    rows = [*places, *(m + n * i + k for i in places for k in range(n))]
+    array = np.asarray(covariance, dtype=float)
+    if array.shape != (m + m * n, m + m * n):
+        return array  # of no use, as is said where it is checked
+    taken: FloatArray = array[np.ix_(rows, rows)]
+    return taken
+
+
+def _tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArray:
+    """Projections (m, n, n) onto the plane at right angles to each scored shape, else zero."""
+    planes = np.zeros((len(modes), n_sensors, n_sensors))
+    for plane, mode in zip(planes, modes, strict=True):
+        if mode.scored_shape is not None:
+            unit = np.nan_to_num(mode.scored_shape)
+            plane[:] = np.diag(np.isfinite(mode.scored_shape).astype(float)) - np.outer(unit, unit)
+    return planes
+
+
+def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
+    """The covariance without errors of shapes along themselves."""
+    projection = block_diag(np.eye(len(planes)), *planes)
+    projected = projection @ covariance @ projection
+    # What is in the planes already stays as it is, to the last digit.
+    change = np.abs(projected - covariance).max()
+    kept = change <= SOLVER.rounding * np.abs(covariance).max()
+    return covariance if kept else 0.5 * (projected + projected.T)

@@ -22,12 +22,9 @@ from bayes_ssi.measurements.modes.identified_mode import (
     IdentifiedMode,
     checked_band,
     checked_sensors,
-    repeated,
-)
-from bayes_ssi.measurements.modes.joint_covariance import (
-    checked_covariance,
     of_modes,
-    with_sizes,
+    repeated,
+    with_joint_errors,
 )
 from bayes_ssi.structures.modal import mac_of_pairs
 from bayes_ssi.structures.response.output import HEAVY_DAMPING, heavy_damping_warning
@@ -93,9 +90,9 @@ class ModalData(Displayed):
                 )
         if self.covariance is not None:
             matrix = of_modes(self.covariance, order, len(order), len(self.sensors))
-            covariance = checked_covariance(matrix, ordered, len(self.sensors))
+            ordered, covariance = with_joint_errors(ordered, matrix, len(self.sensors))
             object.__setattr__(self, "covariance", covariance)
-            object.__setattr__(self, "modes", with_sizes(ordered, covariance))
+            object.__setattr__(self, "modes", ordered)
 
     @classmethod
     def from_arrays(

@@ -48,8 +48,12 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
 from bayes_ssi.foundations.universal_files import begins_universal
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
-from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, repeated
-from bayes_ssi.measurements.modes.joint_covariance import of_modes
+from bayes_ssi.measurements.modes.identified_mode import (
+    RESERVED_NAMES,
+    IdentifiedMode,
+    of_modes,
+    repeated,
+)
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
 
@@ -266,8 +270,6 @@ def _column_names(line: _Line) -> list[str]:
 
 @dataclass
 class _Statements:
-    """What the lines with keys state."""
-
     source: str = ""
     band_hz: Sequence[float] | None = None
     failed_checks: tuple[str, ...] = ()
@@ -345,8 +347,6 @@ def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
 
 @dataclass(frozen=True)
 class Companion:
-    """The content of the file."""
-
     sensors: tuple[str, ...]
     frequencies_hz: FloatArray
     unit_shapes: tuple[tuple[float | None, ...], ...]

@@ -121,7 +121,6 @@ class Explained:
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency."""
         return self.fit.data.band_hz
 
     @property
@@ -151,14 +150,15 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
     factors = np.linalg.inv(np.linalg.cholesky(fit.covariances)).conj().swapaxes(1, 2)
     factors = factors * np.sqrt(data.weights)[:, None, None]
     at = fit.scene
-    h = fit.model.h(at)
-    forces = fit.model.drive.forces(at, fit.modes, h)
+    h = fit.modes.responses(data)
+    motions = at.motions(fit.modes, h)
+    forces = fit.model.drive.forces(at, motions)
     r = data.matrices.shape[1]
     smooth = at.powers[:2].T[:, :, None, None] * np.eye(r)
     rows = np.concatenate(
         [
             (h[:, None] * forces.conj()).swapaxes(1, 2),
-            fit.model.drive.crosses(at, fit.modes, h),
+            fit.model.drive.crosses(at, motions),
             smooth.reshape(len(h), 2 * r, r),
         ],
         axis=1,

@@ -75,7 +75,6 @@ def read_universal(path: Path) -> Channels:
 
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
-    """Read the channels of a TDMS file."""
     with optional_package("npTDMS", extra="tdms"):
         from nptdms import TdmsFile
     require_regular_file(path)
@@ -184,7 +183,6 @@ def _points_and_rates(line: str) -> tuple[int, list[float]]:
 
 
 def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
-    """Channels as one array."""
     lengths = sorted({len(row) for row in rows})
     if len(lengths) > 1:
         raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")

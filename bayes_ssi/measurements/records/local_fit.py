@@ -50,7 +50,6 @@ class LocalFit:
 
     @property
     def data(self) -> LocalSpectra:
-        """The spectra of the band."""
         return self.scene.data
 
     @property
@@ -93,8 +92,6 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
 
 
 class Fitter:
-    """Fits of modes to one band's spectra."""
-
     def __init__(self, data: LocalSpectra, neighbours: Resonances, one_source: bool) -> None:
         self.data, self.one_source = data, one_source
         self.scene = scene(data, neighbours)
@@ -122,7 +119,6 @@ class Fitter:
         has_phases: bool,
         most_steps: int = FIT.most_steps,
     ) -> LocalFit:
-        """The most probable modes."""
         if isinstance(start, LocalFit):
             model = start.model
         else:
@@ -166,9 +162,9 @@ class Fitter:
             The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the
             one that gains most where one source drives all.
         """
-        at, modes, drive = self.scene, fit.modes, fit.model.drive
+        at, drive = self.scene, fit.model.drive
         steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, self._sizes(fit.model))
-        left, right = drive.more(at, modes, fit.model.h(at), one).of_parts
+        left, right = drive.more(at, fit.model.motions(at), one)
         added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
         seen = added @ steps.of_blocks
         n = added.shape[1]
@@ -285,9 +281,8 @@ class _Steps:
         flat = seen.transpose(1, 0, 2).reshape(n, -1)
         self.curvature[smooth:, smooth:] = flat @ derivatives.transpose(1, 0, 2).reshape(n, -1).T
         x = at.powers[1]
-        moments = (x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)).reshape(
-            5, r * r, -1
-        )
+        moments = x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)
+        moments = moments.reshape(5, r * r, -1)
         for i, power in enumerate(at.powers):
             a = slice(i * r * r, (i + 1) * r * r)
             self.slope[a] = power @ slopes
@@ -306,11 +301,12 @@ class _Steps:
         m = shapes.shape[1]
         tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]
         self.turns = block_diag(np.zeros((0, 0)), *tangents)  # of all shapes, one after another
-        forces = drive.forces(at, modes, h).swapaxes(1, 2)  # (K, m, r)
+        motions = at.motions(modes, h)
+        forces = drive.forces(at, motions).swapaxes(1, 2)  # (K, m, r)
         n_tangent = tangents[0].shape[1] if m else 0
         left = [(slopes[:, None] * shapes).swapaxes(1, 2) for slopes in (by_f, by_z)]
         left += [h[:, i, None, None] * tangent.T for i, tangent in enumerate(tangents)]
-        driven_left, driven_right = drive.columns(at, modes, h).of_parts
+        driven_left, driven_right = drive.columns(at, motions)
         left.append(driven_left)
         right = np.concatenate(
             [forces, forces, np.repeat(forces, n_tangent, axis=1), driven_right], axis=1

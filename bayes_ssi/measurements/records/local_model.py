@@ -76,28 +76,29 @@ class Scene(NamedTuple):
     neighbours: Resonances
     of_neighbours: ComplexArray  # (K, p), their responses
 
+    def motions(self, modes: Resonances, h: ComplexArray) -> ComplexArray:
+        """h φ of neighbours and modes (K, p + m, r)."""
+        of_neighbours = self.of_neighbours[:, None] * self.neighbours.shapes
+        both = np.concatenate([of_neighbours, h[:, None] * modes.shapes], axis=2)
+        return np.asarray(both.swapaxes(1, 2))
+
 
 def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
-    """What models of a band are evaluated on."""
     low, high = data.band_hz
     x = (2.0 * data.frequencies_hz - low - high) / (high - low)
     powers = np.stack([x**0, x, x**2])
     return Scene(data, powers, neighbours, neighbours.responses(data))
 
 
-class Columns(NamedTuple):
-    """Derivatives of E by complex values: dE = left right* + its Hermitian transpose."""
+# Left and right (K, 2c, r) of the derivatives of E by the real and imaginary parts of c values, in
+# turn: dE = left right* + its Hermitian transpose.
+Columns = tuple[ComplexArray, ComplexArray]
 
-    left: ComplexArray  # (K, c, r), by the real part of each value
-    right: ComplexArray  # (K, c, r)
-    turn: complex  # what ``left`` is multiplied by for the imaginary parts
 
-    @property
-    def of_parts(self) -> tuple[ComplexArray, ComplexArray]:
-        """Left and right (K, 2c, r) of real and imaginary parts, in turn."""
-        k, _, r = self.left.shape
-        parts = np.stack([self.left, self.turn * self.left], axis=2)
-        return parts.reshape(k, -1, r), np.repeat(self.right, 2, axis=1)
+def _columns(left: ComplexArray, right: ComplexArray, turn: complex) -> Columns:
+    """Of ``left`` (K, c, r) by real parts, which is multiplied by ``turn`` for imaginary ones."""
+    parts = np.stack([left, turn * left], axis=2).reshape(len(left), -1, left.shape[2])
+    return parts, np.repeat(np.broadcast_to(right, left.shape), 2, axis=1)
 
 
 class IndependentLoads(NamedTuple):
@@ -118,27 +119,29 @@ class IndependentLoads(NamedTuple):
         of_modes = self.of_modes + step[r * p :].reshape(-1, r).T
         return IndependentLoads(of_neighbours, of_modes * lengths.conj())
 
-    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+    def matrices(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
         """What the modes add to the background (K, r, r)."""
         forces = np.concatenate([self.of_neighbours, self.of_modes], axis=1)
-        resonant = _motions(at, modes, h).swapaxes(1, 2) @ forces.conj().T
+        resonant = motions.swapaxes(1, 2) @ forces.conj().T
         return np.asarray(resonant + resonant.conj().swapaxes(1, 2))
 
-    def forces(self, _at: Scene, _modes: Resonances, h: ComplexArray) -> ComplexArray:
+    def forces(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
         """a_i of each block (K, r, m)."""
-        return np.broadcast_to(self.of_modes, (len(h), *self.of_modes.shape))
+        return np.broadcast_to(self.of_modes, (len(motions), *self.of_modes.shape))
 
-    def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
-        """Derivatives by the values."""
-        return _columns_of_loads(_motions(at, modes, h))
+    def columns(self, _at: Scene, motions: ComplexArray) -> Columns:
+        n, r = motions.shape[1:]
+        return _columns(
+            np.repeat(motions, r, axis=1), np.tile(np.eye(r, dtype=complex), (n, 1)), -1j
+        )
 
-    def more(self, at: Scene, _modes: Resonances, _h: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: Scene, _motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        return _columns_of_loads((one.responses(at.data)[:, None] * one.shapes).swapaxes(1, 2))
+        return self.columns(at, (one.responses(at.data)[:, None] * one.shapes).swapaxes(1, 2))
 
-    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+    def crosses(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
         """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
-        return _motions(at, modes, h).conj()
+        return motions.conj()
 
     def sizes(self, modes: Resonances) -> FloatArray:
         """4 ζ s (m,), where s is the part i φ of the forces."""
@@ -203,20 +206,6 @@ class IndependentLoads(NamedTuple):
         return precisions, -precisions @ as_reals(self.values)
 
 
-def _motions(at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-    """h φ of neighbours and modes (K, p + m, r)."""
-    of_neighbours = at.of_neighbours[:, None] * at.neighbours.shapes
-    both = np.concatenate([of_neighbours, h[:, None] * modes.shapes], axis=2)
-    return np.asarray(both.swapaxes(1, 2))
-
-
-def _columns_of_loads(motions: ComplexArray) -> Columns:
-    m, r = motions.shape[1:]
-    left = np.repeat(motions, r, axis=1)
-    right = np.tile(np.eye(r, dtype=complex), (m, 1))
-    return Columns(left, np.broadcast_to(right, left.shape), -1j)
-
-
 class OneSource(NamedTuple):
     """One process that drives everything; methods give what those of independent loads do."""
 
@@ -236,34 +225,30 @@ class OneSource(NamedTuple):
             direct, self.of_neighbours + step[n : n + p], (self.of_modes + step[n + p :]) * lengths
         )
 
-    def motion(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+    def motion(self, at: Scene, motions: ComplexArray) -> ComplexArray:
         """v (K, r)."""
         factors = np.concatenate([self.of_neighbours, self.of_modes])
-        return np.asarray(at.powers.T @ self.direct + factors @ _motions(at, modes, h))
+        return np.asarray(at.powers.T @ self.direct + factors @ motions)
 
-    def matrices(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        v = self.motion(at, modes, h)
+    def matrices(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+        v = self.motion(at, motions)
         return np.asarray(v[:, :, None] * v[:, None].conj())
 
-    def forces(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        return self.motion(at, modes, h)[:, :, None] * self.of_modes.conj()
+    def forces(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+        return self.motion(at, motions)[:, :, None] * self.of_modes.conj()
 
-    def columns(self, at: Scene, modes: Resonances, h: ComplexArray) -> Columns:
-        r = len(modes.shapes)
-        direct = at.powers.T[:, :, None, None] * np.eye(r)
-        smooth = direct.reshape(len(h), 3 * r, r).astype(complex)
-        left = np.concatenate([smooth, _motions(at, modes, h)], axis=1)
-        return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
+    def columns(self, at: Scene, motions: ComplexArray) -> Columns:
+        left = _of_one_source(at, motions)
+        return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def more(self, at: Scene, modes: Resonances, h: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: Scene, motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
-        response = one.responses(at.data)
-        left = response[:, :, None] * np.eye(len(one.shapes))
-        return Columns(left, np.broadcast_to(self.motion(at, modes, h)[:, None], left.shape), 1j)
+        left = one.responses(at.data)[:, :, None] * np.eye(len(one.shapes))
+        return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def crosses(self, at: Scene, modes: Resonances, h: ComplexArray) -> ComplexArray:
+    def crosses(self, at: Scene, motions: ComplexArray) -> ComplexArray:
         factors = np.concatenate([at.powers.T, at.of_neighbours], axis=1)
-        return np.asarray(factors[:, :, None] * self.motion(at, modes, h)[:, None].conj())
+        return np.asarray(factors[:, :, None] * self.motion(at, motions)[:, None].conj())
 
     def sizes(self, _modes: Resonances) -> FloatArray:
         """4 ζ s (m,), where s is about the part i φ of the forces."""
@@ -296,6 +281,14 @@ class OneSource(NamedTuple):
         return np.diag(precisions) + np.outer(fixed, fixed), -precisions * as_reals(self.values)
 
 
+def _of_one_source(at: Scene, motions: ComplexArray) -> ComplexArray:
+    """Derivatives of v by the values of one source (K, c, r)."""
+    r = motions.shape[2]
+    direct = at.powers.T[:, :, None, None] * np.eye(r)
+    smooth = direct.reshape(len(motions), 3 * r, r).astype(complex)
+    return np.concatenate([smooth, motions], axis=1)
+
+
 def as_reals(values: ComplexArray) -> FloatArray:
     """Real and imaginary parts of each, in turn."""
     return np.asarray(np.stack([values.real, values.imag], axis=-1).ravel(), dtype=np.float64)
@@ -315,11 +308,10 @@ class Model(NamedTuple):
     def covariances(self, at: Scene) -> ComplexArray:
         """E (K, r, r)."""
         smooth = np.einsum("pk,pij->kij", at.powers, self.backgrounds)
-        return np.asarray(smooth + self.drive.matrices(at, self.modes, self.h(at)))
+        return np.asarray(smooth + self.drive.matrices(at, self.motions(at)))
 
-    def h(self, at: Scene) -> ComplexArray:
-        """Responses of the modes (K, m)."""
-        return self.modes.responses(at.data)
+    def motions(self, at: Scene) -> ComplexArray:
+        return at.motions(self.modes, self.modes.responses(at.data))
 
 
 def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
@@ -341,20 +333,19 @@ def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
     # The leading singular vectors give v but for the phase of each block, which a reference fixes.
     values, vectors = np.linalg.eigh(data.matrices)
     v = vectors[:, :, -1] * np.sqrt(values[:, -1:])
-    h = modes.responses(data)
+    motions = at.motions(modes, modes.responses(data))
     source = OneSource(
         np.zeros((3, r), dtype=complex),
         np.zeros(p, dtype=complex),
         (1.4 * modes.dampings * np.sqrt(peak_powers)).astype(complex),
     )
-    columns = source.columns(at, modes, h)
+    left = _of_one_source(at, motions).swapaxes(1, 2)
     for _ in range(20):  # least squares of v, and phases that agree with it
-        fitted = source.motion(at, modes, h)
+        fitted = source.motion(at, motions)
         overlap = (v.conj() * fitted).sum(1)
         turned = v * np.exp(1j * np.angle(overlap))[:, None]
         weights = np.sqrt(data.weights)[:, None] / np.linalg.norm(v, axis=1)[:, None]
-        weighted = columns.left.swapaxes(1, 2) * weights[..., None]
-        regressors = weighted.reshape(-1, weighted.shape[2])
+        regressors = (left * weights[..., None]).reshape(-1, left.shape[2])
         products = regressors.conj().T @ regressors
         products += 1e-6 * np.diag(products.diagonal().real)
         solved = np.linalg.solve(products, regressors.conj().T @ (turned * weights).ravel())

@@ -47,7 +47,6 @@ class Candidates(NamedTuple):
 
     @property
     def poles(self) -> Resonances:
-        """All poles."""
         return self.of_peaks.beside(self.others)
 
     def turned(self, delays_s: FloatArray) -> Candidates:

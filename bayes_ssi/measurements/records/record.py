@@ -184,11 +184,8 @@ class Record(Displayed):
         return remarks_on(self.samples, self.rate_hz, self.sensors)
 
     def _line(self) -> str:
-        sensors, seconds = (
-            counted(len(self.sensors), "sensor"),
-            self.samples.shape[1] / self.rate_hz,
-        )
-        return f"of {self.quantity}, {sensors}, {seconds:.5g} s at {self.rate_hz:g} Hz"
+        sensors = counted(len(self.sensors), "sensor")
+        return f"of {self.quantity}, {sensors}, {self.duration_s:.5g} s at {self.rate_hz:g} Hz"
 
     def _rows(self) -> list[dict[str, Any]]:
         rms = self.samples.std(axis=1)
@@ -199,7 +196,6 @@ class Record(Displayed):
 
 
 def checked_rate(rate_hz: float) -> float:
-    """Samples per second."""
     number = isinstance(rate_hz, (int, float, np.number)) and not isinstance(rate_hz, bool)
     if not (number and 0.0 < rate_hz < math.inf):
         got = float(rate_hz) if number else rate_hz
@@ -208,18 +204,16 @@ def checked_rate(rate_hz: float) -> float:
 
 
 def units_of(quantity: str) -> tuple[str, ...]:
-    """The units in which a quantity may be given."""
     require_one_of("record: quantity", quantity, QUANTITIES)
     return QUANTITIES[quantity]
 
 
 def checked_unit_of(quantity: str, unit: str) -> str:
     """The unit in its usual spelling."""
-    units = units_of(quantity)
-    if quantity == "acceleration":
-        return checked_unit(unit)
-    require_one_of(f"record: unit of {quantity}", unit, units)
-    return unit
+    if quantity != "acceleration":
+        require_one_of(f"record: unit of {quantity}", unit, units_of(quantity))
+        return unit
+    return checked_unit(unit)
 
 
 def _read_only(samples: FloatArray) -> FloatArray:

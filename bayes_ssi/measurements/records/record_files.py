@@ -12,8 +12,11 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import first_bytes
 from bayes_ssi.foundations.universal_files import begins_universal, has_data_set
-from bayes_ssi.measurements.records.channels import Channels, read_channels
-from bayes_ssi.measurements.records.columns import read_columns_of_record
+from bayes_ssi.measurements.records.channels import (
+    Channels,
+    read_arrays_of_record,
+    read_columns_of_record,
+)
 from bayes_ssi.measurements.records.instrument_files import (
     STRONG_MOTION,
     read_at2,
@@ -46,9 +49,9 @@ def read_record(
 ) -> Record:
     """Read the record of one setup, from one file or several with channels of the same instants.
 
-    Formats are columns of text (:mod:`bayes_ssi.measurements.records.columns`), arrays in MATLAB,
-    numpy or HDF5 files (:mod:`bayes_ssi.measurements.records.channels`), universal files (data
-    sets 58), TDMS, and strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
+    Formats are columns of text, and arrays in MATLAB, numpy or HDF5 files
+    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58), TDMS, and
+    strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
     What the files do not state must be given; what both state must agree.
 
     Args:
@@ -180,7 +183,7 @@ def _read_file(path: Path, keys: Sequence[str], quantity: str | None) -> Channel
     """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
-        return read_channels(path, keys)
+        return read_arrays_of_record(path, keys)
     if suffix == ".tdms":
         return read_tdms(path, keys)
     if keys:

@@ -57,7 +57,6 @@ class Transforms(NamedTuple):
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency."""
         last = self.first + self.values.shape[1] - 1
         return 0.5 * self.line_hz * self.first, 0.5 * self.line_hz * last
 
@@ -247,20 +246,16 @@ class Resonances(NamedTuple):
 
     @classmethod
     def none(cls, n: int) -> Resonances:
-        """No modes of n channels."""
         return cls(np.empty(0), np.empty(0), np.empty((n, 0), dtype=complex))
 
     @property
     def n_modes(self) -> int:
-        """m"""
         return len(self.frequencies_hz)
 
     def at(self, places: Sequence[int]) -> Resonances:
-        """Some of the modes."""
         return Resonances(*(array[..., list(places)] for array in self))
 
     def without(self, *places: int) -> Resonances:
-        """The other modes."""
         return self.at([i for i in range(self.n_modes) if i not in places])
 
     def joined(self, others: Resonances) -> Resonances:
