@@ -108,21 +108,28 @@ class _Merging:
     def merged_modes(self) -> MergedModes:
         groups = self._matched_modes()
         independent = [self._independent(group) for group in groups]
-        labels = _labels(groups)
         merged = self._merged(independent)
-        modes = tuple(
-            MergedMode(
-                label,
-                {name: mode.label for name, mode in group.items()},
-                self._scatter(group, shapes=False),
-                self._scatter(group, frequencies=False),
+        modes, joined = [], []
+        for label, group, kept, log_f, shape in zip(
+            _labels(groups), groups, independent, merged.log_frequencies, merged.shapes, strict=True
+        ):
+            labels = {name: mode.label for name, mode in group.items()}
+            scatters = _scatter_of_frequencies(group), self._scatter_of_shapes(group)
+            modes.append(MergedMode(label, labels, *scatters))
+            _, measured = self._joined_shape(kept)
+            damping, damping_sd = _damping(list(kept.values()))
+            joined.append(
+                IdentifiedMode(
+                    label,
+                    float(np.exp(log_f)),
+                    np.where(measured, shape, np.nan),
+                    damping=damping,
+                    damping_sd=damping_sd,
+                )
             )
-            for label, group in zip(labels, groups, strict=True)
-        )
-        joined = tuple(self._identified_modes(merged, independent, labels))
         failed = tuple(_failed(modes, joined))
         data = ModalData(
-            joined,
+            tuple(joined),
             self.band_hz,
             self.sensors,
             "merged from " + ", ".join(self.tests),
@@ -130,7 +137,9 @@ class _Merging:
             tuple(self._identifications(modes, joined)),
             (*failed, *(check for test in self.tests.values() for check in test.failed_checks)),
         )
-        return MergedModes(data, modes, tuple(self._remarks(modes, joined, independent)), failed)
+        return MergedModes(
+            data, tuple(modes), tuple(self._remarks(modes, joined, independent)), failed
+        )
 
     def _matched_modes(self) -> list[Group]:
         """Groups of modes that are the same, in ascending order of frequency.
@@ -209,46 +218,23 @@ class _Merging:
         joined = np.nan_to_num(joined)
         return joined / np.linalg.norm(joined), measured
 
-    def _merged(
-        self, groups: Sequence[Group], *, frequencies: bool = True, shapes: bool = True
-    ) -> Merged:
-        """Groups of modes by weighted least squares, of frequencies or shapes, or of both."""
+    def _merged(self, groups: Sequence[Group], *, frequencies: bool = True) -> Merged:
+        """Groups of modes by weighted least squares, of shapes, and of frequencies, too."""
         parts = []
         for name, data in self.tests.items():
             places = {g[name].label: i for i, g in enumerate(groups) if name in g}
             if places:
-                parts.append(PartOfTest(name, data, places, self.sensors, frequencies, shapes))
+                parts.append(PartOfTest(name, data, places, self.sensors, frequencies))
         first = [self._joined_shape(group) for group in groups]
-        measured = np.array([known for _, known in first]) & shapes
         logs = np.array([_mean_log_frequency(group) for group in groups])
-        estimates = np.where(measured, [shape for shape, _ in first], 0.0)
-        return weighted_least_squares(parts, logs, estimates, measured)
+        shapes, measured = (np.array(part) for part in zip(*first, strict=True))
+        return weighted_least_squares(parts, logs, shapes, measured)
 
-    def _scatter(
-        self, group: Group, *, frequencies: bool = True, shapes: bool = True
-    ) -> Scatter | None:
-        """Of a mode's frequencies or shapes; None where nothing was measured twice."""
-        if not frequencies and all(mode.scored_shape is None for mode in group.values()):
+    def _scatter_of_shapes(self, group: Group) -> Scatter | None:
+        if all(mode.scored_shape is None for mode in group.values()):
             return None
-        merged = self._merged([group], frequencies=frequencies, shapes=shapes)
-        n, squares = merged.degrees_of_freedom, merged.squares
-        return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
-
-    def _identified_modes(
-        self, merged: Merged, groups: Sequence[Group], labels: Sequence[str]
-    ) -> Iterator[IdentifiedMode]:
-        for label, log_f, shape, group in zip(
-            labels, merged.log_frequencies, merged.shapes, groups, strict=True
-        ):
-            _, measured = self._joined_shape(group)
-            damping, damping_sd = _damping(list(group.values()))
-            yield IdentifiedMode(
-                label,
-                float(np.exp(log_f)),
-                np.where(measured, shape, np.nan) if measured.any() else None,
-                damping=damping,
-                damping_sd=damping_sd,
-            )
+        merged = self._merged([group], frequencies=False)
+        return _scatter(merged.squares, merged.degrees_of_freedom)
 
     def _identifications(
         self, modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]
@@ -289,6 +275,17 @@ class _Merging:
                     f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is "
                     "of the same record, in a band whose edge is nearer"
                 )
+
+
+def _scatter(squares: float, n: int) -> Scatter | None:
+    """Of a sum of squares with n degrees of freedom; None where nothing was measured twice."""
+    return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
+
+
+def _scatter_of_frequencies(group: Group) -> Scatter | None:
+    logs = np.log([mode.frequency_hz for mode in group.values()])
+    weights = np.array([mode.frequency_cov for mode in group.values()], dtype=float) ** -2.0
+    return _scatter(weights @ (logs - weights @ logs / weights.sum()) ** 2, len(group) - 1)
 
 
 def _joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 
 
 class PartOfTest:
-    """What one test says of some of the merged modes, of frequencies, shapes or both.
+    """What one test says of shapes of some of the merged modes, and of their frequencies.
 
     Args:
         places: label of a mode → the merged mode.
@@ -33,10 +33,9 @@ class PartOfTest:
         places: Mapping[str, int],
         sensors: Sequence[str],
         frequencies: bool,
-        shapes: bool,
     ) -> None:
         chosen = [mode for mode in data.modes if mode.label in places]
-        with_shape = [mode for mode in chosen if shapes and mode.scored_shape is not None]
+        with_shape = [mode for mode in chosen if mode.scored_shape is not None]
         m, n = len(data.modes), len(data.sensors)
         covariance = data.covariance
         if covariance is None:

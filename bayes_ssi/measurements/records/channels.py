@@ -117,7 +117,8 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
         held = ", ".join(f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items())
         raise ValueError(f"holds no rows or columns of real numbers; it holds {held or 'nothing'}")
     require_known("no array of samples", keys, samples)
-    blocks = [_in_rows(samples[key]) for key in keys]
+    blocks = [np.atleast_2d(samples[key]) for key in keys]
+    blocks = [block.T if block.shape[0] > block.shape[1] else block for block in blocks]
     lengths = {block.shape[1] for block in blocks}
     if len(lengths) > 1:
         raise ValueError(
@@ -129,11 +130,6 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
         names = list(keys)
     joined = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
     return with_statements(np.ascontiguousarray(joined, dtype=float), names, stated)
-
-
-def _in_rows(array: np.ndarray) -> FloatArray:
-    rows = np.atleast_2d(array)
-    return rows.T if rows.shape[0] > rows.shape[1] else rows
 
 
 def _scalar(array: np.ndarray) -> Any:
