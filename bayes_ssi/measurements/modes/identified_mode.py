@@ -251,7 +251,8 @@ def with_joint_errors(
                     f"mode {mode.label!r}: {name} is {stated:g}, but the covariance gives "
                     f"{number:.3g}"
                 )
-        sized.append(replace(mode, **sizes))
+        shape_sd = sizes.get("shape_sd", mode.shape_sd)
+        sized.append(replace(mode, frequency_cov=sizes["frequency_cov"], shape_sd=shape_sd))
     matrix.setflags(write=False)
     return tuple(sized), matrix
 
