@@ -81,10 +81,7 @@ def identify(
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives
     their whole covariance.
     """
-    from bayes_ssi.measurements.modes.modal_files import (
-        modal_files,
-        write_modal_data,
-    )
+    from bayes_ssi.measurements.modes.modal_files import modal_files, write_modal_data
     from bayes_ssi.measurements.records import modal_identification, other_methods
     from bayes_ssi.measurements.records.record_files import read_record
     from bayes_ssi.report.tables.mode_tables import estimates_table
