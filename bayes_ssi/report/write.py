@@ -11,6 +11,7 @@ from typing import Any
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import new_directory, read_record, require_new
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.results.wording import listed
@@ -23,31 +24,16 @@ UNITS = {"_hz": "Hz", "_s": "s"}
 NUMBERS = ("low", "median", "high", "share")
 
 
-def number(value: Any, digits: int = 4) -> str:
-    """A number to some significant digits; a dash for None, NaN and infinities."""
-    if value is None:
-        return MISSING
-    value = float(value)
-    return f"{value:.{digits}g}" if math.isfinite(value) else MISSING
-
-
-def fixed(value: Any, decimals: int = 2) -> str:
-    """A number to some decimals, never -0.00; a dash for None, NaN and infinities."""
-    if value is None or not math.isfinite(float(value)):
-        return MISSING
-    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
-
-
 def interval(three: Sequence[Any] | None, digits: int = 4) -> str:
     """Median and ends of (low, median, high)."""
     if three is None:
         return MISSING
-    low, median, high = (number(value, digits) for value in three)
+    low, median, high = (number(value, f".{digits}g") for value in three)
     return f"{median} ({low} to {high})"
 
 
 def percent(fraction: Any, digits: int = 3) -> str:
-    return MISSING if fraction is None else f"{number(100.0 * float(fraction), digits)} %"
+    return MISSING if fraction is None else f"{number(100.0 * float(fraction), f'.{digits}g')} %"
 
 
 def error_percent(model: Any, identified: float) -> str:
@@ -82,7 +68,7 @@ def of_numbers(name: str) -> bool:
 
 
 FORMATS: tuple[Callable[..., Any], ...] = (
-    number, fixed, interval, percent, error_percent, settings, heading
+    number, interval, percent, error_percent, settings, heading
 )  # fmt: skip
 FILTERS = {form.__name__: form for form in FORMATS} | {
     "probability": probability_text,

@@ -15,12 +15,11 @@ import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report.page_content import _structure
 from bayes_ssi.report.report_figures import embedded_file
+from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.write import (
     error_percent,
-    fixed,
     heading,
     interval,
-    number,
     of_numbers,
     percent,
     settings,
@@ -278,7 +277,7 @@ def test_columns_and_settings_as_they_are_written():
 
 def test_numbers_as_they_are_written():
     assert number(None) == number(float("nan")) == interval(None) == percent(None) == "-"
-    assert fixed(-0.001) == "0.00"
+    assert number(-0.001, ".2f") == "0.00"
     assert interval((1.0, 2.0, 3.0)) == "2 (1 to 3)"
     assert percent(0.0125) == "1.25 %"
     assert [error_percent(model, 1.0) for model in (0.9, 0.99999)] == ["-10.0 %", "0.0 %"]

@@ -8,7 +8,7 @@ from rich.table import Table
 from bayes_ssi.inference.calibration.calibration import Calibration
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.report.tables.layout import TABLES, add_row, new_table, number
+from bayes_ssi.report.tables.layout import TABLES, digits, new_table, number
 
 
 def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
@@ -19,53 +19,38 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     A few parameters are columns; many are rows, and the best minima are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
-    numbered = ((str(i), fit) for i, fit in enumerate(calibration.minima, 1))
-    fits = {"before": calibration.before, **dict(numbered)}
-    cells = {
-        label: (
-            *(f"{value:.4g}" for value in fit.values),
-            f"{100 * fit.objective:.3f}",
-            f"{100 * fit.distance:.1f}",
-        )
+    fits = {"before": calibration.before}
+    fits |= {str(i): fit for i, fit in enumerate(calibration.minima, 1)}
+    cells = [
+        (label, *digits(*fit.values), f"{100 * fit.objective:.3f}", f"{100 * fit.distance:.1f}")
         for label, fit in fits.items()
-    }
+    ]
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
     classes = ", ".join(map(repr, (calibration.name, *same)))
     title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
     if len(names) <= TABLES.most_columns:
-        table = new_table(title, [""], names)
-        for label, row in cells.items():
-            add_row(table, label, *row)
-        return table
-    shown = list(cells)[: TABLES.most_columns]
+        return new_table(title, [""], names, cells)
+    shown = cells[: TABLES.most_columns]
     if len(shown) < len(cells):
         title += f": the best {len(shown) - 1} of {len(calibration.minima)}"
-    table = new_table(title, [""], shown)
-    for i, name in enumerate(names):
-        add_row(table, name, *(cells[label][i] for label in shown))
-    return table
+    headings, *rows = zip(("", *names), *shown, strict=True)
+    return new_table(title, headings[:1], headings[1:], rows)
 
 
 def calibration_modes_table(calibration: Calibration) -> Table:
     """Frequencies and MAC before calibration and at the best minimum."""
-    table = new_table(
-        f"Modes of {calibration.name!r}",
-        ["mode"],
-        ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"],
-    )
-    pairs = zip(calibration.before.modes, calibration.best.modes, strict=True)
-    for before, after in pairs:
-        add_row(
-            table,
+    headings = ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"]
+    rows = [
+        (
             label_in(after.configuration, after.label),
             str(before.model_mode),
-            f"{before.identified_hz:.4g}",
-            f"{before.model_hz:.4g}",
-            f"{after.model_hz:.4g}",
+            *digits(before.identified_hz, before.model_hz, after.model_hz),
             number(before.mac, ".4f"),
             number(after.mac, ".4f"),
         )
-    return table
+        for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True)
+    ]
+    return new_table(f"Modes of {calibration.name!r}", ["mode"], headings, rows)
 
 
 def determination_tables(calibration: Calibration) -> list[Table]:
@@ -77,34 +62,35 @@ def determination_tables(calibration: Calibration) -> list[Table]:
     if not found.undetermined and not calibration.with_prior:
         return []
     source = "data and prior" if calibration.with_prior else "the data alone"
-    each = new_table(f"Parameters one by one, from {source}", ("",), ("value", "standard error"))
     names = calibration.parameter_names
-    values, errors = calibration.best.values, found.standard_errors
-    for name, value, error in zip(names, values, errors, strict=True):
-        shown = "not determined" if math.isinf(error) else f"{error:.2g}"
-        add_row(each, name, f"{value:.4g}", shown)
-    tables: list[Table] = [each]
+    rows = [
+        (name, f"{value:.4g}", "not determined" if math.isinf(error) else f"{error:.2g}")
+        for name, value, error in zip(
+            names, calibration.best.values, found.standard_errors, strict=True
+        )
+    ]
+    title = f"Parameters one by one, from {source}"
+    tables: list[Table] = [new_table(title, [""], ["value", "standard error"], rows)]
     symbols = {
         name: f"ln {name}" if positive else name
         for name, positive in zip(names, found.positive, strict=True)
     }
     if found.determined:
-        sums = new_table("Determined in combination", ("sum",), ("standard error",))
-        for combination in found.determined:
-            text = _signed(combination.components, symbols)
-            add_row(sums, text, f"{combination.standard_error:.2g}")
-        tables.append(sums)
+        sums = [
+            (_signed(each.components, symbols), f"{each.standard_error:.2g}")
+            for each in found.determined
+        ]
+        tables.append(new_table("Determined in combination", ["sum"], ["standard error"], sums))
     if found.undetermined:
-        changes = new_table(
-            "Not determined: changes that the data notice less than the prior, or not at all",
-            ("change",),
-            ("standard error\nover prior sd",),
-        )
-        for change in found.undetermined:
-            error = change.standard_error
-            text = _change(change.components, symbols)
-            add_row(changes, text, "infinite" if math.isinf(error) else f"{error:.2g}")
-        tables.append(changes)
+        title = "Not determined: changes that the data notice less than the prior, or not at all"
+        changes = [
+            (
+                _change(each.components, symbols),
+                "infinite" if math.isinf(each.standard_error) else f"{each.standard_error:.2g}",
+            )
+            for each in found.undetermined
+        ]
+        tables.append(new_table(title, ["change"], ["standard error\nover prior sd"], changes))
     return tables
 
 
@@ -142,12 +128,11 @@ def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
     title = (
         f"Sensitivities of {sensitivities.name!r}: percent of frequency (of unit shape) per percent"
     )
-    table = new_table(title, ["mode"], sensitivities.parameters)
-    rows = zip(
-        sensitivities.modes, sensitivities.of_frequencies, sensitivities.of_shapes, strict=True
-    )
-    for mode, of_frequency, of_shape in rows:
-        # Zero has no sign.
-        cells = zip((of_frequency.round(2) + 0.0).tolist(), of_shape.tolist(), strict=True)
-        add_row(table, mode, *(f"{by_f:+.2f} ({by_shape:.2f})" for by_f, by_shape in cells))
-    return table
+    rows = []
+    # Zero has no sign.
+    of_frequencies = (sensitivities.of_frequencies.round(2) + 0.0).tolist()
+    of_shapes = sensitivities.of_shapes.tolist()
+    for mode, *of_one in zip(sensitivities.modes, of_frequencies, of_shapes, strict=True):
+        pairs = zip(*of_one, strict=True)
+        rows.append([mode, *(f"{by_f:+.2f} ({by_shape:.2f})" for by_f, by_shape in pairs)])
+    return new_table(title, ["mode"], sensitivities.parameters, rows)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
+from typing import Any
 
 from rich import box
 from rich.cells import cell_len
@@ -109,15 +110,21 @@ def _longest(texts: Iterable[str]) -> int:
 
 
 def new_table(
-    title: str, texts: Sequence[str], numbers: Sequence[str], last: Sequence[str] = ()
+    title: str,
+    texts: Sequence[str],
+    numbers: Sequence[str],
+    rows: Iterable[Iterable[str]] = (),
+    last: Sequence[str] = (),
 ) -> WholeTable:
-    """An empty table: columns of words, which may wrap, numbers, which may not, and last words."""
+    """A table: columns of words, which may wrap, numbers, which may not, and last words."""
     table = WholeTable(title=Text(title) if title else None)
     columns: list[tuple[Sequence[str], JustifyMethod]]
     columns = [(texts, "left"), (numbers, "right"), (last, "left")]
     for headings, justify in columns:
         for heading in headings:
             table.add_column(Text(heading), justify=justify, overflow="fold")
+    for row in rows:
+        add_row(table, *row)
     return table
 
 
@@ -131,12 +138,17 @@ def marked(name: str, failed: object) -> str:
     return f"{name} (!)" if failed else name
 
 
-def number(value: float | None, form: str) -> str:
-    """A formatted number; a dash for None and NaN. Negative zero has no sign."""
-    if value is None or math.isnan(value):
+def number(value: Any, form: str = ".4g") -> str:
+    """A number, or its text, formatted; a dash for None, NaN and infinities. Zero has no sign."""
+    if value is None or not math.isfinite(float(value)):
         return "-"
-    text = format(value, form)
+    text = format(float(value), form)
     return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def digits(*values: float) -> list[str]:
+    """Numbers to four significant digits."""
+    return [f"{value:.4g}" for value in values]
 
 
 def percent(fraction: float | None, form: str) -> str:

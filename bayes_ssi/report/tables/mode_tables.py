@@ -16,32 +16,26 @@ ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
 
 def modes_table(data: ModalData) -> Table:
     """The identified modes as they were read."""
-    table = new_table(
-        data.source,
-        ["mode"],
-        ["frequency Hz", "c.o.v. %", "damping %", "shape at", "shape ±", "phases °"],
-    )
-    for mode in data.modes:
-        has_shape = mode.n_measured > 0
-        add_row(
-            table,
+    headings = ["frequency Hz", "c.o.v. %", "damping %", "shape at", "shape ±", "phases °"]
+    rows = [
+        (
             mode.label,
             f"{mode.frequency_hz:.5g}",
             percent(mode.frequency_cov, ".3g"),
             percent(mode.damping, ".3g"),
-            f"{mode.n_measured} of {len(data.sensors)}" if has_shape else "-",
+            f"{mode.n_measured} of {len(data.sensors)}" if mode.n_measured else "-",
             number(mode.shape_sd, ".2g"),
-            f"{mode.phase_scatter_deg:.1f}" if has_shape else "-",
+            f"{mode.phase_scatter_deg:.1f}" if mode.n_measured else "-",
         )
-    return table
+        for mode in data.modes
+    ]
+    return new_table(data.source, ["mode"], headings, rows)
 
 
 def estimates_table(modes: ModalData, method: str) -> Table:
     """Modes identified from a record, with standard deviations."""
-    table = new_table(f"Modes by {method}", ["mode"], ESTIMATES)
-    for mode in modes.modes:
-        add_row(table, mode.label, *_estimates(mode))
-    return table
+    rows = [(mode.label, *_estimates(mode)) for mode in modes.modes]
+    return new_table(f"Modes by {method}", ["mode"], ESTIMATES, rows)
 
 
 def methods_table(by: Mapping[str, ModalData | str], names: Mapping[str, str]) -> Table:
@@ -68,20 +62,17 @@ def _estimates(mode: IdentifiedMode) -> tuple[str, ...]:
 
 def merged_table(merged: MergedModes) -> Table:
     """Merged modes, with the scatter between tests over the errors that these claim."""
-    table = new_table(
-        merged.data.source,
-        ["mode"],
-        ["frequency Hz", "± %", "scatter/±", "shape ±", "scatter/±", "tests"],
-    )
-    for row, mode in zip(merged.modes, merged.data.modes, strict=True):
-        add_row(
-            table,
+    headings = ["frequency Hz", "± %", "scatter/±", "shape ±", "scatter/±", "tests"]
+    rows = [
+        (
             row.label,
             f"{mode.frequency_hz:.5g}",
             percent(mode.frequency_cov, ".2g"),
-            number(None if row.frequency is None else row.frequency.ratio, ".2f"),
+            number(row.frequency and row.frequency.ratio, ".2f"),
             number(mode.shape_sd, ".2g"),
-            number(None if row.shape is None else row.shape.ratio, ".2f"),
+            number(row.shape and row.shape.ratio, ".2f"),
             str(len(row.labels)),
         )
-    return table
+        for row, mode in zip(merged.modes, merged.data.modes, strict=True)
+    ]
+    return new_table(merged.data.source, ["mode"], headings, rows)

@@ -7,13 +7,7 @@ from rich.table import Table
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.report.tables.layout import (
-    add_row,
-    interval,
-    marked,
-    new_table,
-    number,
-)
+from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.predictions import (
     predicted_modes,
@@ -37,24 +31,20 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
         for mode in predicted_modes(data, response.predictions, level)
     ]
     with_fractions = any(mode.share < 1.0 for _, mode in rows)
-    table = new_table(
-        f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band",
-        ("model class", "mode"),
-        ("identified", "before", "median", "band", *(["of draws"] if with_fractions else [])),
-    )
-    for name, mode in rows:
-        low, median, high = mode.after_hz
-        add_row(
-            table,
+    cells = [
+        (
             name,
             mode.label,
             f"{mode.identified_hz:.5g}",
-            f"{mode.before_hz:.4g}",
-            f"{median:.4g}",
-            interval(float(low), float(high)),
-            *([f"{100 * mode.share:.3g} %"] if with_fractions else []),
+            *digits(mode.before_hz, float(mode.after_hz[1])),
+            interval(float(mode.after_hz[0]), float(mode.after_hz[2])),
+            *[f"{100 * mode.share:.3g} %"] * with_fractions,
         )
-    return table
+        for name, mode in rows
+    ]
+    title = f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band"
+    headings = ["identified", "before", "median", "band", *["of draws"] * with_fractions]
+    return new_table(title, ["model class", "mode"], headings, cells)
 
 
 def shape_table(data: ModalData, response: ResponseBands) -> Table | None:
@@ -64,45 +54,40 @@ def shape_table(data: ModalData, response: ResponseBands) -> Table | None:
     if not shapes:
         return None
     title = f"Mode shapes of {response.name!r}, medians, {SHAPE_SCALE}"
-    table = new_table(title, ["place"], [label for label, _ in shapes])
-    for i, place in enumerate(places):
-        add_row(table, place, *(number(shape.median[i], ".3f") for _, shape in shapes))
-    return table
+    rows = [
+        [place, *(number(shape.median[i], ".3f") for _, shape in shapes)]
+        for i, place in enumerate(places)
+    ]
+    return new_table(title, ["place"], [label for label, _ in shapes], rows)
 
 
 def peak_table(responses: Sequence[ResponseBands]) -> Table:
     """Peaks of transfer functions and of time histories at every place, median and band."""
     request = responses[0].request
-    table = new_table(
-        f"Peak {request.output.quantity}, absolute value, {100 * request.level:g} % band",
-        ("model class", "of", "place"),
-        ("median", "band", "unit"),
-    )
-    for response in responses:
-        for motion, unit, place, low, median, high in response.peak_rows():
-            of = motion or "transfer"
-            add_row(table, response.name, of, place, f"{median:.4g}", interval(low, high), unit)
-    return table
+    title = f"Peak {request.output.quantity}, absolute value, {100 * request.level:g} % band"
+    rows = [
+        (each.name, motion or "transfer", place, f"{median:.4g}", interval(low, high), unit)
+        for each in responses
+        for motion, unit, place, low, median, high in each.peak_rows()
+    ]
+    return new_table(title, ["model class", "of", "place"], ["median", "band", "unit"], rows)
 
 
 def populations_table(hierarchy: Hierarchy) -> Table:
     """Populations ranked by log evidence, the best first."""
-    table = new_table(
-        f"{hierarchy.model_class!r} in {len(hierarchy.tests)} tests: its parameters are or vary",
-        ["parameters"],
-        ["log evidence", "ln B", "probability"],
-        ["evidence against"],
-    )
-    for row in hierarchy.populations:
-        add_row(
-            table,
+    title = f"{hierarchy.model_class!r} in {len(hierarchy.tests)} tests: its parameters are or vary"
+    numbers = ["log evidence", "ln B", "probability"]
+    rows = [
+        (
             marked(row.name, row.failed_checks),
             f"{row.log_evidence:.2f} ± {row.error:.2f}",
             f"{row.log_bayes_factor:.2f}",
             probability_text(row.probability),
             row.against,
         )
-    return table
+        for row in hierarchy.populations
+    ]
+    return new_table(title, ["parameters"], numbers, rows, last=["evidence against"])
 
 
 def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Table:
@@ -115,15 +100,13 @@ def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Ta
         columns["sd from\ntest to test"] = hierarchy.spreads(best)
     drawn = hierarchy.next_test(covariate=covariate)
     columns["next test"] = drawn[:, hierarchy.population_columns]
-    table = new_table(
-        f"Population {best.name!r}; next test, all populations averaged: 90 % intervals",
-        ["parameter"],
-        list(columns),
-    )
-    for i, name in enumerate(hierarchy.names):
-        quantiles = (np.quantile(draws[:, i], [0.05, 0.95]) for draws in columns.values())
-        add_row(table, name, *(interval(low, high) for low, high in quantiles))
-    return table
+    ends = [np.quantile(draws, [0.05, 0.95], axis=0).T for draws in columns.values()]
+    rows = [
+        [name, *(interval(*of_column[i]) for of_column in ends)]
+        for i, name in enumerate(hierarchy.names)
+    ]
+    title = f"Population {best.name!r}; next test, all populations averaged: 90 % intervals"
+    return new_table(title, ["parameter"], list(columns), rows)
 
 
 def hierarchy_notes(hierarchy: Hierarchy, covariate: float | None = None) -> list[str]:

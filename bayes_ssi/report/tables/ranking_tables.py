@@ -1,6 +1,5 @@
 """Ranked model classes: evidences, parameters, and what other settings change."""
 
-import math
 from collections.abc import Iterator, Sequence
 
 from rich.table import Table
@@ -9,13 +8,7 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
-from bayes_ssi.report.tables.layout import (
-    add_row,
-    interval,
-    marked,
-    new_table,
-    number,
-)
+from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.studies.ranking.averages import AveragedParameter
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
@@ -26,41 +19,37 @@ Note = tuple[str, list[str]]
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes by probability; prior probabilities have a column unless they are equal."""
-    priors = [] if comparison.has_equal_priors else ["prior"]
-    numbers = ["log evidence", "ln B", *priors, "probability", "misfit"]
-    table = new_table(title, ["model class"], numbers, ["evidence against"])
-    for row in comparison.classes:
-        add_row(
-            table,
+    priors_differ = not comparison.has_equal_priors
+    numbers = ["log evidence", "ln B", *["prior"] * priors_differ, "probability", "misfit"]
+    rows = [
+        (
             marked(row.name, row.failed_checks),
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
-            *([probability_text(row.prior_probability)] if priors else []),
+            *[probability_text(row.prior_probability)] * priors_differ,
             row.probability_text,
             row.misfit_text,
             row.against,
         )
-    return table
+        for row in comparison.classes
+    ]
+    return new_table(title, ["model class"], numbers, rows, last=["evidence against"])
 
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     """What each log evidence is made of, and the estimates that check it, in nats."""
     methods = check_names(posteriors)
-    table = new_table(
-        "Log evidence = fit - information gained, and its checks (nats)",
-        ["model class"],
-        ["fit", "information", *methods],
-    )
-    for posterior in posteriors:
-        evidence = posterior.evidence
-        add_row(
-            table,
-            posterior.name,
-            f"{evidence.mean_log_likelihood:.2f}",
-            number(evidence.information_gained, ".2f"),
-            *("" if check is None else str(check) for check in map(evidence.check, methods)),
+    rows = [
+        (
+            each.name,
+            f"{each.evidence.mean_log_likelihood:.2f}",
+            number(each.evidence.information_gained, ".2f"),
+            *(str(each.evidence.check(method) or "") for method in methods),
         )
-    return table
+        for each in posteriors
+    ]
+    title = "Log evidence = fit - information gained, and its checks (nats)"
+    return new_table(title, ["model class"], ["fit", "information", *methods], rows)
 
 
 def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[str]:
@@ -86,16 +75,16 @@ def parameter_table(posterior: Posterior) -> Table:
     The last column is the standard deviation of the posterior over that of the prior: 1 where the
     data say nothing.
     """
-    table = new_table(
-        f"Parameters of {posterior.name!r}",
-        ["parameter"],
-        ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"],
-    )
-    for row in posterior.summary:
-        numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
-        cells = [f"{number:.4g}" for number in numbers]
-        add_row(table, row.name, *cells, f"{row.relative_spread:.2f}")
-    return table
+    headings = ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"]
+    rows = [
+        (
+            row.name,
+            *digits(row.mean, row.sd, row.quantile_05, row.median, row.quantile_95),
+            f"{row.relative_spread:.2f}",
+        )
+        for row in posterior.summary
+    ]
+    return new_table(f"Parameters of {posterior.name!r}", ["parameter"], headings, rows)
 
 
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
@@ -103,20 +92,16 @@ def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
 
     The column of probabilities gives the total probability of these classes.
     """
-    table = new_table(
-        "Parameters averaged over the model classes that infer them",
-        ["parameter"],
-        ["probability", "mean", "sd", "5 %", "95 %"],
-    )
-    for row in averaged:
-        numbers = (row.mean, row.sd, row.quantile_05, row.quantile_95)
-        add_row(
-            table,
+    rows = [
+        (
             row.name,
             probability_text(row.probability),
-            *(f"{number:.4g}" for number in numbers),
+            *digits(row.mean, row.sd, row.quantile_05, row.quantile_95),
         )
-    return table
+        for row in averaged
+    ]
+    title = "Parameters averaged over the model classes that infer them"
+    return new_table(title, ["parameter"], ["probability", "mean", "sd", "5 %", "95 %"], rows)
 
 
 def pairing_notes(posterior: Posterior) -> list[Note]:
@@ -164,20 +149,17 @@ def sensitivity_table(sensitivity: Sensitivity) -> Table:
     """Setting by setting, which class ranks first, and its lead in nats."""
     first = sensitivity.rows[0].best
     unknown = ("not known", "-", "-", "-")
-    table = new_table(
-        "Sensitivity to settings",
-        ["setting", "most probable"],
-        ["probability", "lead (nats)", f"probability of {first}"],
-    )
+    rows = []
     for row in sensitivity.rows:
         known = row.probabilities and (
             row.best,
             probability_text(row.probabilities[row.best]),
-            f"{row.lead:.2f}" if math.isfinite(row.lead) else "-",
+            number(row.lead, ".2f"),
             probability_text(row.probabilities[first]),
         )
-        add_row(table, marked(row.name, row.problem), *(known or unknown))
-    return table
+        rows.append([marked(row.name, row.problem), *(known or unknown)])
+    numbers = ["probability", "lead (nats)", f"probability of {first}"]
+    return new_table("Sensitivity to settings", ["setting", "most probable"], numbers, rows)
 
 
 def sensitivity_notes(sensitivity: Sensitivity) -> list[str]:
@@ -194,51 +176,42 @@ def sensitivity_notes(sensitivity: Sensitivity) -> list[str]:
 
 def what_if_table(answer: WhatIf) -> Table:
     """Log evidences and probabilities before and after, and how well the draws cover the change."""
-    table = new_table(
-        "Before and after",
-        ["model class"],
-        ["log evidence", "after", "probability", "after", "misfit", "after", "Pareto k"],
-    )
     failed = {row.name for row in answer.classes if row.problem}
     if answer.best_after and answer.misfit:
         failed.add(answer.best_after.name)
+    rows = []
     for row in answer.classes:
         after = row.log_evidence_after
-        add_row(
-            table,
+        rows.append((
             marked(row.name, row.name in failed),
             f"{row.log_evidence_before.log_evidence:.2f}",
             "-" if after is None else f"{after.log_evidence:.2f} ± {after.error:.2f}",
             probability_text(row.probability_before),
             "-" if row.probability_after is None else probability_text(row.probability_after),
-            *(
-                misfit_text(None if each is None else each.sds)
-                for each in (row.misfit_before, row.misfit_after)
-            ),
-            f"{row.pareto_k:.2f}" if math.isfinite(row.pareto_k) else "-",
-        )
-    return table
+            misfit_text(None if row.misfit_before is None else row.misfit_before.sds),
+            misfit_text(None if row.misfit_after is None else row.misfit_after.sds),
+            number(row.pareto_k, ".2f"),
+        ))  # fmt: skip
+    numbers = ["log evidence", "after", "probability", "after", "misfit", "after", "Pareto k"]
+    return new_table("Before and after", ["model class"], numbers, rows)
 
 
 def changed_parameters_table(row: ChangedClass) -> Table:
     """Means and 90 % intervals of a class's parameters, and the shift in standard deviations."""
-    table = new_table(
-        f"Parameters of {row.name!r}: mean, and 5 to 95 %",
-        ["parameter"],
-        ["mean", "after", "5 to 95 %", "after", "shift/sd"],
-    )
+    rows = []
     for each in row.parameters:
         old, new = each.before, each.after
-        add_row(
-            table,
+        rows.append((
             old.name,
             f"{old.mean:.4g}",
-            "-" if new is None else f"{new.mean:.4g}",
+            number(new and new.mean),
             interval(old.quantile_05, old.quantile_95, ".3g"),
             "-" if new is None else interval(new.quantile_05, new.quantile_95, ".3g"),
             "-" if new is None or not old.sd else f"{(new.mean - old.mean) / old.sd:+.2f}",
-        )
-    return table
+        ))  # fmt: skip
+    numbers = ["mean", "after", "5 to 95 %", "after", "shift/sd"]
+    title = f"Parameters of {row.name!r}: mean, and 5 to 95 %"
+    return new_table(title, ["parameter"], numbers, rows)
 
 
 def what_if_notes(answer: WhatIf, again: str) -> Sequence[str]:
