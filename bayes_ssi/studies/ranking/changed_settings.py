@@ -173,27 +173,25 @@ def _settings_in_words(
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A parameter before and after; ``after`` is None where the draws do not say."""
-
     before: ParameterSpread
-    after: ParameterSpread | None
+    after: ParameterSpread | None  # None where the draws do not say
 
 
 @dataclass(frozen=True)
 class ChangedClass:
-    """A model class before and after."""
+    """A model class before and after; what comes after is None where the draws do not say."""
 
     name: str
     log_evidence_before: Estimate  # in nats
-    log_evidence_after: Estimate | None  # None where the draws do not say
+    log_evidence_after: Estimate | None
     probability_before: float
-    # None where the draws of any class do not say, and it may matter.
+    # None, too, where the draws of another class do not say, and it may matter.
     probability_after: float | None
     pareto_k: float  # shape of the weights' tail; -inf where they have none
     problem: str  # why the draws do not say; empty where they do
     # How far the data are from the class; None where that is not known.
     misfit_before: PValue | None
-    misfit_after: PValue | None  # None also where the draws do not say
+    misfit_after: PValue | None
     # What of the data the class does not explain after the change, in words; empty where it
     # explains them, or where that is not known.
     unexplained: str
@@ -215,8 +213,7 @@ class WhatIf:
     @property
     def best_after(self) -> ChangedClass | None:
         """The most probable class after the change; None where the draws do not say."""
-        known = [(each.probability_after, each) for each in self.classes]
-        if any(probability is None for probability, _ in known):
+        if any(each.probability_after is None for each in self.classes):
             return None
         return max(self.classes, key=lambda each: each.probability_after or 0.0)
 

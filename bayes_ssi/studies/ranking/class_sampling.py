@@ -10,7 +10,7 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from itertools import zip_longest
@@ -46,7 +46,6 @@ class ProgressFile:
             new.replace(self.path)
 
     def read(self) -> tuple[str, str, float] | None:
-        """The last report; None if there is none."""
         try:
             name, step, done = json.loads(self.path.read_text(encoding="utf-8"))
         except OSError:
@@ -69,11 +68,10 @@ def sample_all(
     """Sample several classes; the posteriors are in their order.
 
     Args:
-        run: workers, checkpoint and progress. Progress of a class sampled as a whole by a worker
-            of another machine is reported at its end. If the worker of a class died, the class's
-            evaluations are shared, so that the points at which workers die are isolated.
-        known_starts: for each class, if given, where an earlier search found maxima, as in
-            :func:`~bayes_ssi.inference.posterior_sampling.sample.sample`.
+        run: progress of a class sampled as a whole by a worker of another machine is reported at
+            its end. If the worker of a class died, the class's evaluations are shared, so that the
+            points at which workers die are isolated.
+        known_starts: for each class, if given, where an earlier search found maxima.
     """
     run = run or Run()
     with run.working():
@@ -109,7 +107,17 @@ def _side_by_side(
         checkpoint = checkpoint.silent()
     with TemporaryDirectory(prefix="bayes_ssi_") as directory:
         files = [ProgressFile(Path(directory, str(k))) for k in range(len(whole))]
-        relay = _Relay(run, files)
+        known: dict[ProgressFile, tuple[str, str, float]] = {}
+
+        def relay() -> None:
+            """Pass on what workers report; their end is reported elsewhere."""
+            for file in files:
+                report = file.read()
+                if report is not None and report != known.get(file):
+                    known[file] = report
+                    if report[1:] != END:
+                        run.report(*report)
+
         if not isinstance(run.workers, LocalWorkers):
             for name in names:
                 run.report(name, "in a worker", 0.0)
@@ -138,23 +146,6 @@ def _sample_in_worker(
     candidate, starts, progress = item
     run = Run(checkpoint=checkpoint, progress=progress)
     return sample(candidate, seed, settings, run, refinement=refinement, known_starts=starts)
-
-
-@dataclass(frozen=True)
-class _Relay:
-    """Passes on what workers report, whenever it is called; their end is reported elsewhere."""
-
-    run: Run
-    files: Sequence[ProgressFile]
-    known: dict[ProgressFile, tuple[str, str, float]] = field(default_factory=dict)
-
-    def __call__(self) -> None:
-        for file in self.files:
-            report = file.read()
-            if report is not None and report != self.known.get(file):
-                self.known[file] = report
-                if report[1:] != END:
-                    self.run.report(*report)
 
 
 def is_cheap(candidate: ModelClass) -> bool:
@@ -215,7 +206,6 @@ def automatic_workers(candidates: Sequence[ModelClass], n_classes: int) -> Local
 
 
 def chosen_workers(candidates: Sequence[ModelClass], n: int) -> LocalWorkers:
-    """As many processes, but no more than cores that can be used."""
     n = min(n, usable_cores())
     if holds_user_code(list(candidates)):
         return LocalWorkers(n)

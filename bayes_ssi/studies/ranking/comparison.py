@@ -91,18 +91,13 @@ def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
 
 @dataclass(frozen=True)
 class Check:
-    """A failed check of an answer, or a remark on it.
+    """A failed check of an answer, or a remark on it."""
 
-    Attributes:
-        kind: what was checked: the "data", a missing "appendage", the "misfit" of the best class,
-            the "sampling" of a class, an "edge" at which its posterior lies, or a "setting".
-        words: a sentence.
-        fails: whether the answer is not to be trusted until this is understood; a remark if not.
-    """
-
+    # What was checked: the "data", a missing "appendage", the "misfit" of the best class, the
+    # "sampling" of a class, an "edge" at which its posterior lies, or a "setting".
     kind: str
-    words: str
-    fails: bool = True
+    words: str  # a sentence
+    fails: bool = True  # whether the answer is not to be trusted until this is understood
 
 
 def words_of(checks: Iterable[Check], *kinds: str) -> tuple[str, ...]:
@@ -112,64 +107,43 @@ def words_of(checks: Iterable[Check], *kinds: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class RankedClass:
-    """One row of a ranking.
-
-    Attributes:
-        name: name of the model class.
-        log_evidence: in nats, and ``error``, its standard error.
-        prior_probability: of the class among those compared.
-        probability: posterior probability of the class among those compared.
-        log_bayes_factor: log evidence less that of the most probable class; positive only where
-            prior weights outweigh it.
-        log_bayes_factor_error: standard error of the difference.
-        against: the evidence against this class in the words of the named scale, or "not
-            distinguishable" from the best one.
-        distinguishable: whether the difference from the best class is more than a bare mention
-            on the scale, and more than two of its standard errors.
-        mean_log_likelihood: how well the class fits, in nats.
-        information_gained: the penalty on the fit, in nats.
-        n_parameters: number of inferred parameters.
-        misfit_p_value: probability that data from this class are farther from it than these are;
-            None where that is not known.
-        misfit_sds: the same as a distance from the mean of a normal variable, in standard
-            deviations.
-        checks: the misfit of the best class, failed checks of the sampling, and what its edges and
-            settings do to the ranking. Those of a class too improbable to change the answer, and
-            settings on which hardly the ranking depends, are remarks.
-    """
+    """One row of a ranking."""
 
     name: str
-    log_evidence: float
+    log_evidence: float  # in nats, with its standard ``error``
     error: float
-    prior_probability: float
+    prior_probability: float  # among the classes compared, and ``probability`` likewise
     probability: float
+    # Log evidence less that of the most probable class; positive only where prior weights outweigh
+    # it.
     log_bayes_factor: float
-    log_bayes_factor_error: float
+    log_bayes_factor_error: float  # standard error of the difference
+    # The evidence against this class in the words of the named scale, or "not distinguishable".
     against: str
-    distinguishable: bool
-    mean_log_likelihood: float
-    information_gained: float
+    distinguishable: bool  # see :func:`is_distinguishable`
+    mean_log_likelihood: float  # how well the class fits, in nats
+    information_gained: float  # the penalty on the fit, in nats
     n_parameters: int
+    # Probability that data from this class are farther from it than these are, and the same as a
+    # distance from the mean of a normal variable; None where that is not known.
     misfit_p_value: float | None
     misfit_sds: float | None
+    # The misfit of the best class, failed checks of the sampling, and what its edges and settings
+    # do to the ranking. Those of a class too improbable to change the answer, and settings on which
+    # hardly the ranking depends, are remarks.
     checks: tuple[Check, ...] = ()
 
     @property
     def misfit(self) -> str:
-        """What of the data the best class does not explain, and likely causes; empty if nothing.
-
-        It is empty for the other classes.
-        """
+        """What of the data the best class does not explain, and likely causes; else empty."""
         return next(iter(words_of(self.checks, "misfit")), "")
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
-        """The words of its failed checks."""
         return words_of(self.checks)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """The words of its other checks."""
         return tuple(each.words for each in self.checks if not each.fails)
 
     @property
@@ -191,19 +165,13 @@ def probability_text(probability: float) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Displayed):
-    """Model classes ranked by probability, the best first; on equal prior weights, by evidence.
-
-    Attributes:
-        classes: the rows.
-        data_digest: identifies the data that all of them explain.
-        scale: source of the words for Bayes factors.
-        common_checks: failed checks that concern all classes: of the data, such as of how the modes
-            were identified, and why an appendage may be missing from all of them.
-    """
+    """Model classes ranked by probability, the best first; on equal prior weights, by evidence."""
 
     classes: tuple[RankedClass, ...]
-    data_digest: str
-    scale: str = SCALE_NAME
+    data_digest: str  # identifies the data that all of them explain
+    scale: str = SCALE_NAME  # source of the words for Bayes factors
+    # Failed checks that concern all classes: of the data, such as of how the modes were identified,
+    # and why an appendage may be missing from all of them.
     common_checks: tuple[Check, ...] = ()
 
     @property
@@ -217,12 +185,10 @@ class Comparison(Displayed):
 
     @property
     def not_distinguishable(self) -> tuple[str, ...]:
-        """Names of the other classes that are not distinguishable from the best one."""
         return tuple(row.name for row in self.classes[1:] if not row.distinguishable)
 
     @property
     def failed_data_checks(self) -> tuple[str, ...]:
-        """Failed checks of the data."""
         return words_of(self.common_checks, "data")
 
     @property
@@ -237,10 +203,7 @@ class Comparison(Displayed):
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
-        """Those of the data, a missing appendage, then those of every class with its name.
-
-        The best's misfit is the first of these.
-        """
+        """Those of the data, a missing appendage, then of every class, the best's misfit first."""
         return self.failed_checks_besides()
 
     def failed_checks_besides(self, *kinds: str) -> tuple[str, ...]:
@@ -335,8 +298,8 @@ def _row(
     misfit = _misfit_of_best(ranked) if posterior is best else ""
     checks = [Check("misfit", misfit)] if misfit else []
     matters = can_matter(probability)
-    for words in posterior.failed_checks:
-        checks.append(Check("sampling", words if matters else _without_consequence(words), matters))
+    harmless = "" if matters else "; the class is too improbable for this to change the answer"
+    checks += [Check("sampling", words + harmless, matters) for words in posterior.failed_checks]
     if probability >= RANKING.probable:
         checks += [Check("edge", edge.statement) for edge in posterior.edges]
     difference = evidence.log_evidence - top.log_evidence
@@ -372,10 +335,6 @@ def _row(
 def can_matter(probability: float, too_low_by: float = RANKING.wrong_by) -> bool:
     """Whether a class would be probable if its log evidence were too low by this."""
     return probability > 0.0 and math.log(probability) + too_low_by >= math.log(RANKING.probable)
-
-
-def _without_consequence(failed_check: str) -> str:
-    return f"{failed_check}; the class is too improbable for this to change the answer"
 
 
 def _misfit_of_best(ranked: Sequence[Posterior]) -> str:

@@ -44,8 +44,7 @@ def with_settings_checked(
 ) -> Comparison:
     """The comparison, in which settings fail a check only where they change the answer.
 
-    Args:
-        sample: samples classes again where their draws do not cover a moved setting.
+    Classes whose draws do not cover a moved setting are sampled again, by ``sample``.
     """
     if any(posterior.sensor_shapes is None for posterior in posteriors):
         return comparison
@@ -185,10 +184,8 @@ class _MovableStudy:
         return dict.fromkeys([row.name for row in rows], 0.0) | class_probabilities(changes, shares)
 
     def _largest_shift(self, name: str, answer: Varied) -> tuple[float, str]:
-        """The largest shift of a mean, in posterior standard deviations, and its parameter.
-
-        Of parameters of the structure: sizes of errors are no answer.
-        """
+        """The largest shift of a mean, in posterior standard deviations, and its parameter."""
+        # Sizes of errors are no answer.
         structural = self.sampled.classes[name].structural_parameters
         before = spreads_as_sampled(self.sampled.posteriors[name])[: len(structural)]
         shifts = [

@@ -86,7 +86,6 @@ class Study(Displayed):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the model classes, in the study's order."""
         return tuple(candidate.name for candidate in self.model_classes)
 
     @checked
@@ -139,11 +138,7 @@ class Study(Displayed):
         )
 
     def require_same_data(self) -> None:
-        """Check that all classes explain the same data, in every configuration.
-
-        Raises:
-            ValueError: they do not.
-        """
+        """Raise a ValueError unless all classes explain the same data, in every configuration."""
         first = self.model_classes[0]
         for other in self.model_classes[1:]:
             if other.data_digest != first.data_digest:
@@ -209,11 +204,7 @@ def compare_and_diagnose(
     settings: SamplingSettings,
     run: Run,
 ) -> Ranking:
-    """The ranking of sampled classes; if the best one does not explain the data, with hints why.
-
-    Args:
-        seed: of their sampling, and ``settings``, for the record.
-    """
+    """The ranking of sampled classes; if the best one does not explain the data, with hints why."""
     comparison = compare(posteriors, study.prior_weights)
     hints = _hints(study, posteriors, comparison, run.workers)
     if hints:
@@ -224,7 +215,6 @@ def compare_and_diagnose(
             for each in posteriors
         ]
         comparison = compare(posteriors, study.prior_weights)
-
     comparison = with_settings_checked(
         study.model_classes,
         posteriors,

@@ -52,10 +52,7 @@ def default_variations() -> tuple[Variation, ...]:
 
 
 def with_missed(factor: float, candidate: ModelClass) -> ModelClass:
-    """The class with ``factor`` times the probability that a mode is missed.
-
-    The probability of detection is at most halved.
-    """
+    """The class with ``factor`` times as many modes missed; detection is at most halved."""
     missed = 1.0 - candidate.identification.detection_probability
     detection = 1.0 - min(factor * missed, 0.5 * (1.0 + missed))
     changed = replace(candidate.identification, detection_probability=detection)
@@ -133,12 +130,10 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class SampledClasses:
-    """Model classes that were sampled, and can be varied."""
+    """Model classes that were sampled, and can be varied, by their names."""
 
-    posteriors: Mapping[str, Posterior]  # by the names of the classes
-    # With modes known at draws, from
-    # :func:`~bayes_ssi.inference.posterior.posterior.known_at_draws`.
-    known: Mapping[str, ModelClass]
+    posteriors: Mapping[str, Posterior]
+    known: Mapping[str, ModelClass]  # with modes known at draws
     # As they were sampled, and how varied ones are sampled where draws do not cover them.
     classes: Mapping[str, ModelClass] = field(default_factory=dict)
     sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
@@ -150,7 +145,6 @@ class SampledClasses:
         posteriors: Sequence[Posterior],
         sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]],
     ) -> SampledClasses:
-        """Those of the classes that have a posterior."""
         by_name = {each.name: each for each in classes}
         known = {each.name: known_at_draws(by_name[each.name], each) for each in posteriors}
         return cls({each.name: each for each in posteriors}, known, by_name, sample)
