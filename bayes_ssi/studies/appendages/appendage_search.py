@@ -80,7 +80,6 @@ DrawsOfAll = Mapping[str, Mapping[AppendagePlace, AppendageDraws]]
 def appendage_draws(
     hypothesis: Hypothesis[AppendagePlace], posterior: Posterior | None, mass_scale: float
 ) -> dict[AppendagePlace, AppendageDraws]:
-    """The draws of a hypothesis's appendages, those of screening where it was not sampled."""
     of_all = Draws.of(hypothesis, posterior)
     draws = {}
     for place in hypothesis.key.features:
@@ -92,7 +91,6 @@ def appendage_draws(
 def place_records(
     draws: DrawsOfAll, probabilities: Mapping[str, float], baselines: Baselines
 ) -> tuple[PlaceRecord, ...]:
-    """Every place: the probability of an appendage there, and its mass and frequency if so."""
     return tuple(
         PlaceRecord(mixed.summary(place), probability, place not in baselines.unobserved)
         for place, probability, mixed in averaged_features(draws, probabilities)
@@ -164,10 +162,8 @@ def ranked_draws(
 ) -> list[RankedDraws]:
     """The draws of every appendage, by the rank of its frequency in each draw.
 
-    Args:
-        draws: of each hypothesis, all with equally many appendages; its share of the probability,
-            and the prior of its mass ratios.
-        places: all of them.
+    ``draws`` are of hypotheses with equally many appendages; ``shares`` those of the probability,
+    ``priors`` those of mass ratios.
     """
     blocks = []
     for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):

@@ -1,6 +1,7 @@
 """The hypotheses of a search: the baselines, which are a question, too, and what hangs on them."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,9 +45,6 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
     largest component of 1 at the sensors: the mass at the place of largest motion that would have
     the mode's inertia. A local mode that hardly moves a sensor has a huge one, which does not
     change the median. All are at the prior medians.
-
-    Args:
-        present_in: names of the configurations that have appendages; all if None.
     """
     test = tests_with_appendages(baseline, present_in)[0]
     structure, data = test.structure, test.data
@@ -75,12 +73,7 @@ def hypothesis(
     present_in: Sequence[str] | None = None,
     scale: MassScale | None = None,
 ) -> ModelClass:
-    """The baseline with an appendage at each of ``places``, scored over all pairings.
-
-    Args:
-        name: of the hypothesis; that of the places if None.
-        present_in: names of the configurations that have the appendages; all if None.
-    """
+    """The baseline with an appendage at each of ``places``, scored over all pairings."""
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
     prior = _frequency_prior(baseline, tests, options)
@@ -115,7 +108,6 @@ def name_of(places: Sequence[AppendagePlace]) -> str:
 def tests_with_appendages(
     baseline: ModelClass, present_in: Sequence[str] | None
 ) -> tuple[Configuration, ...]:
-    """The configurations of a class that have the appendages of a search."""
     names = baseline.configuration_names if present_in is None else tuple(present_in)
     if not names:
         raise ValueError("present_in: names no test; give one or more, or None for all")
@@ -140,16 +132,12 @@ def tests_with_places(
     first = model_class.configurations[0]
     if candidates is None:
         candidates = first.structure.candidates(first.data.sensors)
-
-    def has_places(structure: Structure) -> bool:
-        try:
-            require_on_structure(candidates, structure)
-        except ValueError:
-            return False
-        return True
-
-    names = tuple(test.name for test in model_class.configurations if has_places(test.structure))
-    return names if 0 < len(names) < len(model_class.configurations) else None
+    names = []
+    for test in model_class.configurations:
+        with suppress(ValueError):
+            require_on_structure(candidates, test.structure)
+            names.append(test.name)
+    return tuple(names) if 0 < len(names) < len(model_class.configurations) else None
 
 
 def _frequency_prior(
@@ -176,7 +164,6 @@ def mass_name(place: AppendagePlace) -> str:
 
 
 def frequency_name(place: AppendagePlace) -> str:
-    """Name of the parameter for the appendage's frequency."""
     return f"frequency, {place.name}"
 
 
@@ -244,14 +231,9 @@ def choose_baselines(
 ) -> Baselines:
     """The baselines of a search, and the appendages that are tried on them.
 
-    Args:
-        names: those to hang appendages on. If None, all on which that can be done, but for those
-            that carry an appendage of their own where others do not: they are hypotheses of the
-            kind that the search makes.
-        candidates: where appendages may hang; those of the structure if None.
-        present_in: names of the configurations that have appendages; if None, all whose structures
-            have the candidates' places.
-        options: what an appendage may be.
+    Arguments are those of :func:`~bayes_ssi.studies.appendages.appendage_search.search`. Classes
+    that carry an appendage of their own where others do not are hypotheses of the kind that the
+    search makes: on these, none is hung unless they are named.
     """
     if candidates is not None:
         require_distinct(candidates)

@@ -27,8 +27,7 @@ def are_observed(
 ) -> NDArray[np.bool_]:
     """Whether candidates (n,) take part in a mode of the band that the sensors see.
 
-    At the prior medians; of two ends of a candidate one is enough. An appendage elsewhere changes
-    no identified mode, so its probability remains that before the test.
+    At the prior medians; of two ends of a candidate one is enough.
     """
     values = structure.prior_medians()
     modes = structure.modes(values)

@@ -22,25 +22,16 @@ from bayes_ssi.studies.search.search_record import (
 
 @dataclass(frozen=True)
 class AppendageSummary:
-    """One appendage of one hypothesis: 5, 50 and 95 % quantiles.
-
-    Attributes:
-        place: where it hangs.
-        mass: the vibrating mass, in the structure's unit.
-        mass_ratio: the vibrating mass over the mass scale.
-        frequency_hz: natural frequency on a fixed structure.
-    """
+    """One appendage of one hypothesis: 5, 50 and 95 % quantiles."""
 
     place: AppendagePlace
-    mass: tuple[float, float, float]
-    mass_ratio: tuple[float, float, float]
-    frequency_hz: tuple[float, float, float]
+    mass: tuple[float, float, float]  # that vibrates, in the structure's unit
+    mass_ratio: tuple[float, float, float]  # the same over the mass scale
+    frequency_hz: tuple[float, float, float]  # natural frequency on a fixed structure
 
 
 @dataclass(frozen=True)
 class PlaceRecord:
-    """A place of a search."""
-
     # What hangs there, if anything does, averaged over all hypotheses in which something does.
     appendage: AppendageSummary
     probability: float
@@ -50,51 +41,39 @@ class PlaceRecord:
 
     @property
     def place(self) -> AppendagePlace:
-        """The place itself."""
         return self.appendage.place
 
 
 @dataclass(frozen=True)
 class PlaceOfAppendage:
-    """A place at which one of several appendages may be.
-
-    Attributes:
-        probability: that this appendage is there, if there are as many as are matched.
-        mass: the vibrating mass, if it is there: 5, 50 and 95 % quantiles, in the structure's unit.
-        by_data: the same probability if the prior of the mass were uniform in its logarithm, and so
-            in that of the effective mass, which prefers no place to any other.
-    """
+    """A place at which one of several appendages may be."""
 
     place: AppendagePlace
-    probability: float
+    probability: float  # that this appendage is there, if there are as many as are matched
+    # What vibrates, if it is there: 5, 50 and 95 % quantiles, in the structure's unit.
     mass: tuple[float, float, float]
+    # The same probability if the prior of the mass were uniform in its logarithm, and so in that of
+    # the effective mass, which prefers no place to any other.
     by_data: float
 
 
 @dataclass(frozen=True)
 class MatchedAppendage:
-    """One appendage over all hypotheses with equally many: 5, 50 and 95 % quantiles.
+    """One appendage over all hypotheses with equally many: 5, 50 and 95 % quantiles."""
 
-    Attributes:
-        frequency_hz: natural frequency on a fixed structure. Where it may be one of several that
-            are apart, the most probable, to which all else refers.
-        probability: of that frequency, if there are as many appendages as are matched.
-        other_frequencies_hz: the others with their probabilities, the most probable first.
-        effective_mass: vibrating mass times the square of the motion of its place in the mode of
-            the main structure next to its frequency, over the largest motion of a sensor, in the
-            structure's unit; None where motions are known at sensors alone.
-        effective_ratio: the same over the modal mass of that mode.
-        mode: number of that mode, from 1.
-        places: where it may be, the most probable first.
-    """
-
+    # Natural frequency on a fixed structure. Where it may be one of several that are apart, the
+    # most probable, to which all else refers.
     frequency_hz: tuple[float, float, float]
-    probability: float
+    probability: float  # of that frequency, if there are as many appendages as are matched
+    # The others with their probabilities, the most probable first.
     other_frequencies_hz: tuple[tuple[float, tuple[float, float, float]], ...]
+    # Vibrating mass times the square of the motion of its place in the mode of the main structure
+    # next to its frequency, over the largest motion of a sensor, in the structure's unit; None
+    # where motions are known at sensors alone.
     effective_mass: tuple[float, float, float] | None
-    effective_ratio: tuple[float, float, float] | None
-    mode: int
-    places: tuple[PlaceOfAppendage, ...]
+    effective_ratio: tuple[float, float, float] | None  # the same over the mode's modal mass
+    mode: int  # number of that mode, from 1
+    places: tuple[PlaceOfAppendage, ...]  # where it may be, the most probable first
 
     @property
     def places_by_data(self) -> tuple[PlaceOfAppendage, ...]:
@@ -111,8 +90,6 @@ class MatchedAppendage:
 
 @dataclass(frozen=True)
 class AppendagesRecord(HypothesisRecord):
-    """One hypothesis of a search for appendages."""
-
     appendages: tuple[AppendageSummary, ...]
 
     @property
@@ -136,37 +113,28 @@ class BaselineRecord:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class SearchRecord(FamilyRecord):
-    """The findings of a search for appendages, and those of every search.
-
-    Attributes:
-        baselines: the classes that appendages were hung on, the most probable first; and those
-            compared with them without appendages.
-        left_out: class of the study on which no appendage was hung → why.
-        present_in: names of the configurations that have the appendages; None if all have.
-        search_settings: what an appendage may be.
-        probability_of_any: probability that there is at least one appendage.
-        matched: the appendages of the most probable number of them, matched by frequency over all
-            hypotheses with that number; none where all of these have probability zero.
-        mass_unit: the structure's unit of mass; empty where the study states none.
-    """
+    """The findings of a search for appendages."""
 
     feature, a_feature = "appendage", "an appendage"
     nothing = "without any appendage"
     why_unseen = "which move in no mode that a sensor sees"
 
+    # The classes that appendages were hung on, the most probable first; and those compared with
+    # them without appendages.
     baselines: tuple[BaselineRecord, ...]
-    left_out: Mapping[str, str]
-    present_in: tuple[str, ...] | None
+    left_out: Mapping[str, str]  # class of the study on which no appendage was hung → why
+    present_in: tuple[str, ...] | None  # configurations that have the appendages; None if all have
     search_settings: SearchSettings
-    probability_of_any: float
+    probability_of_any: float  # that there is at least one appendage
     places: tuple[PlaceRecord, ...]
     hypotheses: tuple[AppendagesRecord, ...]
+    # Those of the most probable number of them, matched by frequency over all hypotheses with that
+    # number; none where all of these have probability zero.
     matched: tuple[MatchedAppendage, ...] = ()
-    mass_unit: str = ""
+    mass_unit: str = ""  # the structure's; empty where the study states none
 
     @property
     def mass_heading(self) -> str:
-        """The heading of a column of vibrating masses."""
         return "vibrating mass" + (f" ({self.mass_unit})" if self.mass_unit else "")
 
     @property
@@ -184,12 +152,10 @@ class SearchRecord(FamilyRecord):
 
     @property
     def best_without_appendages(self) -> BaselineRecord:
-        """The class that explains the data best without any appendage."""
         return max(self.baselines, key=lambda each: each.log_evidence)
 
     @property
     def most_probable_with_appendages(self) -> AppendagesRecord:
-        """The most probable hypothesis that has an appendage."""
         return next(each for each in self.hypotheses if each.appendages)
 
     def parameters_of_features(self, name: str) -> list[str]:
@@ -216,8 +182,6 @@ class SearchRecord(FamilyRecord):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AppendageSearch(SearchResult):
-    """The result of a search for appendages."""
-
     record: SearchRecord
 
     def appendages(self, name: str) -> tuple[AppendageSummary, ...]:

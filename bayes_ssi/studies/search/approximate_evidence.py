@@ -65,10 +65,10 @@ class Screened:
         return self._columns(self.z[systematic_indices(self.weights, n, rng)], names)
 
     def wide_draws(self, names: Sequence[str], n: int) -> FloatArray:
-        """Draws (n, d) of some parameters from a region twice as wide as the posterior.
+        """Draws (n, d) of some parameters, nine tenths from a region twice as wide.
 
         Where a feature explains what the structure's parameters had to, these lie next to the
-        posterior without it; a tenth of the draws is from the prior.
+        posterior without it.
         """
         rng = np.random.default_rng(0)
         wide = replace(self.mixture, factors=2.0 * self.mixture.factors, prior_share=0.1)
@@ -89,7 +89,6 @@ class ToScreen(NamedTuple):
 def screen_all(
     hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = EFFORTS.full
 ) -> list[Screened]:
-    """Screen hypotheses, side by side in the workers of ``run``."""
     n_done = 0
 
     def done(_: int) -> None:
@@ -108,8 +107,7 @@ def each_in_workers(
 ) -> list[R]:
     """A quick function of each item, side by side in workers; here where there are none, or died.
 
-    Args:
-        done: called with the number of each item that is done.
+    ``done`` is called with the number of each item that is done.
     """
     results: dict[int, R] = {}
     if run.workers is not None:
@@ -122,11 +120,7 @@ def each_in_workers(
 
 
 def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Screened:
-    """The approximate evidence of one hypothesis.
-
-    Raises:
-        ValueError: no maximum was found; the message names the class.
-    """
+    """The approximate evidence of one hypothesis; ValueError where no maximum is found."""
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
     own_seed = seed_of(f"screening of {model_class.name}", seed)
@@ -144,11 +138,9 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Sc
                 raise type(error)(f"model class {model_class.name!r}: {error}") from error
             parts.append(maxima.as_mixture().widened())
             laplace, positions = maxima.laplace_estimate.log_evidence, maxima.z
-        mixture = (
-            parts[-1]
-            if len(parts) == 1
-            else parts[1].mixed_with(parts[0], EFFORTS.share_of_simpler)
-        )
+        mixture = parts[-1]
+        if len(parts) > 1:
+            mixture = mixture.mixed_with(parts[0], EFFORTS.share_of_simpler)
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate

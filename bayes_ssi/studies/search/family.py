@@ -37,8 +37,6 @@ class Key(NamedTuple, Generic[Feature]):
 
 
 class Hypothesis(NamedTuple, Generic[Feature]):
-    """A hypothesis: its claim, its model class, its prior weight, and its approximate evidence."""
-
     key: Key[Feature]
     model_class: ModelClass
     prior_weight: float
@@ -120,7 +118,6 @@ class Family(ABC, Generic[Feature]):
 
     @property
     def most_sampled(self) -> int | None:
-        """Largest number of hypotheses that are sampled; None if there is no limit."""
         most = self.options.most_sampled
         if most is None and any(map(is_approximate, self.classes)):
             return EFFORTS.most_with_full_solutions
@@ -161,18 +158,14 @@ class Family(ABC, Generic[Feature]):
         return weights[baseline] / sum(weights.values()) * share
 
     def projected(self, baseline: str, draws: Draws) -> ModelClass:
-        """A baseline with its reduced structures in a small basis for draws, not certified.
-
-        Others, and those that carry elements already, are as they are.
-        """
+        """A baseline with its reduced structures in a small basis for draws, not certified."""
         places = dict.fromkeys(self.places(baseline))
         return _with_reduced(self[baseline], draws, lambda s, values: s.projected(values, places))
 
     def accurate(self, best: Hypothesis[Feature]) -> ModelClass:
         """A baseline with reduced structures accurate where its best hypothesis lies.
 
-        As accurate as sampling requires. All hypotheses on it share this basis, to which an element
-        adds what its force needs.
+        All hypotheses on it share this basis, to which an element adds what its force needs.
         """
         chosen = self[best.key.baseline]
         if not is_approximate(chosen):

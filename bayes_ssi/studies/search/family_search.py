@@ -70,19 +70,16 @@ class FamilySearch(Generic[Feature]):
 
     @property
     def most_probability_unsampled(self) -> float:
-        """An upper bound on the probability of the hypotheses that were not sampled."""
         approximate = {each.model_class.name: each.approximate_log_mass for each in self.hypotheses}
         sampled = {name: self.log_masses[name] for name in approximate if name in self.posteriors}
         return most_probability_unsampled(approximate, sampled)
 
     @property
     def n_not_tried(self) -> int:
-        """The number of hypotheses that were not tried though others with as many features were."""
         return sum(level.n_not_tried for level in self.levels)
 
     @property
     def expected_not_tried(self) -> float:
-        """The probability that these would have, if every feature added what it adds alone."""
         not_tried = float(logsumexp([level.log_mass_not_tried for level in self.levels]))
         return float(expit(not_tried - float(logsumexp(list(self.log_masses.values())))))
 
@@ -179,67 +176,60 @@ def _next_level(
         return Level([])
     masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
     known = float(logsumexp(masses))
-    extensions = [
-        _Extensions(heights, name, features, n, math.log(family.prior_weight(name, n)) - known)
+    extended = {
+        name: _expected_log_masses(family, name, n, heights, known)
         for name, features in family.features.items()
         if len(features) >= n
-    ]
+    }
     chosen: dict[Key[Feature], float] = {}
-    for of_baseline in extensions:
-        for parent in best[: family.options.branches]:
-            if parent in of_baseline.parents:
-                chosen.update(of_baseline.above(-math.inf, of_baseline.parents.index(parent)))
     likely: dict[Key[Feature], float] = {}
-    for of_baseline in extensions:
-        for row in range(len(of_baseline.parents)):
-            likely.update(of_baseline.above(math.log(EFFORTS.least_expected), row))
+    for name, expected in extended.items():
+        features = family.features[name]
+        for parent in best[: family.options.branches]:
+            if parent.baseline == name:
+                chosen.update(_children(parent, features, expected[parent], -math.inf))
+        for parent, row in expected.items():
+            likely.update(_children(parent, features, row, math.log(EFFORTS.least_expected)))
     for key in sorted(likely, key=lambda key: -likely[key])[: EFFORTS.most_expected]:
         chosen[key] = likely[key]
-    n_all = sum(math.comb(len(of_baseline.features), n) for of_baseline in extensions)
+    n_all = sum(math.comb(len(family.features[name]), n) for name in extended)
     if n_all == len(chosen):
         return Level(list(chosen))
+    rows = [row for expected in extended.values() for row in expected.values()]
     # Each hypothesis extends as many as it has features.
-    total = sum(float(np.exp(each.log_masses).sum()) / n for each in extensions)
-    left = total - sum(map(math.exp, chosen.values()))
+    left = float(np.exp(rows).sum()) / n - sum(map(math.exp, chosen.values()))
     log_left = known + math.log(left) if left > 0.0 else -math.inf
     return Level(list(chosen), n_all - len(chosen), log_left)
 
 
-class _Extensions(Generic[Feature]):
-    """Hypotheses with ``n`` features that extend known ones on a baseline, the parents.
+def _expected_log_masses(
+    family: Family[Feature], name: str, n: int, heights: Mapping[Key[Feature], float], known: float
+) -> dict[Key[Feature], FloatArray]:
+    """Hypothesis with ``n - 1`` features on a baseline → those that extend it, (n_features,).
 
-    Attributes:
-        log_masses: (n_parents, n_features), as expected; minus infinity where a parent has the
-            feature.
+    Their expected log masses less ``known``; minus infinity where it has the feature.
     """
+    features = family.features[name]
+    alone = np.array([heights[Key(name, (feature,))] for feature in features])
+    gains = alone - heights[Key(name, ())]
+    log_weight = math.log(family.prior_weight(name, n)) - known
+    expected = {}
+    for parent, height in heights.items():
+        if parent.baseline == name and len(parent.features) == n - 1:
+            expected[parent] = height + gains + log_weight
+            expected[parent][[features.index(feature) for feature in parent.features]] = -math.inf
+    return expected
 
-    def __init__(
-        self,
-        heights: Mapping[Key[Feature], float],
-        name: str,
-        features: Sequence[Feature],
-        n: int,
-        log_weight: float,
-    ) -> None:
-        self.name, self.features = name, features
-        self.parents = [
-            key for key in heights if key.baseline == name and len(key.features) == n - 1
-        ]
-        index = {feature: i for i, feature in enumerate(features)}
-        self.taken = [[index[feature] for feature in key.features] for key in self.parents]
-        alone = np.array([heights[Key(name, (feature,))] for feature in features])
-        so_far = np.array([heights[parent] for parent in self.parents])
-        gains = alone - heights[Key(name, ())]
-        self.log_masses: FloatArray = so_far[:, None] + gains + log_weight
-        for row, taken in enumerate(self.taken):
-            self.log_masses[row, taken] = -math.inf
 
-    def above(self, least: float, row: int) -> Iterator[tuple[Key[Feature], float]]:
-        """Those that extend one parent and whose expected log masses are above a bound."""
-        for column in np.flatnonzero(self.log_masses[row] > least).tolist():
-            numbers = sorted((*self.taken[row], column))
-            key = Key(self.name, tuple(self.features[i] for i in numbers))
-            yield key, float(self.log_masses[row, column])
+def _children(
+    parent: Key[Feature], features: Sequence[Feature], log_masses: FloatArray, least: float
+) -> Iterator[tuple[Key[Feature], float]]:
+    """What extends a hypothesis by one of ``features``, where its log mass is above a bound."""
+    columns = np.flatnonzero(log_masses > least).tolist()
+    taken = [features.index(feature) for feature in parent.features] if columns else []
+    for column in columns:
+        chosen = (features[i] for i in sorted((*taken, column)))
+        yield Key(parent.baseline, tuple(chosen)), float(log_masses[column])
 
 
 def _sampled(

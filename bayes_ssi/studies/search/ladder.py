@@ -45,8 +45,6 @@ from bayes_ssi.studies.search.efforts import EFFORTS, Effort, Efforts
 
 
 class Look(NamedTuple):
-    """What a look at a hypothesis shows."""
-
     z: FloatArray  # (m, d), where ascents ended, in standard-normal coordinates, the highest first
     log_likelihoods: FloatArray  # (m,), there
     n_evaluations: int  # evaluations of the log-likelihood
@@ -56,11 +54,9 @@ class Look(NamedTuple):
         return float(self.log_likelihoods.max())
 
     def as_screened(self, parameter_names: Sequence[str], gap: float) -> Screened:
-        """Screened by the look alone.
+        """Screened by the look alone, of which the evidence may be as great as the likelihood.
 
-        Args:
-            gap: from a log evidence up to the greatest log-likelihood, as other hypotheses have it.
-                The error is such that the evidence may be as great as the likelihood.
+        ``gap`` is that from a log evidence up to the greatest log-likelihood, as others have it.
         """
         d = self.z.shape[1]
         return Screened(
@@ -150,10 +146,7 @@ def _starts(target: Target, number: int, hypothesis: ToScreen, seed: int) -> Flo
 
 
 class _AllPlaces(Target):
-    """Log-likelihoods of several hypotheses, whose number is the last coordinate.
-
-    It has no slope, so that ascents for all hypotheses at once leave it.
-    """
+    """Log-likelihoods of hypotheses, by number in the last coordinate, which ascents leave."""
 
     def log_posterior(self, z: FloatArray) -> FloatArray:
         return self.log_likelihood(z) + log_standard_normal(z[:, :-1])
@@ -206,10 +199,10 @@ def screen_best(
 ) -> list[Screened]:
     """Screen hypotheses with one number of features, the better ones with more effort.
 
+    A result follows from the seed, the hypothesis's name, the effort, and the simpler one's result.
+
     Args:
         weights: prior weights.
-        seed: a result follows from it, the hypothesis's name, the effort, and the simpler one's
-            result.
         log_mass_of_fewer: log of prior weights times evidences, summed over the hypotheses with
             fewer features.
     """

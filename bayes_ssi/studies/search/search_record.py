@@ -55,20 +55,7 @@ class HypothesisRecord:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class FamilyRecord(Displayed):
-    """The findings of a search, stored in addition to its ranking.
-
-    Attributes:
-        most_probability_unsampled: an upper bound on the probability of all hypotheses together
-            whose evidences are approximate.
-        places: all places that were considered, each with its ``probability``.
-        geometry: where the structure's nodes are, as far as it is known, for drawings.
-        hypotheses: the most probable first.
-        averaged_parameters: averaged parameters of the baselines.
-        n_not_tried: the number of hypotheses with several features that were not tried though
-            others with as many were.
-        expected_not_tried: the probability that these would have together, if every feature added
-            what it adds alone.
-    """
+    """The findings of a search, stored in addition to its ranking."""
 
     # Where a stored record names the kind of search.
     record_tag = "search"
@@ -77,11 +64,14 @@ class FamilyRecord(Displayed):
     nothing: ClassVar[str]  # what a hypothesis without any feature claims
     why_unseen: ClassVar[str]  # why a test says nothing about a place
 
+    # An upper bound on the probability of all hypotheses together whose evidences are approximate.
     most_probability_unsampled: float
-    places: tuple[Any, ...]
-    geometry: Geometry | None
-    hypotheses: tuple[HypothesisRecord, ...]
-    averaged_parameters: tuple[AveragedAndNaive, ...]
+    places: tuple[Any, ...]  # all that were considered, each with its ``probability``
+    geometry: Geometry | None  # where the structure's nodes are, as far as it is known
+    hypotheses: tuple[HypothesisRecord, ...]  # the most probable first
+    averaged_parameters: tuple[AveragedAndNaive, ...]  # of the baselines
+    # The number of hypotheses with several features that were not tried though others with as many
+    # were, and the probability that these would have if every feature added what it adds alone.
     n_not_tried: int = 0
     expected_not_tried: float = 0.0
 
@@ -92,7 +82,6 @@ class FamilyRecord(Displayed):
 
     @property
     def places_by_probability(self) -> tuple[Any, ...]:
-        """The places, the most probable first."""
         return tuple(sorted(self.places, key=lambda each: -each.probability))
 
     @property
@@ -103,7 +92,6 @@ class FamilyRecord(Displayed):
 
     @property
     def n_unsampled(self) -> int:
-        """The number of hypotheses whose evidences are approximate."""
         return sum(not each.is_sampled for each in self.hypotheses)
 
     @property
@@ -113,12 +101,11 @@ class FamilyRecord(Displayed):
         return min(errors), max(errors)
 
     def hypothesis(self, name: str) -> Any:
-        """The hypothesis of that name; KeyError if there is none."""
         return {each.name: each for each in self.hypotheses}[name]
 
     @abstractmethod
     def parameters_of_features(self, name: str) -> list[str]:
-        """Names of the parameters that a hypothesis adds to its baseline."""
+        """Those that a hypothesis adds to its baseline."""
 
     @abstractmethod
     def model_class(self, study: Study, name: str) -> ModelClass:
@@ -135,15 +122,10 @@ class FamilyRecord(Displayed):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchResult(InWords):
-    """The result of a search.
+    """The result of a search."""
 
-    Attributes:
-        ranking: ranking of the hypotheses that were sampled; probabilities are among these.
-        record: what was found, averaged over all hypotheses.
-    """
-
-    ranking: Ranking
-    record: FamilyRecord
+    ranking: Ranking  # of the hypotheses that were sampled; probabilities are among these
+    record: FamilyRecord  # what was found, averaged over all hypotheses
 
     def _line(self) -> str:
         return self.record._line()
