@@ -2,7 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from bayes_ssi.inference.model_class.class_record import ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
@@ -24,6 +26,7 @@ from bayes_ssi.report.report_figures import (
     ReportFigures,
     embedded_file,
 )
+from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.report.tables.ranking_tables import (
     pairing_notes,
@@ -39,11 +42,69 @@ from bayes_ssi.report.tables.search_tables import (
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.predictions.prediction_files import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
+from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
-from bayes_ssi.studies.ranking.comparison import RankedClass
+from bayes_ssi.studies.ranking.comparison import RankedClass, probability_text
+
+MISSING = "-"
+# Endings of a column's name in a CSV file, and other columns that hold numbers.
+UNITS = {"_hz": "Hz", "_s": "s"}
+NUMBERS = ("low", "median", "high", "share")
+
+
+def interval(three: Sequence[Any] | None, digits: int = 4) -> str:
+    """Median and ends of (low, median, high)."""
+    if three is None:
+        return MISSING
+    low, median, high = (number(value, f".{digits}g") for value in three)
+    return f"{median} ({low} to {high})"
+
+
+def percent(fraction: Any, digits: int = 3) -> str:
+    return MISSING if fraction is None else f"{number(100.0 * float(fraction), f'.{digits}g')} %"
+
+
+def error_percent(model: Any, identified: float) -> str:
+    """The relative error of a frequency, with its sign."""
+    if model is None or not math.isfinite(float(model)):
+        return MISSING
+    error = round(100.0 * (float(model) / identified - 1.0), 1)
+    return f"{error:+.1f} %" if error else "0.0 %"
+
+
+def settings(given: SamplingSettings) -> str:
+    """Settings in a line, without those that leave a choice to the sampling."""
+    words = {True: "yes", False: "no"}
+    return ", ".join(
+        f"{key.replace('_', ' ')} {words[value] if isinstance(value, bool) else value}"
+        for key, value in asdict(given).items()
+        if value is not None
+    )
+
+
+def heading(name: str) -> str:
+    """The heading of a CSV file's column in a table."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
+    return name.replace("_", " ")
+
+
+def of_numbers(name: str) -> bool:
+    """Whether a column of a predictions file holds numbers."""
+    return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
+
+
+FORMATS: tuple[Callable[..., Any], ...] = (
+    number, interval, percent, error_percent, settings, heading
+)  # fmt: skip
+FILTERS = {form.__name__: form for form in FORMATS} | {
+    "probability": probability_text,
+    "names": listed,
+}
 
 
 def page_content(

@@ -2,78 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
-from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import new_directory, read_record, require_new
 from bayes_ssi.results.stored_result import load_result
-from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.planning.plan_record import SAVED, Plan
-from bayes_ssi.studies.ranking.comparison import probability_text
 
-MISSING = "-"
-# Endings of a column's name in a CSV file, and other columns that hold numbers.
-UNITS = {"_hz": "Hz", "_s": "s"}
-NUMBERS = ("low", "median", "high", "share")
-
-
-def interval(three: Sequence[Any] | None, digits: int = 4) -> str:
-    """Median and ends of (low, median, high)."""
-    if three is None:
-        return MISSING
-    low, median, high = (number(value, f".{digits}g") for value in three)
-    return f"{median} ({low} to {high})"
-
-
-def percent(fraction: Any, digits: int = 3) -> str:
-    return MISSING if fraction is None else f"{number(100.0 * float(fraction), f'.{digits}g')} %"
-
-
-def error_percent(model: Any, identified: float) -> str:
-    """The relative error of a frequency, with its sign."""
-    if model is None or not math.isfinite(float(model)):
-        return MISSING
-    error = round(100.0 * (float(model) / identified - 1.0), 1)
-    return f"{error:+.1f} %" if error else "0.0 %"
-
-
-def settings(given: SamplingSettings) -> str:
-    """Settings in a line, without those that leave a choice to the sampling."""
-    words = {True: "yes", False: "no"}
-    return ", ".join(
-        f"{key.replace('_', ' ')} {words[value] if isinstance(value, bool) else value}"
-        for key, value in asdict(given).items()
-        if value is not None
-    )
-
-
-def heading(name: str) -> str:
-    """The heading of a CSV file's column in a table."""
-    for ending, unit in UNITS.items():
-        if name.endswith(ending):
-            return f"{name.removesuffix(ending).replace('_', ' ')} ({unit})"
-    return name.replace("_", " ")
-
-
-def of_numbers(name: str) -> bool:
-    """Whether a column of a predictions file holds numbers."""
-    return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
-
-
-FORMATS: tuple[Callable[..., Any], ...] = (
-    number, interval, percent, error_percent, settings, heading
-)  # fmt: skip
-FILTERS = {form.__name__: form for form in FORMATS} | {
-    "probability": probability_text,
-    "names": listed,
-}
 PAGE = "report.html"
 
 
@@ -102,7 +38,7 @@ def write_report(
     """
     import jinja2
 
-    from bayes_ssi.report.page_content import page_content
+    from bayes_ssi.report.page_content import FILTERS, of_numbers, page_content
     from bayes_ssi.report.report_figures import draw_figures
 
     # Imported here, not at start-up: figures, tables and filters are needed for reports alone.

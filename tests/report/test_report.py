@@ -13,18 +13,18 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.report.page_content import _structure
-from bayes_ssi.report.report_figures import embedded_file
-from bayes_ssi.report.tables.layout import number
-from bayes_ssi.report.write import (
+from bayes_ssi.report.page_content import (
+    _structure,
     error_percent,
     heading,
     interval,
     of_numbers,
     percent,
     settings,
-    write_report,
 )
+from bayes_ssi.report.report_figures import embedded_file
+from bayes_ssi.report.tables.layout import number
+from bayes_ssi.report.write import write_report
 from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.stored_result import save_result
