@@ -86,6 +86,7 @@ class Study(Displayed):
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the model classes, in the study's order."""
         return tuple(candidate.name for candidate in self.model_classes)
 
     @checked
