@@ -37,7 +37,6 @@ from nested_samplers import SAMPLERS, sample_within
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.inference.calibration.narrow_regions import class_target
-from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target
 
@@ -73,7 +72,7 @@ def ours(problem: Problem, seed: int) -> Run:
         "share_error": max(shares, default=0.0),
         "evaluations": sampled.n_evaluations,
         "seconds": seconds,
-        "failed_checks": failed_checks(sampled),
+        "failed_checks": sampled.failed_checks,
         "largest_unseen_mass": sampled.search.largest_unseen_mass,
     }
 

@@ -17,7 +17,6 @@ from problems_modal import frequencies_alone
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.inference.calibration.narrow_regions import class_target
-from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 
 ERROR, N_FREQUENCIES = 1e-3, 3
@@ -47,7 +46,7 @@ def main() -> None:
             values.append(sampled.evidence.log_evidence)
             errors.append(sampled.evidence.error)
             evaluations.append(sampled.n_evaluations)
-            n_failed += bool(failed_checks(sampled))
+            n_failed += bool(sampled.failed_checks)
         print(
             f"{n} storeys: log evidence {np.mean(values):.3f}, scatter {np.std(values, ddof=1):.4f}"
             f" over {len(values)} seeds, claimed {np.mean(errors):.4f}; failed checks {n_failed};"

@@ -85,7 +85,7 @@ def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_stu
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "bayes_ssi.inference.sampling.checks.CHECKS", CheckSettings(error_over_wanted=0.0)
+        "bayes_ssi.inference.sampling.result.CHECKS", CheckSettings(error_over_wanted=0.0)
     )
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3

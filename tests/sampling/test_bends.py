@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.bends import Bend, bend_along, monomials, n_monomials
-from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.maxima import bend_along
+from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials, n_monomials
 from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture
 
 

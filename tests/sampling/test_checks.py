@@ -10,7 +10,6 @@ from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import edges
-from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.regions import Regions
 from bayes_ssi.inference.sampling.settings import ChainSettings
@@ -44,7 +43,7 @@ def sampled():
 
 def test_nothing_fails_where_all_is_well(sampled):
     assert sampled.regions.n_regions == 2
-    assert failed_checks(sampled) == []
+    assert sampled.failed_checks == []
 
 
 def spoil_length(s):
@@ -142,7 +141,7 @@ def spoil_size(s):
     ],
 )
 def test_each_check_fires_alone(sampled, spoil, message):
-    (check,) = failed_checks(spoil(sampled))
+    (check,) = spoil(sampled).failed_checks
     assert re.search(message, check)
 
 
@@ -150,7 +149,7 @@ def test_each_check_fires_alone(sampled, spoil, message):
 def test_an_estimate_that_is_no_number_disagrees(sampled, value):
     bridge, *others = sampled.evidence_checks
     wrong = replace(bridge, log_evidence=value)
-    checks = failed_checks(replace(sampled, evidence_checks=(wrong, *others)))
+    checks = replace(sampled, evidence_checks=(wrong, *others)).failed_checks
     assert [check for check in checks if "bridge sampling" in check and "disagree" in check]
 
 
@@ -166,7 +165,7 @@ def test_a_region_that_the_compressions_missed_is_reported(sampled):
         missing.append(
             replace(each, draws=each.draws[kept], log_likelihoods=each.log_likelihoods[kept])
         )
-    (check,) = failed_checks(replace(sampled, compressions=tuple(missing)))
+    (check,) = replace(sampled, compressions=tuple(missing)).failed_checks
     assert check.startswith(
         f"a region with {100 * sampled.region_shares[1]:.1f} % of the posterior"
     )
@@ -178,7 +177,7 @@ def test_a_region_that_the_chains_never_visited_is_reported(sampled):
     for ensemble in sampled.ensembles:
         kept = ensemble.draws[in_first_region(sampled, ensemble.draws)]
         ensembles.append(replace(ensemble, positions=np.resize(kept, ensemble.positions.shape)))
-    checks = failed_checks(replace(sampled, ensembles=tuple(ensembles)))
+    checks = replace(sampled, ensembles=tuple(ensembles)).failed_checks
     assert any(
         check == f"a region with {100 * sampled.region_shares[1]:.1f} % of the posterior was never "
         "visited by the chains"
@@ -200,12 +199,12 @@ def test_a_small_region_may_be_missed(sampled):
         ),
     )
     assert small.region_shares[1] < 0.02
-    assert not [check for check in failed_checks(small) if "region" in check]
+    assert not [check for check in small.failed_checks if "region" in check]
 
 
 def test_regions_of_one_are_not_asked_for(sampled):
     one = Regions(sampled.regions.draws, np.zeros_like(sampled.regions.labels))
-    assert failed_checks(replace(sampled, regions=one)) == []
+    assert replace(sampled, regions=one).failed_checks == []
 
 
 def searched(sampled, found_by_second):
@@ -224,7 +223,7 @@ def test_a_region_that_fewer_than_two_searches_found_is_reported(sampled, n):
         f"a region with {share:.1f} % of the posterior was found by {n} of 4 independent searches; "
         "there may be others"
     )
-    assert failed_checks(searched(sampled, n)) == ([expected] if n < 2 else [])
+    assert searched(sampled, n).failed_checks == ([expected] if n < 2 else [])
 
 
 def test_a_region_that_every_search_drew_in_is_not_doubted(sampled):
@@ -234,8 +233,7 @@ def test_a_region_that_every_search_drew_in_is_not_doubted(sampled):
     for factor, doubted in ((0.9, True), (1.1, False)):
         search = replace(unfound.search, n_draws=round(factor * needed))
         assert (
-            any("found by 0" in c for c in failed_checks(replace(unfound, search=search)))
-            == doubted
+            any("found by 0" in c for c in replace(unfound, search=search).failed_checks) == doubted
         )
 
 
@@ -251,9 +249,9 @@ def test_a_floor_is_passed_or_reported(seed):
     exact = math.log(2.0 * math.pi) + 2.0 * math.log(2.5e-4)
     exact += float(log_standard_normal(np.array([[1.5, -1.0]]))[0])
     if abs(result.evidence.log_evidence - exact) < 0.05:
-        assert failed_checks(result) == []
+        assert result.failed_checks == []
     else:
-        (check,) = failed_checks(result)
+        (check,) = result.failed_checks
         assert check == (
             "the log-likelihood is -690 wherever it was evaluated: either no parameter has an "
             "influence on it, or this is a floor at which small likelihoods are cut off, and all "

@@ -8,11 +8,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from bayes_ssi.inference.sampling.diagnostics import (
-    autocorrelation_times,
-    pareto_tail,
-    r_hat,
-)
+from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times, pareto_tail, r_hat
 
 
 def autoregressive(rho, n_steps=20_000, n_walkers=16, seed=1):

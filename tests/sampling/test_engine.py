@@ -10,16 +10,15 @@ from scipy.integrate import quad
 from scipy.special import ndtr, ndtri
 from scipy.stats import norm
 
-from bayes_ssi.inference.sampling import chains, engine
-from bayes_ssi.inference.sampling.chains import ProposalFitting
-from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.inference.sampling import engine
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensemble
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
-from bayes_ssi.inference.sampling.settings import ChainSettings, SamplingSettings
+from bayes_ssi.inference.sampling.result import SamplingResult
+from bayes_ssi.inference.sampling.settings import CHAINS, ChainSettings, SamplingSettings
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 
 
@@ -58,7 +57,7 @@ def test_a_gaussian_target(observed):
     result = observed
     assert result.evidence.log_evidence == pytest.approx(EXACT, abs=4.0 * result.evidence.error)
     assert result.evidence.error <= 0.01
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
     assert result.region_shares.tolist() == [1.0]
     assert result.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
     weights = result.importance.weights
@@ -105,7 +104,7 @@ def test_a_target_that_knows_its_problem_does_without_particles(bumps):
     known = with_suggestions(two_bumps, 2)
     result = sample_target(known, np.random.SeedSequence(0))
     assert result.compressions == ()
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
     again = result.evidence_checks[1]
     assert again.name == "importance draws around maxima"
@@ -121,7 +120,7 @@ def test_any_doubt_brings_the_particles(doubt, monkeypatch):
     if doubt == "searches":
         monkeypatch.setattr(MultistartSearch, "converged", property(lambda _: False))
     elif doubt == "checks":
-        monkeypatch.setattr(engine, "failed_checks", lambda _: ["something disagrees"])
+        monkeypatch.setattr(SamplingResult, "failed_checks", ["something disagrees"])
     else:  # Laplace's approximation at a corner of the support is nothing like the posterior
 
         def function(z):
@@ -225,7 +224,7 @@ def test_importance_draws_take_the_place_of_chains_that_are_too_short():
         assert independent > 1000
         assert draws.mean() == pytest.approx(exact, abs=4.0 * 0.1 / np.sqrt(independent))
         assert draws.std() == pytest.approx(0.1, rel=4.0 / np.sqrt(2.0 * independent))
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
 
 
 def test_chains_that_suffice_are_the_draws():
@@ -259,9 +258,9 @@ def ensemble_at(*places, n=1500):
 def refitted(mixture, *ensembles):
     target, rng = Target(two_places, 2), np.random.default_rng(0)
     one_maximum = find_maxima(target, np.array([[5.9, 0.1]]))
-    fitting = ProposalFitting(ImportanceSampler(target, rng), one_maximum.as_mixture())
-    trial = fitting.sampler.sample(mixture)
-    return trial, fitting.refitted(ensembles, trial)
+    run = engine._Sampling(target, SamplingSettings(), CHAINS, [], rng, lambda _step, _done: None)
+    trial = run.sampler.sample(mixture)
+    return trial, run._refitted(one_maximum.as_mixture(), ensembles, trial)
 
 
 def test_a_refit_covers_what_the_mixture_before_it_lacked():
@@ -289,7 +288,7 @@ def counted_ensembles(monkeypatch):
         runs.append((arguments[-1], ensemble.n_steps))
         return ensemble
 
-    monkeypatch.setattr(chains, "run_ensemble", counted)
+    monkeypatch.setattr(engine, "run_ensemble", counted)
     return runs
 
 
@@ -324,10 +323,10 @@ def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
     def misfitted(self, *_draws):
         return self.sampler.sample(ELSEWHERE)
 
-    monkeypatch.setattr(ProposalFitting, "fitted", misfitted)
+    monkeypatch.setattr(engine._Sampling, "_fitted", misfitted)
     result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
     assert not result.compressions
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
 
 
@@ -337,7 +336,7 @@ def test_short_chains_check_importance_draws_that_serve(monkeypatch):
     starts = SuggestedStarts(np.array([[1.0]]), 0)
     target = Target(one_observation, 1, suggest_starts=lambda _rng: starts)
     result = sample_target(target, np.random.SeedSequence(0), chains=all_slow)
-    assert not failed_checks(result)
+    assert not result.failed_checks
     assert not result.compressions
     assert [slowest for slowest, _ in runs] == [math.inf] * 2
     assert all(n_steps <= all_slow.steps_of_check for _, n_steps in runs)
@@ -353,7 +352,7 @@ def test_slow_chains_from_particles_are_refitted(monkeypatch):
         Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05), chains=slow_above_2
     )
     assert slow_above_2.slow == 2.0
-    assert not failed_checks(result)
+    assert not result.failed_checks
     assert [slowest for slowest, _ in runs] == [2.0] * 2 + [math.inf] * 2
 
 
@@ -389,7 +388,7 @@ def test_a_stripe_without_likelihood_through_the_mode_is_no_reason_for_doubt(wid
     exact = whole + math.log1p(-left_out)
     assert result.evidence.log_evidence == pytest.approx(exact, abs=4.0 * result.evidence.error)
     assert result.regions.n_regions == 2
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
 
 
 def half_normal_errors(z):
@@ -401,7 +400,7 @@ def half_normal_errors(z):
 def test_the_neck_of_a_funnel_has_its_share_of_the_draws():
     """By quadrature over the size, 14 % of the posterior is below a tenth of its prior's scale."""
     result = sample_target(Target(half_normal_errors, 4), np.random.SeedSequence(1))
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
     density = lambda s: np.exp(-0.5 * s * s) * (1.0 + s * s) ** -1.5  # noqa: E731
     whole, neck = (quad(density, 0.0, end)[0] for end in (40.0, 0.1))
     draws = np.concatenate([part.draws for part in result.draws])[:, 0]
@@ -427,6 +426,6 @@ def test_pieces_of_a_region_that_searches_drew_in_are_no_reason_for_doubt(seed):
         return np.where(black, -np.inf, norm.logpdf(z, 0.3, 0.5).sum(1))
 
     result = sample_target(Target(chessboard, 2), np.random.SeedSequence(seed))
-    assert failed_checks(result) == []
+    assert result.failed_checks == []
     # Half of the prior near the mode.
     assert 0.05 < result.prior_masses_of_regions.sum() < 0.5

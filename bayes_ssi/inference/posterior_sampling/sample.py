@@ -34,7 +34,6 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     refined,
 )
-from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.diagnostics import r_hat
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices, systematic_indices
@@ -218,7 +217,7 @@ def sample_as_it_is(
         n_searches=sampled.search.n_searches,
         largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
-        failed_checks=(*failed_checks(sampled), *_failures(model_class, target)),
+        failed_checks=(*sampled.failed_checks, *_failures(model_class, target)),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,

@@ -79,12 +79,8 @@ def compress_prior(
 
     Moves proposed from the very particles that they move, or from copies of these, would favour
     some of them: the particles of each compression move with respect to those of the other, level
-    by level in turn. Given those, they are distributed as if they were alone.
-
-    Args:
-        n_particles: in each compression; at least 8 for each dimension.
-        maxima: the known maxima of the posterior; proposals around them keep the shares of
-            separate regions right.
+    by level in turn. Given those, they are distributed as if they were alone. Proposals around the
+    known maxima keep the shares of separate regions right.
     """
     climbs = [_Climb(target, maxima, n_particles, np.random.default_rng(seed)) for seed in seeds]
     _move_in_turn(climbs)
@@ -121,10 +117,8 @@ class _Left(NamedTuple):
 class _Climb:
     """The particles of one compression on their way.
 
-    Attributes:
-        positions: (n, d); survivors of a level until they have moved.
-        log_likelihoods: (n,).
-        log_prior_left: log of the prior's mass that the particles stand for.
+    Their ``positions`` are (n, d); fewer, the survivors of a level, until they have moved.
+    ``log_prior_left`` is the log of the prior's mass that they stand for.
     """
 
     def __init__(
@@ -168,6 +162,8 @@ class _Climb:
 
         Moves are proposed from ``others`` (m, d), independent particles at a similar level.
         """
+        from bayes_ssi.inference.sampling.moves import begin
+
         if self._level is None:
             return
         (level, rank), rng = self._level, self._rng
@@ -179,15 +175,26 @@ class _Climb:
             return np.where(above, log_standard_normal(z), -np.inf), values
 
         copies = np.resize(rng.permutation(len(self.positions)), self._n)
-        before = self.log_likelihoods[copies]
-        self.positions, self.log_likelihoods, left = _moved(
-            log_density,
-            self.positions[copies],
-            before,
-            self._proposal(level, others),
-            others,
-            rng,
+        positions, before = self.positions[copies], self.log_likelihoods[copies]
+        proposal, ranks = self._proposal(level, others), _ranks(before, rng)
+        values = log_standard_normal(positions), before
+        sampler, start = begin(log_density, positions, values, proposal, rng, others)
+        left = 1.0
+        states = sampler.sample(
+            start, iterations=COMPRESSION.most_moves, store=False, skip_initial_state_check=True
         )
+        for made, state in enumerate(states, start=1):
+            last = left
+            left = max(
+                _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
+            )
+            if made >= 2 and left < COMPRESSION.correlation_left:
+                break
+            # Between separate regions nothing may move: then it settles above the mark.
+            if made >= 8 and last - left < 0.002:
+                break
+        self.positions, self.log_likelihoods = np.array(state.coords), np.array(state.blobs)
+        left = float(np.clip(left, 0.0, 0.9))
         # Copies of one particle, each with that correlation with it, have its square among
         # themselves.
         self._memory = 1.0 + (1.0 / COMPRESSION.surviving - 1.0) * left**2
@@ -256,14 +263,9 @@ def _possible(
     ``n`` draws, or if the likelihood is positive at fewer than ``least`` of them those of many
     more at which it is.
     """
-    d = target.n_dimensions
-    positions = rng.standard_normal((n, d))
-    values = target.log_likelihood(positions)
-    if np.isfinite(values).sum() >= least:
-        return positions, values, 1.0
-    n_drawn = n
+    d, n_drawn = target.n_dimensions, 0
+    positions, values = np.empty((0, d)), np.empty(0)
     enough = d + 1  # for a covariance, which proposals for the other particles are fitted with
-    positions, values = positions[np.isfinite(values)], values[np.isfinite(values)]
     while len(values) < enough:
         if n_drawn >= COMPRESSION.most_drawn * n:
             raise ValueError(
@@ -273,9 +275,12 @@ def _possible(
             )
         drawn = rng.standard_normal((n, d))
         drawn_values = target.log_likelihood(drawn)
+        possible = np.isfinite(drawn_values)
+        if n_drawn == 0 and possible.sum() >= least:
+            return drawn, drawn_values, 1.0
         n_drawn += n
-        positions = np.concatenate([positions, drawn[np.isfinite(drawn_values)]])
-        values = np.concatenate([values, drawn_values[np.isfinite(drawn_values)]])
+        positions = np.concatenate([positions, drawn[possible]])
+        values = np.concatenate([values, drawn_values[possible]])
     return positions, values, len(values) / n_drawn
 
 
@@ -287,37 +292,6 @@ def _levels_to_top(n_dimensions: int) -> int:
     """
     ratio = max(0.5 * n_dimensions / COMPRESSION.top, 1.0)
     return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(COMPRESSION.surviving))
-
-
-def _moved(
-    log_density: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    positions: FloatArray,
-    log_likelihoods: FloatArray,
-    proposal: Proposal,
-    others: FloatArray,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, float]:
-    """Positions (n, d), log-likelihoods (n,) and the correlation left after moves."""
-    from bayes_ssi.inference.sampling.moves import begin
-
-    ranks = _ranks(log_likelihoods, rng)
-    values = log_standard_normal(positions), log_likelihoods
-    sampler, start = begin(log_density, positions, values, proposal, rng, others)
-    left = 1.0
-    states = sampler.sample(
-        start, iterations=COMPRESSION.most_moves, store=False, skip_initial_state_check=True
-    )
-    for made, state in enumerate(states, start=1):
-        before = left
-        left = max(
-            _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
-        )
-        if made >= 2 and left < COMPRESSION.correlation_left:
-            break
-        # Between separate regions nothing may move: then the correlation settles above the mark.
-        if made >= 8 and before - left < 0.002:
-            break
-    return np.array(state.coords), np.array(state.blobs), float(np.clip(left, 0.0, 0.9))
 
 
 def _ranks(values: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -2,12 +2,11 @@
 
 1. Independent searches (``multistart``) find the maxima of the posterior (``maxima``).
 2. Importance draws (``importance``) from Laplace's approximation around them, bent along thin
-   ridges (``ridges``, ``bends``), give a mixture close to the posterior (``mixture``,
-   ``mixture_fitting``), where the target knows its problem, its searches agree, and the draws are
-   good. Else two independent compressions of the prior
-   (``compression``) carry particles to the regions around the maxima and to others, from which
-   further ascents begin, and the mixture is fitted to the particles.
-3. Two independent emcee ensembles (``chains``, ``ensembles``, ``moves``) sample the posterior, with
+   ridges, give a mixture close to the posterior (``mixture``, ``mixture_fitting``), where the
+   target knows its problem, its searches agree, and the draws are good. Else two independent
+   compressions of the prior (``compression``) carry particles to the regions around the maxima and
+   to others, from which further ascents begin, and the mixture is fitted to the particles.
+3. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior, with
    proposals from that mixture. Where importance draws from it serve as posterior draws, short ones
    check where these do not go.
 4. Mixture importance sampling gives the evidence and the share of the posterior in each region
@@ -28,14 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.inference.sampling.chains import ProposalFitting, run_ensembles
-from bayes_ssi.inference.sampling.checks import failed_checks
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.compression import (
     Compression,
     compress_prior,
     compression_estimate,
 )
-from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers
+from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.importance import (
     ImportanceSample,
@@ -43,12 +41,12 @@ from bayes_ssi.inference.sampling.importance import (
     ScoredDraws,
     bridge_sampling,
 )
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, reached
-from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
+from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.ridges import along_ridges
 from bayes_ssi.inference.sampling.settings import (
     CHAINS,
     IMPORTANCE,
@@ -116,7 +114,7 @@ class _Sampling:
         result = None
         if self.target.suggest_starts is not None and search.converged:
             result = self._from_maxima(search)
-        if result is None or failed_checks(result):
+        if result is None or result.failed_checks:
             result = self._from_particles(search)
         return result
 
@@ -127,38 +125,27 @@ class _Sampling:
         highest, suggested = search_starts(self.target, n_draws, self.rng)
         maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
         search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
-        first = self.sampler.sample(search.maxima.as_mixture().widened())
+        first = self.sampler.sample(maxima.as_mixture().widened())
         starts = [half.resampled(self.rng) for half in first.split_in_two(self.rng)]
-        walkers = [
-            Walkers(start.draws[: self.n_walkers], start.log_posteriors[: self.n_walkers, 0])
-            for start in starts
-        ]
-        coarse = replace(
-            self,
-            settings=replace(
-                self.settings, log_evidence_error=1e3, max_steps=self.chains.steps_of_check
-            ),
-            chains=replace(self.chains, most_refits=0),
-        )
-        fitting = coarse._fitting(search.maxima.as_mixture())
-        return coarse._sampled(search, fitting, search.maxima, first, walkers, [])
-
-    def _fitting(self, around_maxima: StudentMixture) -> ProposalFitting:
-        wanted_error = self.settings.log_evidence_error
-        return ProposalFitting(self.sampler, around_maxima, wanted_error, self.chains)
+        n = self.n_walkers
+        walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
+        steps = self.chains.steps_of_check
+        settings = replace(self.settings, log_evidence_error=1e3, max_steps=steps)
+        coarse = replace(self, settings=settings, chains=replace(self.chains, most_refits=0))
+        return coarse._sampled(search, maxima.as_mixture(), maxima, first, walkers, [])
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice.
 
         Mixtures are fitted to the importance draws until these serve, and are few enough.
         """
-        fitting = self._fitting(search.maxima.as_mixture())
-        first = self.sampler.sample(fitting.around_maxima.widened())
-        if not fitting.serves(first):
+        around_maxima = search.maxima.as_mixture()
+        first = self.sampler.sample(around_maxima.widened())
+        if not self._serves(first):
             ridges = along_ridges(self.target, search.maxima, self.rng)
             bent = ridges and self.sampler.sample(ridges.widened())
             if ridges and bent and bent.efficiency > first.efficiency:
-                fitting, first = self._fitting(ridges), bent
+                around_maxima, first = ridges, bent
         enough = MIXTURES.draws_per_dimension * self.target.n_dimensions
         if first.effective_sample_size < enough:
             first = self.sampler.extended(first, 4.0)
@@ -168,24 +155,24 @@ class _Sampling:
             return None
         best = first
         for _ in range(self.chains.most_refits):
-            if not fitting.serves(best):  # more draws that matter give a better fit
+            if not self._serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
             halves = best.split_in_two(self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
                 return None
             starts = [half.resampled(self.rng) for half in halves]
-            trial = fitting.fitted(starts[0].draws, starts[1].draws)
+            trial = self._fitted(around_maxima, starts[0].draws, starts[1].draws)
             gain = trial.efficiency / best.efficiency
             if gain * self.chains.least_improvement > 1.0:
                 best = trial
             in_vain = gain < self.chains.least_improvement
-            if fitting.serves(best) and (in_vain or not fitting.is_worth_refitting(best)):
+            if self._serves(best) and (in_vain or not self._is_worth_refitting(best)):
                 break
         # Twice as many walkers make half as many steps for a check of equal size.
         n = 2 * self.n_walkers
         walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
-        return self._sampled(search, fitting, search.maxima, best, walkers, [check])
+        return self._sampled(search, around_maxima, search.maxima, best, walkers, [check])
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""
@@ -199,13 +186,12 @@ class _Sampling:
         # Particles may have passed through regions that no search found: climb from there, too.
         climbers = np.concatenate([one.climbers(search.maxima) for one in compressions])
         maxima = find_maxima(self.target, climbers, search.maxima)
-        ridges = along_ridges(self.target, maxima, self.rng)
-        fitting = self._fitting(ridges or maxima.as_mixture())
+        around_maxima = along_ridges(self.target, maxima, self.rng) or maxima.as_mixture()
         return self._sampled(
             search,
-            fitting,
+            around_maxima,
             maxima,
-            fitting.fitted(*(one.draws for one in compressions)),
+            self._fitted(around_maxima, *(one.draws for one in compressions)),
             [one.walkers(self.n_walkers, self.rng) for one in compressions],
             [compression_estimate(compressions)],
             compressions,
@@ -214,7 +200,7 @@ class _Sampling:
     def _sampled(
         self,
         search: MultistartSearch,
-        fitting: ProposalFitting,
+        around_maxima: StudentMixture,
         maxima: Maxima,
         trial: ImportanceSample,
         walkers: Sequence[Walkers],
@@ -222,34 +208,150 @@ class _Sampling:
         compressions: tuple[Compression, ...] = (),
     ) -> SamplingResult:
         """Ensembles and importance draws."""
-        max_steps, seeds = self.settings.max_steps, self.seeds[2:4]
-        ensembles, trial = run_ensembles(
-            walkers, fitting, trial, max_steps, seeds, self.progress, compressions
-        )
+        ensembles, trial = self._run_ensembles(walkers, around_maxima, trial, compressions)
         importance, regions = self._importance(trial, (*ensembles, *compressions))
         resampled: tuple[Ensemble, ...] = ()
-        longer_allowed = max_steps > self.chains.steps_of_check
+        longer_allowed = self.settings.max_steps > self.chains.steps_of_check
         if longer_allowed and not all(
             ensemble.is_long_enough and ensemble.is_long_enough_for_tails for ensemble in ensembles
         ):
             importance, resampled = self._in_place_of_chains(importance)
+        bridge = bridge_sampling(ensembles[1], importance)
         return SamplingResult(
             search=search,
             compressions=compressions,
             maxima=maxima,
-            ensembles=tuple(ensembles),
+            ensembles=ensembles,
             importance=importance,
-            evidence_checks=(
-                bridge_sampling(ensembles[1], importance),
-                *checks,
-                maxima.laplace_estimate,
-            ),
+            evidence_checks=(bridge, *checks, maxima.laplace_estimate),
             regions=regions,
             maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
             wanted_error=self.settings.log_evidence_error,
             n_evaluations=self.target.n_evaluations,
             resampled=resampled,
         )
+
+    def _run_ensembles(
+        self,
+        walkers: Sequence[Walkers],
+        around_maxima: StudentMixture,
+        trial: ImportanceSample,
+        compressions: Sequence[Compression],
+    ) -> tuple[tuple[Ensemble, ...], ImportanceSample]:
+        """Independent ensembles, and importance draws from a mixture that suits the posterior.
+
+        The mixture of ``trial`` proposes the ensembles' moves. Where its importance draws serve as
+        posterior draws, and there was no doubt that called for compressions, short chains check
+        them. Otherwise chains become as long as they should, but walkers that mix slowly are
+        stopped. Where chains or particles are where importance draws are not, chains continue from
+        their positions with a mixture fitted to their draws.
+        """
+        chains, max_steps = self.chains, self.settings.max_steps
+        wanted_error = self.settings.log_evidence_error
+        # As many draws as the evidence needs, some of them where walkers went.
+        sampler = replace(self.sampler, max_draws=chains.most_batches * self.sampler.batch)
+        seeds = zip(*(seed.spawn(chains.most_refits + 1) for seed in self.seeds[2:4]), strict=True)
+        settled = False
+        for attempt, seeds_of_attempt in enumerate(seeds):
+            settled = settled or attempt == chains.most_refits
+            proposal = self._proposal(trial)
+            efficient = self._serves(trial)
+            checked = efficient and not compressions
+            enough, slowest = max_steps, math.inf if settled else chains.slow
+            if checked:
+                proposal = proposal._replace(share=chains.mixture_share_in_check)
+                enough, slowest = chains.steps_of_check, math.inf
+            elif efficient:
+                enough = chains.few_steps
+            ensembles = tuple(
+                run_ensemble(
+                    self.target,
+                    start,
+                    proposal,
+                    min(max_steps, enough),
+                    seed,
+                    part(self.progress, "ensembles", i, 2),
+                    slowest,
+                )
+                for i, (start, seed) in enumerate(zip(walkers, seeds_of_attempt, strict=True))
+            )
+            fast = all(ensemble.autocorrelation_times.max() <= slowest for ensemble in ensembles)
+            others = (*ensembles, *compressions)
+            if not self._is_worth_refitting(trial):
+                trial = sampler.refined(trial, wanted_error, others)
+            agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit
+            if settled or (fast and agree and trial.share_beyond(others) <= wanted_error):
+                break
+            walkers = [ensemble.walkers for ensemble in ensembles]
+            before = trial.efficiency
+            trial = self._refitted(around_maxima, ensembles, trial)
+            # Mixtures hardly fit this posterior, but well enough for importance draws.
+            settled = efficient and trial.efficiency < chains.least_improvement * before
+        if self._is_worth_refitting(trial):
+            trial = self._refitted(around_maxima, ensembles, trial)
+        return ensembles, trial
+
+    def _fitted(
+        self, around_maxima: StudentMixture, draws: FloatArray, held_out: FloatArray
+    ) -> ImportanceSample:
+        """Importance draws from a mixture fitted to ``draws`` and judged by ``held_out``."""
+        return self.sampler.sample(self._mixture(around_maxima, draws, self._thinned(held_out)))
+
+    def _refitted(
+        self, around_maxima: StudentMixture, ensembles: Sequence[Ensemble], trial: ImportanceSample
+    ) -> ImportanceSample:
+        """A trial of a mixture fitted to two ensembles; ``trial`` if that suits their draws better.
+
+        The efficiency of importance draws does not decide: unlike the draws of the ensembles,
+        they do not show a region that their mixture lacks.
+        """
+        draws, held_out = (ensemble.draws for ensemble in ensembles)
+        held_out = self._thinned(held_out)
+        mixture = self._mixture(around_maxima, draws, held_out)
+        mixture = mixture.with_prior_component(self.sampler.prior_share)
+        if trial.mixture.log_pdf(held_out).mean() >= mixture.log_pdf(held_out).mean():
+            return trial
+        return self.sampler.sample(mixture)
+
+    def _mixture(
+        self, around_maxima: StudentMixture, draws: FloatArray, held_out: FloatArray
+    ) -> StudentMixture:
+        """One fitted to draws, and components around the maxima, for regions that these lost."""
+        fitted = choose_mixture(self._thinned(draws), held_out, self.rng)
+        mixture = fitted.mixed_with(around_maxima)
+        if any(around_maxima.bends):
+            # They may follow a ridge better than what draws are enough to fit.
+            mixture = mixture.reweighted(held_out, np.ones(len(held_out)))
+        return mixture.widened()
+
+    def _thinned(self, draws: FloatArray) -> FloatArray:
+        """As many of the draws as a batch of importance draws has, at random."""
+        n = self.sampler.batch
+        return draws if len(draws) <= n else self.rng.choice(draws, n, replace=False)
+
+    def _proposal(self, trial: ImportanceSample) -> Proposal:
+        """The mixture of ``trial`` as the ensembles' proposal.
+
+        Draws that lost a region leave its component too little weight; the importance draws give
+        every component its share.
+        """
+        mixture = trial.mixture.reweighted(trial.z, trial.weights).with_prior_component()
+        # The better the mixture, the less is left for other moves to do.
+        return Proposal(mixture, min(0.7 + trial.efficiency, 0.95))
+
+    def _serves(self, sample: ImportanceSample) -> bool:
+        """Whether importance draws can take the place of long chains.
+
+        A heavy tail of few weights is left to components that are added there.
+        """
+        return sample.efficiency >= self.chains.least_efficiency
+
+    def _is_worth_refitting(self, sample: ImportanceSample) -> bool:
+        """Whether a refit may pay: importance draws are poor, or so many more are needed."""
+        wanted_error = self.settings.log_evidence_error
+        needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
+        enough = self.chains.most_batches * self.sampler.batch
+        return not self._serves(sample) or needed - len(sample.z) > enough
 
     def _importance(
         self, trial: ImportanceSample, others: Sequence[ScoredDraws]
@@ -301,7 +403,7 @@ class _Sampling:
         """
         sufficient = IMPORTANCE.sufficient_size
         while (
-            sample.efficiency >= self.chains.least_efficiency
+            self._serves(sample)
             and sample.effective_sample_size < sufficient
             and len(sample.z) < self.sampler.max_draws
         ):

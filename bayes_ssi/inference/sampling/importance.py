@@ -321,13 +321,10 @@ def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
 
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEstimate:
-    """Bridge sampling between the posterior draws of an ensemble and those from a mixture.
+    """Bridge sampling between the draws of an ensemble and those from a mixture fitted without it.
 
     The optimal bridge of Meng and Wong (1996); error after Frühwirth-Schnatter (2004), with the
     chain's autocorrelation.
-
-    Args:
-        sample: draws from a mixture fitted without ``ensemble``.
     """
     log_proposals = sample.mixture.log_pdf(ensemble.draws)
     posterior = ensemble.log_posteriors - log_proposals.reshape(ensemble.log_posteriors.shape)

@@ -1,4 +1,9 @@
-"""Mixtures of Student-t distributions, straight or bent along curved ridges."""
+"""Mixtures of Student-t distributions, straight or bent along curved ridges.
+
+The first, wide whitened coordinates w of a bent component stay as they are, and the thin ones
+become w_j = v_j + P_j(v_1, …, v_m) with polynomials P_j of the wide ones: a map whose Jacobian is
+1, so that a density of v is one of w.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +17,36 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.bends import Bend
-from bayes_ssi.inference.sampling.settings import MIXTURES
+from bayes_ssi.inference.sampling.settings import MIXTURES, RIDGES
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """The polynomials of one component's thin coordinates."""
+
+    coefficients: FloatArray  # (d - m, F), of all monomials of the wide coordinates
+    n_wide: int  # m
+    degree: int
+    reach: float = RIDGES.reach  # of the variables; beyond, polynomials are constant
+
+    def straightened(self, w: FloatArray) -> FloatArray:
+        """Coordinates v (d, n) of w (d, n)."""
+        return self._shifted(w, -1.0)
+
+    def bent(self, v: FloatArray) -> FloatArray:
+        """Coordinates w (d, n) of v (d, n)."""
+        return self._shifted(v, 1.0)
+
+    def widened(self, factor: float) -> Bend:
+        """The bend of the same ridge for a component ``factor`` times as wide."""
+        _, degrees = monomials(np.zeros((self.n_wide, 1)), self.degree)
+        coefficients = self.coefficients * factor ** (degrees - 1.0)
+        return replace(self, coefficients=coefficients, reach=self.reach / factor)
+
+    def _shifted(self, w: FloatArray, sign: float) -> FloatArray:
+        wide, thin = w[: self.n_wide], w[self.n_wide :]
+        terms, _ = monomials(np.clip(wide, -self.reach, self.reach), self.degree)
+        return np.concatenate([wide, thin + sign * (self.coefficients @ terms)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,14 +187,7 @@ class StudentMixture:
         return replace(self, weights=shares)
 
     def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
-        """``counts[k]`` draws from component k, in order; the last count is for the prior N(0, I).
-
-        Args:
-            counts: (K + 1,).
-
-        Returns:
-            (counts.sum(), d).
-        """
+        """Draws (n, d), ``counts[k]`` from component k, in order; the last is the prior N(0, I)."""
         d = self.means.shape[1]
         component = np.repeat(np.arange(self.n_components), counts[:-1])
         normal = rng.standard_normal((len(component), d))
@@ -221,3 +247,20 @@ def log_sum(log_parts: FloatArray) -> FloatArray:
     highest = log_parts.max(axis=0)
     total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
     return total
+
+
+def n_monomials(n_variables: int, degree: int) -> int:
+    """How many monomials of so many variables there are up to a degree, the constant included."""
+    return math.comb(n_variables + degree, degree)
+
+
+def monomials(variables: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
+    """All monomials (F, n) of ``variables`` (m, n) up to a degree, and the degree (F,) of each."""
+    terms, degrees = np.ones((1, variables.shape[1])), np.zeros(1)
+    for variable in variables:
+        lower = [degrees <= degree - exponent for exponent in range(1, degree + 1)]
+        powers = [terms[kept] * variable**exponent for exponent, kept in enumerate(lower, 1)]
+        of_powers = [degrees[kept] + exponent for exponent, kept in enumerate(lower, 1)]
+        terms = np.concatenate([terms, *powers])
+        degrees = np.concatenate([degrees, *of_powers])
+    return terms, degrees

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,51 +62,29 @@ def choose_mixture(
     It is the nearest to the posterior in the Kullback-Leibler sense. The number of components
     grows until two larger numbers in turn no longer help. The weight of the tails comes last.
     """
-    fitting = _Fitting(draws, held_out, rng)
-    best = fitting.fitted(1)
+
+    def fitted(count: int, dof: float = MIXTURES.light_tails) -> tuple[StudentMixture, FloatArray]:
+        mixture = fit_mixture(draws, count, dof, rng)
+        return mixture, mixture.log_pdf(held_out)
+
+    n_components, (best, log_densities) = 1, fitted(1)
+    most = len(draws) // (MIXTURES.draws_per_dimension * draws.shape[1])
     in_vain = 0
     for count in MIXTURES.counts[1:]:
-        if in_vain == 2 or not fitting.affords(count):
+        if in_vain == 2 or count > most:
             break
-        candidate = fitting.fitted(count)
-        in_vain += 1
-        if candidate.improves_on(best):
-            best, in_vain = candidate, 0
-    for dof in (MIXTURES.heavy_tails, MIXTURES.heaviest_tails):
-        candidate = fitting.fitted(best.n_components, dof)
-        if candidate.log_densities.mean() <= best.log_densities.mean():
-            break
-        best = candidate
-    return best.mixture
-
-
-class _Fitted(NamedTuple):
-    """A mixture, what it was fitted with, and the log densities (n,) of the held-out draws."""
-
-    mixture: StudentMixture
-    n_components: int
-    log_densities: FloatArray
-
-    def improves_on(self, other: _Fitted) -> bool:
-        """Whether held-out draws are more probable by enough, and not by chance."""
-        gains = self.log_densities - other.log_densities
+        candidate, candidate_densities = fitted(count)
+        gains = candidate_densities - log_densities
         by_chance = 3.0 * float(gains.std()) / math.sqrt(len(gains))
-        return bool(gains.mean() > max(MIXTURES.least_gain, by_chance))
-
-
-class _Fitting(NamedTuple):
-    draws: FloatArray
-    held_out: FloatArray
-    rng: np.random.Generator
-
-    def affords(self, count: int) -> bool:
-        """Whether there are enough draws for so many components."""
-        n, d = self.draws.shape
-        return count * d * MIXTURES.draws_per_dimension <= n
-
-    def fitted(self, count: int, dof: float = MIXTURES.light_tails) -> _Fitted:
-        mixture = fit_mixture(self.draws, count, dof, self.rng)
-        return _Fitted(mixture, count, mixture.log_pdf(self.held_out))
+        in_vain += 1
+        if gains.mean() > max(MIXTURES.least_gain, by_chance):
+            n_components, best, log_densities, in_vain = count, candidate, candidate_densities, 0
+    for dof in (MIXTURES.heavy_tails, MIXTURES.heaviest_tails):
+        candidate, candidate_densities = fitted(n_components, dof)
+        if candidate_densities.mean() <= log_densities.mean():
+            break
+        best, log_densities = candidate, candidate_densities
+    return best
 
 
 def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:

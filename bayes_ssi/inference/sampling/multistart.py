@@ -69,11 +69,8 @@ def search_maxima(
 ) -> MultistartSearch:
     """Search for maxima until independent searches agree.
 
-    Args:
-        n_searches: the least number, the target's earlier one included; more follow while they do
-            not agree.
-        n_draws: prior draws per search, and
-        n_ascents: how many of them are climbed from at once; the settings have the defaults.
+    At least ``n_searches`` times, the target's earlier one included, from ``n_draws`` prior draws
+    each, of which ``n_ascents`` are climbed from at once.
     """
     alone = target.suggest_starts is None
     n_draws = n_draws or (MAXIMA.draws if alone else MAXIMA.draws_beside_starts)

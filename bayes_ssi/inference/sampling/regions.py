@@ -8,7 +8,7 @@ between neighbours, not by the spread of all draws, in which separate regions wo
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -92,21 +92,18 @@ class Regions:
 def find_regions(
     target: Target, draws: FloatArray, log_posteriors: FloatArray, chart: Chart | None = None
 ) -> Regions:
-    """Group draws into regions.
+    """Group posterior draws (n, d) into regions; their log posteriors (n,) are up to a constant.
 
-    Args:
-        draws: (n, d), posterior draws.
-        log_posteriors: (n,), up to a constant.
-        chart: in whose coordinates paths are straight. Between draws of a thin curved sheet, paths
-            that are straight in others leave it.
+    Paths are straight in the coordinates of ``chart``. Between draws of a thin curved sheet, paths
+    that are straight in others leave it.
     """
+
+    def log_posterior(z: FloatArray) -> FloatArray:
+        return target.log_posterior(z if chart is None else chart.curved(z))
+
     chosen = evenly_spaced_indices(len(draws), REGIONS.most_draws)
-    draws, log_posteriors = draws[chosen], log_posteriors[chosen]
-    log_posterior: Callable[[FloatArray], FloatArray] = target.log_posterior
-    if chart is not None:
-        draws = chart.straight(draws)
-        log_posterior = partial(_in_chart, target, chart)
-    paths = _Paths(log_posterior, draws, log_posteriors)
+    draws = draws[chosen] if chart is None else chart.straight(draws[chosen])
+    paths = _Paths(log_posterior, draws, log_posteriors[chosen])
     whitened = draws @ _local_whitening(draws)
     nearest = nearest_neighbours(whitened)
     groups = _groups(nearest, paths)
@@ -114,10 +111,6 @@ def find_regions(
     # Groups whose draws are no other draw's neighbours.
     groups = _joined(groups, _between_groups(groups, whitened, paths), paths)
     return Regions(draws, _without_the_smallest(groups, whitened), chart)
-
-
-def _in_chart(target: Target, chart: Chart, v: FloatArray) -> FloatArray:
-    return target.log_posterior(chart.curved(v))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,13 @@
-"""Everything that sampling one target produces."""
+"""Everything that sampling one target produces, and checks of it: estimates that should agree.
 
+A group of checks is one function in ``_CHECKS`` that yields a sentence for each thing that fails.
+No check can reveal a region that every part of the sampling missed; the agreement of independent
+searches is the best evidence that there is none.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +21,8 @@ from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.regions import Regions
-from bayes_ssi.inference.sampling.settings import REGIONS
-from bayes_ssi.inference.sampling.target import log_standard_normal
+from bayes_ssi.inference.sampling.settings import CHAINS, CHECKS, IMPORTANCE, REGIONS
+from bayes_ssi.inference.sampling.target import FARTHEST, log_standard_normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +43,11 @@ class SamplingResult:
     # Posterior draws resampled from the importance draws, where ensembles mix too slowly and the
     # importance draws suffice; else empty.
     resampled: tuple[Ensemble, ...] = ()
+
+    @cached_property
+    def failed_checks(self) -> list[str]:
+        """Disagreements, a sentence each; empty when all is well."""
+        return [message for check in _CHECKS for message in check(self)]
 
     @property
     def draws(self) -> tuple[Ensemble, ...]:
@@ -94,3 +106,115 @@ class SamplingResult:
         """Standard errors of :attr:`region_shares`."""
         groups = self.regions.assign(self.importance.z)
         return self.importance.share_errors(groups, self.regions.n_regions)
+
+
+def _chains(sampled: SamplingResult) -> Iterator[str]:
+    for ensemble in sampled.draws:
+        if not ensemble.is_long_enough:
+            yield (
+                f"a chain of {ensemble.n_steps} steps is shorter than "
+                f"{CHAINS.autocorrelation_times} autocorrelation times of "
+                f"{ensemble.autocorrelation_times.max():.0f} steps"
+            )
+    smallest = float(sampled.effective_sample_sizes.min())
+    least = CHECKS.least_effective_sample_size
+    if smallest < least:
+        yield f"effective sample size {smallest:.0f}, at least {least} needed"
+    # Between a few hundred independent draws R-hat exceeds 1 by chance.
+    limit = max(CHECKS.r_hat_limit, 1.0 + 10.0 / smallest)
+    if not sampled.r_hat <= limit:
+        yield f"the ensembles differ: R-hat between them is {sampled.r_hat:.3f}, above {limit:.3g}"
+
+
+def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
+    error, draws = sampled.evidence.error, sampled.importance
+    # It is at least the largest share of the evidence that one importance draw carries.
+    if error > CHECKS.error_over_wanted * sampled.wanted_error:
+        yield (
+            f"the standard error of the log evidence is {error:.3f} after {len(draws.z)} "
+            f"importance draws; {sampled.wanted_error:g} was wanted"
+        )
+    if not draws.pareto_k <= IMPORTANCE.pareto_k_limit:
+        yield (
+            f"a few importance draws may carry the evidence: Pareto k is {draws.pareto_k:.2f}, "
+            f"above {IMPORTANCE.pareto_k_limit}"
+        )
+    missed = draws.share_beyond((*sampled.ensembles, *sampled.compressions))
+    if missed > CHECKS.missed_over_error * error:
+        yield (
+            f"the importance draws may miss {100 * missed:.1f} % of the posterior: draws of the "
+            "chains or particles weigh more than the heaviest of them"
+        )
+
+
+def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
+    quoted = sampled.evidence
+    for other in sampled.evidence_checks:
+        if not other.agrees_with(quoted):
+            yield (
+                f"importance sampling and {other.name} disagree on the log evidence: {quoted} and "
+                f"{other}"
+            )
+
+
+def _regions(sampled: SamplingResult) -> Iterator[str]:
+    """Regions that a part of the sampling missed."""
+    regions, region_shares = sampled.regions, sampled.region_shares
+    if regions.n_regions == 1:
+        return
+    n_searches = sampled.searches_of_regions
+    n_draws = sampled.search.n_draws / sampled.search.n_searches
+    seen = sampled.prior_masses_of_regions * n_draws >= CHECKS.draws_that_see
+    shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
+    shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.draws]))
+    for region in np.flatnonzero(region_shares > CHECKS.small_share):
+        name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
+        if n_searches[region] < 2 and not seen[region]:
+            yield (
+                f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
+                "independent searches; there may be others"
+            )
+        missed = sum(shares[region] == 0 for shares in shares_of_compressions)
+        if missed:
+            yield (
+                f"{name} was missed by {missed} of {len(shares_of_compressions)} compressions of "
+                "the prior; there may be others"
+            )
+        if shares_of_chains[region] == 0:
+            yield f"{name} was never visited by the chains"
+
+
+def _reach(sampled: SamplingResult) -> Iterator[str]:
+    """A posterior so far from the prior that coordinates may have cut it off."""
+    z = sampled.importance.z
+    share = float(sampled.importance.weights @ (np.abs(z).max(axis=1) > FARTHEST - 1.0))
+    if share > CHECKS.small_share:
+        yield (
+            f"{100 * share:.0f} % of the posterior is {FARTHEST - 1.0:g} prior standard deviations "
+            "or more from the prior's median, where what is farther is left out: does a prior "
+            "contradict the data?"
+        )
+
+
+def _influence(sampled: SamplingResult) -> Iterator[str]:
+    """A log-likelihood that is the same wherever it was evaluated."""
+    values = sampled.importance.log_likelihoods
+    if np.mean(values == values.max()) > CHECKS.flat_share:
+        yield (
+            f"the log-likelihood is {values.max():.6g} wherever it was evaluated: either no "
+            "parameter has an influence on it, or this is a floor at which small likelihoods are "
+            "cut off, and all above it lies in regions of less than "
+            f"{sampled.search.largest_unseen_mass:.1g} of the prior, which were not found"
+        )
+
+
+def _searches(sampled: SamplingResult) -> Iterator[str]:
+    """Maxima that only one search found, where there are no particles as a second check."""
+    if not (sampled.compressions or sampled.search.converged):
+        yield (
+            f"{sampled.search.n_searches} independent searches found different maxima; there may "
+            "be others"
+        )
+
+
+_CHECKS = (_chains, _importance_draws, _evidence_estimates, _regions, _reach, _influence, _searches)

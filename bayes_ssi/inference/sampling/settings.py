@@ -124,14 +124,9 @@ class RegionSettings:
     valley_depth: float = 2.0
     points_between: int = 3
     most_draws: int = 1500
-
-    @property
-    def pairs(self) -> int:
-        """Pairs of draws between which two groups are tested.
-
-        A group of no more draws has most of its neighbours outside, and is no region of its own.
-        """
-        return self.neighbours // 2
+    # Pairs of draws between which two groups are tested. A group of no more draws has most of its
+    # neighbours outside, and is no region of its own.
+    pairs: int = 4
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.checks import failed_checks
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.resampling import systematic_indices
@@ -288,7 +287,7 @@ class PopulationSampler:
         target = Target(likelihood.log_likelihood_at, len(population.parameters))
         seed = np.random.SeedSequence(index)
         result = sample_target(target, seed, self.settings, progress)
-        failed = [*failed_checks(result)]
+        failed = [*result.failed_checks]
         rng = np.random.default_rng(index)
         importance, n_draws = result.importance, SETTINGS.population_draws
         chosen = rng.permutation(systematic_indices(importance.weights, n_draws, rng))
