@@ -316,13 +316,13 @@ class _Sampling:
     def _mixture(
         self, around_maxima: StudentMixture, draws: FloatArray, held_out: FloatArray
     ) -> StudentMixture:
-        """One fitted to draws, and components around the maxima, for regions that these lost."""
+        """One fitted to draws, and components around the maxima, for regions that these lost.
+
+        These may follow a ridge, or many small regions, better than what draws are enough to fit.
+        """
         fitted = choose_mixture(self._thinned(draws), held_out, self.rng)
         mixture = fitted.mixed_with(around_maxima)
-        if any(around_maxima.bends):
-            # They may follow a ridge better than what draws are enough to fit.
-            mixture = mixture.reweighted(held_out, np.ones(len(held_out)))
-        return mixture.widened()
+        return mixture.reweighted(held_out, np.ones(len(held_out))).widened()
 
     def _thinned(self, draws: FloatArray) -> FloatArray:
         """As many of the draws as a batch of importance draws has, at random."""
