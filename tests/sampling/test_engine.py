@@ -1,5 +1,6 @@
 """The five steps together, on targets with known answers."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -277,6 +278,28 @@ def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
     good = mixture_at(6.0, -6.0)
     trial, again = refitted(good, ensemble_at(6.0), ensemble_at(6.0, -6.0))
     assert again is trial
+
+
+def test_components_around_maxima_have_the_shares_of_their_regions():
+    """Of 64 equal regions, to which fewer components are fitted, importance draws are good."""
+    d, sd, rng = 6, 0.1, np.random.default_rng(2)
+    centres = np.array(list(itertools.product((1.0, -1.0), repeat=d)))
+    n = len(centres)
+
+    def log_likelihood(z):
+        sides = norm.logpdf(z[..., None], [1.0, -1.0], sd) - math.log(2.0)
+        return (np.logaddexp.reduce(sides, axis=2) - norm.logpdf(z)).sum(axis=1)
+
+    def draws():
+        return rng.choice(centres, 3000) + sd * rng.standard_normal((3000, d))
+
+    factors, tails = np.tile(sd * np.eye(d), (n, 1, 1)), np.full(n, 5.0)
+    around_maxima = StudentMixture(np.full(n, 1.0 / n), centres, factors, tails)
+    target = Target(log_likelihood, d)
+    run = engine._Sampling(target, SamplingSettings(), CHAINS, [], rng, lambda _step, _done: None)
+    sample = run._fitted(around_maxima, draws(), draws())
+    assert sample.efficiency > 0.4
+    assert abs(sample.estimate.log_evidence) < 4.0 * sample.estimate.error < 0.1
 
 
 def counted_ensembles(monkeypatch):
