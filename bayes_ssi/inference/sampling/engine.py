@@ -276,7 +276,7 @@ class _Sampling:
                 for i, (start, seed) in enumerate(zip(walkers, seeds_of_attempt, strict=True))
             )
             fast = all(ensemble.autocorrelation_times.max() <= slowest for ensemble in ensembles)
-            others = (*ensembles, *compressions)
+            others: tuple[ScoredDraws, ...] = (*ensembles, *compressions)
             if not self._is_worth_refitting(trial):
                 trial = sampler.refined(trial, wanted_error, others)
             agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit
