@@ -113,13 +113,18 @@ def test_runs_of_different_seeds_begin_with_different_solutions():
 
 
 def test_points_that_fail_have_no_likelihood_and_are_named():
-    exact, result = (
-        bs.sample(of_class(FailsWhereSoft), settings=settings, refinement=ONE_ROUND)
-        for settings in (bs.SamplingSettings(log_evidence_error=0.02), ECONOMICAL)
-    )
-    error = math.hypot(result.evidence.error, exact.evidence.error)
-    assert result.evidence.log_evidence == pytest.approx(exact.evidence.log_evidence, abs=3 * error)
-    assert any("no equilibrium" in check for check in result.failed_checks)
+    """Over four seeds: one claims too small an error in one of twenty."""
+    exact = bs.sample(of_class(FailsWhereSoft)).evidence
+    results = [
+        bs.sample(of_class(FailsWhereSoft), seed, ECONOMICAL, refinement=ONE_ROUND)
+        for seed in range(4)
+    ]
+    evidences = [result.evidence for result in results]
+    error = math.hypot(exact.error, math.hypot(*(each.error for each in evidences)) / 4)
+    mean = np.mean([each.log_evidence for each in evidences])
+    assert mean == pytest.approx(exact.log_evidence, abs=3 * error)
+    for result in results:
+        assert any("no equilibrium" in check for check in result.failed_checks)
 
 
 def test_a_model_that_jumps_within_the_posterior_is_right_or_flagged():
