@@ -31,7 +31,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
@@ -46,7 +45,7 @@ from bayes_ssi.inference.criticism.misfit import (
     misfit,
     standard_deviations,
 )
-from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
@@ -178,12 +177,26 @@ def adequacy(
     return Adequacy(
         overall=PValue.of(float(log_harmonic_mean(at_draws, axis=0))),
         modes=tuple(_mode_rows(model_class, parts, of_modes)),
-        parameters=tuple(_parameter_rows(model_class, values, z, of_parameters, is_size)),
-        counts=tuple(
-            _count_row(configuration.name, likelihood, part, log_p)
-            for (configuration, likelihood, _), part, log_p in zip(
-                model_class.parts(values), parts, of_counts, strict=True
+        parameters=tuple(
+            ParameterMisfit(
+                name=parameter.name,
+                value=float(np.median(values[:, i])),
+                prior_median=parameter.prior.quantile(0.5),
+                prior_sds=float(np.median(z[:, i])),
+                is_error_size=bool(is_size[i]),
+                misfit=PValue.of(float(log_harmonic_mean(of_parameters[:, i], axis=0))),
             )
+            for i, parameter in enumerate(model_class.parameters)
+        ),
+        counts=tuple(
+            CountMisfit(
+                configuration=test.name,
+                spurious=float(np.isnan(part.frequency_errors).sum(axis=1).mean()),
+                expected_spurious=model_class.identification.expected_spurious_modes,
+                unidentified=float(part.unidentified.mean()),
+                misfit=PValue.of(float(log_harmonic_mean(log_p.ravel(), axis=0))),
+            )
+            for test, part, log_p in zip(model_class.configurations, parts, of_counts, strict=True)
         ),
         frequency_error=_inferred_error(model_class, values),
     )
@@ -264,36 +277,6 @@ def _error_sizes(model_class: ModelClass) -> set[str]:
     sizes = (as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd))
     structural = {parameter.name for parameter in model_class.structural_parameters}
     return {p.name for size in sizes for p in size.parameters} - structural
-
-
-def _parameter_rows(
-    model_class: ModelClass,
-    values: FloatArray,
-    z: FloatArray,
-    log_p: FloatArray,
-    is_size: NDArray[np.bool_],
-) -> Iterator[ParameterMisfit]:
-    for i, parameter in enumerate(model_class.parameters):
-        yield ParameterMisfit(
-            name=parameter.name,
-            value=float(np.median(values[:, i])),
-            prior_median=parameter.prior.quantile(0.5),
-            prior_sds=float(np.median(z[:, i])),
-            is_error_size=bool(is_size[i]),
-            misfit=PValue.of(float(log_harmonic_mean(log_p[:, i], axis=0))),
-        )
-
-
-def _count_row(
-    configuration: str, likelihood: ModalLikelihood, part: Misfit, log_p: FloatArray
-) -> CountMisfit:
-    return CountMisfit(
-        configuration=configuration,
-        spurious=float(np.isnan(part.frequency_errors).sum(axis=1).mean()),
-        expected_spurious=likelihood.identification.expected_spurious_modes,
-        unidentified=float(part.unidentified.mean()),
-        misfit=PValue.of(float(log_harmonic_mean(log_p.ravel(), axis=0))),
-    )
 
 
 @dataclass(frozen=True)
