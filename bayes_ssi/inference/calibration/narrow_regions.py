@@ -150,7 +150,7 @@ class PairedResiduals:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
         if self.inferred is None:
             return self.given_pairings(len(values))
-        weights = self._weights(self.inferred, values, modes, width)
+        weights = self._weights(values, modes, width)
         log_ratios = np.where(considered[:, :, None], weights.log_ratios, -np.inf)
         return sample_pairings(replace(weights, log_ratios=log_ratios), rng)
 
@@ -167,21 +167,18 @@ class PairedResiduals:
 
         In proportion to the weights of pairs if all errors were of this width.
         """
-        assert self.inferred is not None
         rows = np.arange(len(values))
-        weights = self._weights(self.inferred, values, modes, width)
-        log_weights = weights.log_ratios[rows, identified]
+        log_weights = self._weights(values, modes, width).log_ratios[rows, identified]
         row, column = np.nonzero(chosen >= 0)
         log_weights[row, chosen[row, column]] = -np.inf
         extended = chosen.copy()
         extended[rows, identified] = (log_weights + rng.gumbel(size=log_weights.shape)).argmax(1)
         return extended
 
-    @staticmethod
-    def _weights(
-        likelihood: AnyPairing, values: FloatArray, modes: Modes, width: float
-    ) -> PairingWeights:
+    def _weights(self, values: FloatArray, modes: Modes, width: float) -> PairingWeights:
         """Weights of pairs if all errors were of this width; of their own size where it is 0."""
+        likelihood = self.inferred
+        assert likelihood is not None
         compared = likelihood.compared_modes(values, modes)
         if width > 0.0:
             likelihood = replace(likelihood, error=ErrorModel(width, width))

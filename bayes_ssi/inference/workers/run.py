@@ -171,15 +171,12 @@ class Checkpoint:
             _remove(lock.path)
             self._remove_if_empty()
 
-    def silent(self) -> Checkpoint:
-        """The same checkpoint without messages, for use in another process."""
-        return replace(self, say=_keep_quiet)
-
-    def say_resumed(self, names: Iterable[str]) -> None:
-        """Report which of these model classes have a journal, before they are sampled silently."""
+    def silent(self, names: Iterable[str]) -> Checkpoint:
+        """The same for other processes, once it is said which of these classes have a journal."""
         resumed = [name for name in names if self._path(name).exists()]
         if resumed:
             self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
+        return replace(self, say=_keep_quiet)
 
     @property
     def is_saving(self) -> bool:

@@ -101,10 +101,7 @@ def _side_by_side(
     # The largest first: none should keep a single worker busy at the end.
     whole.sort(key=lambda i: -len(candidates[i].parameters))
     names = [candidates[i].name for i in whole]
-    checkpoint = run.checkpoint
-    if checkpoint is not None:
-        checkpoint.say_resumed(names)
-        checkpoint = checkpoint.silent()
+    checkpoint = run.checkpoint.silent(names) if run.checkpoint else None
     with TemporaryDirectory(prefix="bayes_ssi_") as directory:
         files = [ProgressFile(Path(directory, str(k))) for k in range(len(whole))]
         known: dict[ProgressFile, tuple[str, str, float]] = {}
