@@ -85,7 +85,10 @@ def refined(
         return done
 
     model_class.check_structure()
-    misfit = least_misfit(_widened_over_prior(model_class, seed, settings), seed, workers)
+    rng = np.random.default_rng([seed, 2])
+    z = rng.standard_normal((settings.n_certified, len(model_class.parameters)))
+    widened = _with_errors_of_approximation(model_class, model_class.values(z), settings)
+    misfit = least_misfit(widened, seed, workers)
     if misfit > settings.hopeless_misfit:
         posterior = sample_class(model_class, roughly=True)
         hopeless = (
@@ -93,7 +96,7 @@ def refined(
             "sampled roughly, and the error of its evidence is not known"
         )
         return replace(posterior, failed_checks=(hopeless,), emulators=_emulators(model_class))
-    model_class = _accurate_near_maxima(model_class, seed, workers, settings)
+    model_class = _accurate_near_maxima(model_class, widened, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
@@ -160,31 +163,26 @@ def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) ->
 
 
 def _accurate_near_maxima(
-    model_class: ModelClass, seed: int, workers: Workers | None, settings: RefinementSettings
+    model_class: ModelClass,
+    widened: ModelClass,
+    seed: int,
+    workers: Workers | None,
+    settings: RefinementSettings,
 ) -> ModelClass:
     """The class with structures accurate where quick searches expect the posterior.
 
-    The searches count the errors of the approximation as errors of the data, so that no region is
-    lost because its modes are not accurate yet. They narrow as the structures become accurate.
+    The searches count the errors of the approximation as errors of the data, at first those over
+    the prior, so that no region is lost because its modes are not accurate yet. They narrow as the
+    structures become accurate.
     """
-    widened = _widened_over_prior(model_class, seed, settings)
     for _ in range(settings.most_searches):
         values = _near_maxima(widened, seed, workers, settings)
-        better = improved(model_class, requirements(model_class, values, settings))
+        better = improved(model_class, values, settings)
         if better is model_class:
             break
         model_class = better
         widened = _with_errors_of_approximation(model_class, values, settings)
     return model_class
-
-
-def _widened_over_prior(
-    model_class: ModelClass, seed: int, settings: RefinementSettings
-) -> ModelClass:
-    """The class with the structures' errors at draws from the prior added to its own."""
-    rng = np.random.default_rng([seed, 2])
-    z = rng.standard_normal((settings.n_certified, len(model_class.parameters)))
-    return _with_errors_of_approximation(model_class, model_class.values(z), settings)
 
 
 def _with_errors_of_approximation(
@@ -389,15 +387,16 @@ def more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
     """The class with structures as accurate as needed at all ``values``, or as they become."""
-    while True:
-        better = improved(model_class, requirements(model_class, values, settings))
-        if better is model_class:
-            return model_class
+    while (better := improved(model_class, values, settings)) is not model_class:
         model_class = better
+    return model_class
 
 
-def improved(model_class: ModelClass, needed: list[Requirement]) -> ModelClass:
-    """The class with structures that are accurate enough, or more accurate than they were."""
+def improved(
+    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
+) -> ModelClass:
+    """The class with structures accurate enough at ``values``, or more accurate than they were."""
+    needed = requirements(model_class, values, settings)
     return model_class.with_structures(lambda structure, i: structure.accurate_at(*needed[i]))
 
 

@@ -91,33 +91,6 @@ class LocalWorkers(Workers):
         super()._abandon(waiting)
 
 
-def usable_cores() -> int:
-    """Number of cores that this process may use, by its affinity and its share of the machine."""
-    from loky import cpu_count
-
-    n: int = cpu_count()
-    return n
-
-
-def can_copy() -> bool:
-    """Whether this process can be copied: on Linux, and unless it has other threads.
-
-    Apple's libraries do not work in a copy, and Windows makes none.
-    """
-    return sys.platform == "linux" and threading.active_count() == 1
-
-
-def as_workers(workers: int | Executor | Workers | None) -> Workers | None:
-    """The workers from whatever a caller passed."""
-    if workers is None or isinstance(workers, Workers):
-        return workers
-    if isinstance(workers, Integral) and not isinstance(workers, bool):
-        return LocalWorkers(int(workers))
-    if isinstance(workers, Executor):
-        return Workers(workers)
-    raise TypeError(f"workers must be a number or an executor, got {workers!r}")
-
-
 class DaskWorkers(Workers):
     """The workers of a Dask cluster, whose number may change.
 
@@ -185,3 +158,30 @@ class DaskWorkers(Workers):
 
     def _is_death(self, error: BaseException) -> bool:
         return super()._is_death(error) or type(error).__name__ == "KilledWorker"
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may use, by its affinity and its share of the machine."""
+    from loky import cpu_count
+
+    n: int = cpu_count()
+    return n
+
+
+def can_copy() -> bool:
+    """Whether this process can be copied: on Linux, and unless it has other threads.
+
+    Apple's libraries do not work in a copy, and Windows makes none.
+    """
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def as_workers(workers: int | Executor | Workers | None) -> Workers | None:
+    """The workers from whatever a caller passed."""
+    if workers is None or isinstance(workers, Workers):
+        return workers
+    if isinstance(workers, Integral) and not isinstance(workers, bool):
+        return LocalWorkers(int(workers))
+    if isinstance(workers, Executor):
+        return Workers(workers)
+    raise TypeError(f"workers must be a number or an executor, got {workers!r}")
