@@ -91,16 +91,8 @@ def search(
     )
     candidates = None if candidates_file is None else read_candidates(candidates_file)
     chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None)
-    place = options.place(
-        loaded,
-        study,
-        f"{study.stem}_search",
-        "search",
-        search_settings,
-        baselines,
-        candidates,
-        present_in,
-    )
+    inputs = (search_settings, baselines, candidates, present_in)
+    place = options.place(loaded, study, f"{study.stem}_search", "search", *inputs)
     with options.running(chosen.study, place, chosen.n_hypotheses_of_one) as run:
         appendages = search_appendages(
             loaded,

@@ -1,6 +1,6 @@
 """The answer of a comparison of two tests in sentences: did anything change, where, by how much?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from bayes_ssi.results.search_answer import unsampled
 from bayes_ssi.results.wording import (
@@ -10,7 +10,13 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
-from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSummary, Quantiles
+from bayes_ssi.studies.changes.change_search import (
+    ChangeRecord,
+    ChangesRecord,
+    ChangeSummary,
+    PlaceOfChange,
+    Quantiles,
+)
 from bayes_ssi.studies.ranking.comparison import RANKING
 
 
@@ -32,11 +38,10 @@ def change_verdict(record: ChangeRecord) -> str:
 def lost(change: ChangeSummary) -> str:
     """What one place lost: medians and 90 % intervals."""
     several = len(change.losses) > 1
-    shares = [
+    return listed(
         (f"of {name.removeprefix('loss, ')} " if several else "") + _percent(share)
         for name, share in change.losses.items()
-    ]
-    return listed(shares)
+    )
 
 
 def _percent(share: Quantiles) -> str:
@@ -46,10 +51,22 @@ def _percent(share: Quantiles) -> str:
 
 def change_sentences(record: ChangeRecord) -> Iterator[str]:
     """Where it changed and by how much, what would have been seen, and what it rests on."""
-    if record.probability_of_change >= RANKING.probable:
-        yield from _places(record)
-    yield from _visible(record)
-    yield from _common(record)
+    own = [each for each in record.places if not each.place.is_common]
+    if record.best_change is not None and record.probability_of_change >= RANKING.probable:
+        yield from _places(record, record.best_change)
+    if record.has_visible:
+        yield from _visible([each for each in own if each.is_observed])
+    for common in (each for each in record.places if each.place.is_common):
+        yield (
+            "That all places lost a share in common, which counts as no change, has the "
+            f"probability {probability_in_words(common.probability)}; the share is then "
+            f"{lost(common.change)}."
+        )
+    if len(own) == len(record.places) and record.probability_of_change >= 0.5:
+        yield (
+            "That all places lost a share in common, as by temperature or moisture, was not "
+            "considered, and would be taken for a change; ask with --common."
+        )
     if record.shared is not None:
         yield (
             f"The tests share {_percent(record.shared)} of the "
@@ -59,60 +76,35 @@ def change_sentences(record: ChangeRecord) -> Iterator[str]:
     yield from unsampled(record)
 
 
-def _places(record: ChangeRecord) -> Iterator[str]:
-    best = record.best_change
-    if best is None:
-        return
-    items = []
-    for change in (each for each in best.changes if not each.place.is_common):
-        own = record.place(change.place.name)
-        items.append(
-            f"{change.place.name} (probability {probability_in_words(own.probability)}), which "
-            f"lost {lost(own.change)}"
-        )
+def _places(record: ChangeRecord, best: ChangesRecord) -> Iterator[str]:
+    changed = [record.place(change.place.name) for change in best.changes]
+    items = [
+        f"{each.place.name} (probability {probability_in_words(each.probability)}), which lost "
+        f"{lost(each.change)}"
+        for each in changed
+        if not each.place.is_common
+    ]
     if record.probability_of_change >= 0.5:
         yield f"Most probably it is {listed(items)}: medians and 90 % intervals."
     else:
         yield f"If anything changed, it is most probably {listed(items)}."
-    for change in best.changes:
-        alike = record.place(change.place.name).alike
-        if alike:
+    for each in changed:
+        if each.alike:
             yield (
-                f"The data do not tell {change.place.name} from {listed(alike)}: the change may "
-                f"be in {'any' if len(alike) > 1 else 'either'} of them."
+                f"The data do not tell {each.place.name} from {listed(each.alike)}: the change may "
+                f"be in {'any' if len(each.alike) > 1 else 'either'} of them."
             )
     others = [
         f"{each.place.name} ({probability_in_words(each.probability)})"
         for each in record.places_by_probability
-        if each.probability >= RANKING.probable
-        and not each.place.is_common
-        and each.place not in [change.place for change in best.changes]
+        if each.probability >= RANKING.probable and not each.place.is_common and each not in changed
     ]
     if others:
         yield f"The other places that may have changed are {shortened(others)}."
 
 
-def _common(record: ChangeRecord) -> Iterator[str]:
-    """What a factor in common did, or that none was considered."""
-    common = [each for each in record.places if each.place.is_common]
-    for each in common:
-        yield (
-            "That all places lost a share in common, which counts as no change, has the "
-            f"probability {probability_in_words(each.probability)}; the share is then "
-            f"{lost(each.change)}."
-        )
-    if not common and record.probability_of_change >= 0.5:
-        yield (
-            "That all places lost a share in common, as by temperature or moisture, was not "
-            "considered, and would be taken for a change; ask with --common."
-        )
-
-
-def _visible(record: ChangeRecord) -> Iterator[str]:
+def _visible(places: Sequence[PlaceOfChange]) -> Iterator[str]:
     """The smallest losses that the tests would have shown."""
-    if not record.has_visible:
-        return
-    places = [each for each in record.places if each.is_observed and not each.place.is_common]
     shown = [
         f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
         for each in places

@@ -5,12 +5,15 @@ from rich.table import Table
 from bayes_ssi.report.tables.layout import TABLES, add_row, new_table
 from bayes_ssi.report.tables.search_tables import hypothesis_notes
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSearch, PlaceOfChange
+from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSearch
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 
 def change_table(record: ChangeRecord) -> Table:
-    """Places by the probability of a change: what they lost, and what would have been seen."""
+    """Places by the probability of a change: what they lost, and what would have been seen.
+
+    A dash stands where no loss would have been.
+    """
     heading = ["smallest visible (%)"] if record.has_visible else []
     table = new_table(
         "Changes by place, averaged over all hypotheses: medians and 90 % intervals",
@@ -18,23 +21,16 @@ def change_table(record: ChangeRecord) -> Table:
         ["probability", "share lost (%)", *heading],
     )
     for each in record.places_by_probability[: TABLES.most_places]:
-        for i, (loss, shares) in enumerate(each.change.losses.items()):
-            first = i == 0
-            add_row(
-                table,
-                each.place.name if first else "",
-                loss.removeprefix("loss, "),
-                probability_text(each.probability) if first else "",
-                quantity(*(100.0 * share for share in shares)),
-                *([smallest_visible(each) if first else ""] if heading else []),
-            )
+        least = each.smallest_visible
+        visible = "-" if least is None else f"{100.0 * least:.2g}"
+        of_place = [each.place.name, probability_text(each.probability), visible]
+        for loss, shares in each.change.losses.items():
+            name, probability, seen = of_place
+            lost = quantity(*(100.0 * share for share in shares))
+            cells = [name, loss.removeprefix("loss, "), probability, lost]
+            add_row(table, *cells, *([seen] if heading else []))
+            of_place = ["", "", ""]
     return table
-
-
-def smallest_visible(place: PlaceOfChange) -> str:
-    """The smallest loss that would have been shown, in per cent; a dash where none would be."""
-    share = place.smallest_visible
-    return "-" if share is None else f"{100.0 * share:.2g}"
 
 
 def change_notes(search: ChangeSearch) -> list[str]:

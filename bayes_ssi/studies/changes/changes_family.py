@@ -160,11 +160,7 @@ def choose_changes(
 ) -> Changes:
     """The hypotheses of change between two tests of a study, or two groups of them.
 
-    Args:
-        before: names of configurations, and ``after``.
-        joined: name of a place → parameters that change by one factor.
-        places: name of a place → parameters of which each changes by a factor of its own.
-        left_out: parameters that do not change.
+    Arguments are those of :func:`~bayes_ssi.studies.changes.change_search.changes`.
     """
     options = options or ChangeSettings()
     before, after = tuple(dict.fromkeys(before)), tuple(dict.fromkeys(after))

@@ -9,7 +9,6 @@ line through its root says where nine in ten are above the odds that count as sh
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -45,6 +44,7 @@ class VisibilitySettings:
     first: tuple[float, ...] = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
     around: tuple[float, float] = (0.7, 1.6)
     n_simulated: int = 18  # for an error of a tenth in the loss
+    most_lost: float = 0.98  # in simulations; what is left still stands
     largest: float = 0.95  # losses beyond are no answer
 
 
@@ -87,16 +87,6 @@ class Visibility(NamedTuple):
         return found if found <= VISIBILITY.largest else None
 
 
-class ToSimulate(NamedTuple):
-    """A loss at a place, with which tests are simulated."""
-
-    unchanged: ModelClass
-    changed: ModelClass
-    z: FloatArray  # (d,), a draw of "nothing changed", in standard-normal coordinates
-    loss: float
-    number: int  # of the simulation
-
-
 def visibilities(
     family: Changes, nothing: Hypothesis[ChangePlace], seed: int, run: Run
 ) -> dict[ChangePlace, Visibility]:
@@ -106,58 +96,62 @@ def visibilities(
         nothing: the hypothesis that nothing changed.
     """
     baseline, unchanged, screened = nothing.key.baseline, nothing.model_class, nothing.screened
-    n_all = len(VISIBILITY.first) + VISIBILITY.n_simulated
+    n = len(VISIBILITY.first) + VISIBILITY.n_simulated
     rng = np.random.default_rng(seed_of("posterior of nothing changed", seed))
-    z = rng.permutation(screened.z[systematic_indices(screened.weights, n_all, rng)])
+    z = rng.permutation(screened.z[systematic_indices(screened.weights, n, rng)])
     places = [each for each in family.features[baseline] if not each.is_common]
     classes = [family.hypothesis(unchanged, (place,), place.name) for place in places]
     one, none = (family.prior_weight(baseline, number) for number in (1, 0))
     needed = math.log(VISIBILITY.odds * none / one)
+    of_place = partial(_visibility, unchanged=unchanged, z=z, needed=needed, seed=seed)
+    what = f"{n * len(places)} tests simulated"
+    run.report("smallest visible losses", what, 0.0)
+    found = each_in_workers(of_place, classes, run)
+    run.report("smallest visible losses", what, 1.0)
+    return dict(zip(places, found, strict=True))
 
-    def log_odds(losses: Sequence[FloatArray], begin: int) -> list[FloatArray]:
-        """The log Bayes factors of each place's losses."""
-        items = [
-            ToSimulate(unchanged, changed, z[begin + i], loss, begin + i)
-            for changed, own in zip(classes, losses, strict=True)
-            for i, loss in enumerate(own.tolist())
-        ]
-        run.report("smallest visible losses", f"{len(items)} tests simulated", 0.0)
-        found = each_in_workers(partial(log_bayes_factor, seed=seed), items, run)
-        run.report("smallest visible losses", f"{len(items)} tests simulated", 1.0)
-        return list(np.reshape(found, (len(losses), -1)))
+
+def _visibility(
+    changed: ModelClass, unchanged: ModelClass, z: FloatArray, needed: float, seed: int
+) -> Visibility:
+    """From losses of all sizes, then from those about where log odds pass what is needed."""
+
+    def log_odds(losses: FloatArray, begin: int) -> FloatArray:
+        found = []
+        for i, loss in enumerate(losses.tolist(), begin):
+            rng = np.random.default_rng(seed_of(f"{changed.name} {i}", seed))
+            found.append(log_bayes_factor(changed, unchanged, z[i], loss, rng))
+        return np.array(found)
 
     first = np.array(VISIBILITY.first)
-    rough = log_odds([first] * len(places), 0)
+    rough = log_odds(first, 0)
+    above = np.flatnonzero(rough > needed)
+    last = int(above[0]) if len(above) else len(first) - 1
+    passed = math.sqrt(first[last] * first[max(last - 1, 0)])
     low, high = VISIBILITY.around
-    further = [
-        np.minimum(np.geomspace(low * at, high * at, VISIBILITY.n_simulated), 0.98)
-        for at in (_passed(first, each, needed) for each in rough)
-    ]
-    found = zip(places, further, log_odds(further, len(first)), rough, strict=True)
-    return {
-        place: Visibility.fitted(losses, own, needed, float(before.min()) - 1.0)
-        for place, losses, own, before in found
-    }
+    losses = np.geomspace(low * passed, high * passed, VISIBILITY.n_simulated)
+    losses = np.minimum(losses, VISIBILITY.most_lost)
+    floor = float(rough.min()) - 1.0
+    return Visibility.fitted(losses, log_odds(losses, len(first)), needed, floor)
 
 
-def _passed(losses: FloatArray, log_odds: FloatArray, needed: float) -> float:
-    """About where the log odds pass what is needed."""
-    above = np.flatnonzero(log_odds > needed)
-    last = int(above[0]) if len(above) else len(losses) - 1
-    return float(np.sqrt(losses[last] * losses[max(last - 1, 0)]))
+def log_bayes_factor(
+    changed: ModelClass,
+    unchanged: ModelClass,
+    z: FloatArray,
+    loss: float,
+    rng: np.random.Generator,
+) -> float:
+    """Of a change against none in tests simulated with a loss, by Laplace, in nats.
 
-
-def log_bayes_factor(item: ToSimulate, seed: int) -> float:
-    """Of the change against none in simulated tests, by Laplace's approximation, in nats."""
-    rng = np.random.default_rng(seed_of(f"{item.changed.name} {item.number}", seed))
-    known = dict(zip(item.unchanged.parameter_names, item.z, strict=True))
-    z = np.array(
-        [
-            known[p.name] if p.name in known else p.prior.to_normal(item.loss)
-            for p in item.changed.parameters
-        ]
+    Args:
+        z: (d,), a draw of "nothing changed", in standard-normal coordinates.
+    """
+    known = dict(zip(unchanged.parameter_names, z, strict=True))
+    lost = np.array(
+        [known[p.name] if p.name in known else p.prior.to_normal(loss) for p in changed.parameters]
     )
-    tests = simulated_tests(item.changed, z, rng)
+    tests = simulated_tests(changed, lost, rng)
 
     def log_evidence(model_class: ModelClass, start: FloatArray) -> float:
         own = tuple(
@@ -168,7 +162,7 @@ def log_bayes_factor(item: ToSimulate, seed: int) -> float:
         return find_maxima(target, start[None]).laplace_estimate.log_evidence
 
     with threadpool_limits(limits=1, user_api="blas"):
-        return log_evidence(item.changed, z) - log_evidence(item.unchanged, item.z)
+        return log_evidence(changed, lost) - log_evidence(unchanged, z)
 
 
 def simulated_tests(
