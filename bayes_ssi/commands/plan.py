@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from bayes_ssi.commands.options import (
     default_option,
     load,
+    named_values,
     only_option,
     path_option,
     repeated_option,
@@ -35,8 +39,8 @@ from bayes_ssi.commands.terminal import (
 @default_option(
     "--aim",
     "class",
-    "What the test is for: class, which model class holds; parameters, all of the structures; or "
-    "the name of one.",
+    "What the test is for: class, which model class holds; parameters, all of the structures; the "
+    "name of one; or of a function in STUDY, a prediction for a structure and parameter values.",
 )
 @path_option(
     "--candidates",
@@ -51,8 +55,13 @@ from bayes_ssi.commands.terminal import (
     "--configuration",
     "configurations",
     "NAME",
-    "Alternative configuration, such as with masses added; may be repeated. All of the study, if "
-    "not given.",
+    "Alternative configuration; may be repeated. All of the study, if not given.",
+)
+@repeated_option(
+    "--added-mass",
+    "masses",
+    "PLACE=MASS",
+    "Alternative with a mass added at a degree of freedom; may be repeated.",
 )
 @path_option(
     "--after",
@@ -75,14 +84,12 @@ def plan(
     n_sensors: int,
     aim: str,
     candidates_file: Path | None,
-    fixed: tuple[str, ...],
-    excluded: tuple[str, ...],
-    configurations: tuple[str, ...],
+    masses: tuple[str, ...],
     after: Path | None,
     tests: int,
     draws: int,
-    seed: int,
     out: Path | None,
+    **options: Any,
 ) -> None:
     """Choose the sensors of a test of STUDY's structure for what the test is to answer.
 
@@ -91,6 +98,7 @@ def plan(
     class holds, or about parameters. The study's data give the band and the errors alone. The exit
     code is 3 where the computation is too rough.
     """
+    from bayes_ssi.inference.workers.workers import STUDY_MODULE
     from bayes_ssi.report.tables.plan_tables import (
         change_table,
         layout_table,
@@ -106,21 +114,20 @@ def plan(
     from bayes_ssi.studies.planning.plan_settings import PlanSettings
 
     loaded = load(study, only)
+    prediction = vars(sys.modules[f"{STUDY_MODULE}{study.stem}"]).get(aim)
     if out is not None:
         require_new_files(out)
     with progress_bars() as progress:
         planned = plan_study(
             loaded,
             n_sensors,
-            aim=aim,
+            aim=prediction if inspect.isfunction(prediction) else aim,
             candidates=None if candidates_file is None else read_candidates(candidates_file),
-            fixed=fixed,
-            excluded=excluded,
-            configurations=configurations or None,
+            added_masses=named_values("--added-mass", masses, "PLACE=MASS", r"(.+)=([^=]*)", float),
             after=None if after is None else load_result(after),
             settings=PlanSettings(tests, draws),
-            seed=seed,
             progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
+            **options,
         )
     where = console()
     where.print(layout_table(planned))

@@ -1,10 +1,11 @@
 """Plans of tests against brute force, against all layouts, and against what tests then say.
 
-    python runs/benchmarks/planning.py oracle|exhaustive|forecasts|steel
+    python runs/benchmarks/planning.py oracle|nested|exhaustive|forecasts|steel
     python runs/benchmarks/planning.py frame concrete_frame_fe.mat
 
-oracle: gains of all layouts of the numerical study, and of a harder one, against evidences by four
-million prior draws of each class, on the same simulated tests and on others.
+oracle: gains of all layouts of the numerical study, and of a harder one, against evidences that
+the package's engine gives each simulated test, layout and class by itself.
+nested: the same layouts at errors of ten per cent, against nested Monte Carlo on other tests.
 exhaustive: all 495 layouts of 4 of 12 floors, and the greedy search.
 frame: 6 of 36 sensors of a finite-element model of 2302 degrees of freedom.
 forecasts: 200 other tests with the best, an evenly spread and the worst layout of two sensors: the
@@ -28,9 +29,10 @@ import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning import layout_search
-from bayes_ssi.studies.planning.centred_draws import _batched, log_ratios
+from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_values import SimulatedPlan, class_worth
 from bayes_ssi.studies.planning.planned_class import PlannedClass
+from bayes_ssi.studies.planning.simulated_tests import SimulatedTests, simulate
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parents[1] / "model_classes"
@@ -64,66 +66,102 @@ def layouts_of(n):
     return [each for size in range(1, n + 1) for each in itertools.combinations(range(n), size)]
 
 
-def brute_force(classes, simulated, chosen, n_draws, rng, block=250_000):
-    """Log evidences (class, layout, test) of chosen tests by plain averages over prior draws."""
-    layouts = layouts_of(len(classes[0].candidates))
-    found = simulated.tests.frequencies_hz[chosen]
-    parts = np.full((len(classes), len(layouts), len(chosen), n_draws // block), -np.inf)
-    squares = parts.copy()
-    for c, each in enumerate(classes):
-        for b in range(parts.shape[3]):
-            modes = each.modes(each.draw(block, rng))
-            for t, n in enumerate(chosen):
-                # Draws whose frequencies pair badly weigh less than e^-18 of the best.
-                alone = modes._replace(shapes=modes.shapes[:, :1])
-                ratios = log_ratios(each, found[t : t + 1], np.zeros((1, 1, found.shape[1])),
-                                    _batched(alone, (1, block)), 0.0)  # fmt: skip
-                bound = ratios.unpaired[0] + np.logaddexp(
-                    0.0, logsumexp(ratios.frequency[0], axis=2)
-                ).sum(axis=1)
-                kept = np.flatnonzero(bound > bound.max() - 18.0)
-                own = type(modes)(*(array[kept] for array in modes))
-                for i, layout in enumerate(layouts):
-                    seen = simulated.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))
-                    at = own._replace(shapes=own.shapes[:, list(layout)])
-                    ratios = log_ratios(each, found[t : t + 1], seen,
-                                        _batched(at, (1, len(kept))), 0.0)  # fmt: skip
-                    weights = ratios.partly(1.0)[0]
-                    pairs = PairingWeights(weights, np.zeros(weights.shape[1]),
-                                           np.zeros((1, weights.shape[2])))  # fmt: skip
-                    density = ratios.unpaired[0] + log_sum(pairs)
-                    parts[c, i, t, b] = logsumexp(density) - math.log(block)
-                    squares[c, i, t, b] = logsumexp(2.0 * density) - 2.0 * math.log(block)
-    total = logsumexp(parts, axis=3) - math.log(parts.shape[3])
-    spread = logsumexp(squares, axis=3) - 2.0 * math.log(parts.shape[3])
-    return layouts, total, np.exp(2.0 * total - spread)
+def as_study(study, simulated, n, layout, names):
+    """The simulated test n as data of the study's classes; None where it found no mode."""
+    found = simulated.tests.frequencies_hz[n]
+    places = np.flatnonzero(np.isfinite(found))
+    if not len(places):
+        return None
+    band, sensors = study.model_classes[0].data.band_hz, tuple(names[i] for i in layout)
+    shapes = simulated.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))[0]
+    if len(layout) > 1:
+        modes = [bs.IdentifiedMode(str(j), found[j], shapes[:, j]) for j in places]
+        data = bs.ModalData(tuple(modes), band, sensors)
+    else:  # a shape at one sensor says nothing
+        data = bs.ModalData(tuple(bs.IdentifiedMode(str(j), found[j]) for j in places), band)
+    return bs.Study(str(n), [
+        bs.ModelClass(c.name, c.structure, data, c.error, pairing="any",
+                      identification=c.identification) for c in study.model_classes
+    ])  # fmt: skip
 
 
 def oracle(given):
+    """Paired: the difference of gains is far more certain than a gain."""
     studies = {"numerical study": STUDY["study"].with_any_pairing(), "harder": harder()}
+    settings = bs.SamplingSettings(particles=100, searches=1)
     for name, study in studies.items():
         classes = planned(study)
         started = perf_counter()
-        simulated = SimulatedPlan.of(classes, given.tests, 200, given.seed)
-        took = perf_counter() - started
-        step = max(1, given.tests // given.oracle_tests)
-        chosen = np.arange(0, len(simulated.true_class), step)
-        rng = np.random.default_rng(given.seed + 1)
-        layouts, exact, effective = brute_force(classes, simulated, chosen, given.draws, rng)
-        print(f"\n{name}: {given.tests} tests in {took:.0f} s; {len(chosen)} of them by "
-              f"{given.draws} prior draws of each class, of which a median of "
-              f"{np.median(effective):.0f} count")  # fmt: skip
-        own = simulated.true_class[chosen], np.arange(len(chosen))
-        for i, layout in enumerate(layouts):
-            worth = class_worth(simulated, layout)
-            gain, error = simulated.mean(worth.values)
-            evidences = exact[:, i]
-            values = evidences[own] - logsumexp(evidences + math.log(0.5), axis=0)
-            off = worth.values[chosen] - values
-            print(f"{', '.join(PLACES[j] for j in layout):42s} gain {gain:.4f} ± {error:.4f}; "
-                  f"same tests {worth.values[chosen].mean():.4f}, brute force "
-                  f"{values.mean():.4f}, difference {off.mean():+.4f} ± "
-                  f"{off.std() / math.sqrt(len(off)):.4f}", flush=True)  # fmt: skip
+        simulated = SimulatedPlan.of(classes, 2, given.tests, given.inner, given.seed)
+        print(f"\n{name}: {given.tests} tests in {perf_counter() - started:.0f} s", flush=True)
+        layouts = [(0,), *(each for each in layouts_of(4) if len(each) > 1)]
+        worths = {layout: class_worth(simulated, layout) for layout in layouts}
+        step = len(simulated.true_class) // given.oracle_tests
+        found = {layout: [] for layout in layouts}
+        started = perf_counter()
+        for n in range(0, len(simulated.true_class), step):
+            if perf_counter() - started > given.seconds:
+                break
+            for layout in layouts:
+                ours = as_study(study, simulated, n, layout, PLACES)
+                if ours is None:
+                    continue
+                posteriors = bs.rank(ours, settings=settings).posteriors
+                logs = {each.name: each.evidence.log_evidence for each in posteriors}
+                total = logsumexp(list(logs.values())) - math.log(len(logs))
+                right = study.names[simulated.true_class[n]]
+                found[layout].append((worths[layout].values[n], logs[right] - total))
+        for layout, values in found.items():
+            plan, engine = np.transpose(values)
+            off, n = plan - engine, len(engine)
+            gain, error = simulated.mean(worths[layout].values)
+            names = ", ".join(PLACES[i] for i in layout) if len(layout) > 1 else "frequencies alone"
+            print(f"{names:42s} gain {gain:.3f} ± {error:.3f}; in {n} tests {plan.mean():.4f}, by "
+                  f"the engine {engine.mean():.4f}, difference {off.mean():+.4f} ± "
+                  f"{off.std() / math.sqrt(n):.4f}", flush=True)  # fmt: skip
+
+
+def evidences_by_prior_draws(planned_class, tests, layouts, n_draws, rng):
+    """Log evidences (layout, test) by plain averages over new prior draws for each test."""
+    logs = np.empty((len(layouts), len(tests.frequencies_hz)))
+    for n in range(logs.shape[1]):
+        modes = planned_class.modes(planned_class.draw(n_draws, rng)[None])
+        seen = Seen.of(tests.rows(slice(n, n + 1)), layouts)
+        ratios = log_ratios(planned_class, seen, modes, 0.0)
+        weights = ratios.of_layouts.reshape(-1, *ratios.of_layouts.shape[3:])
+        pairs = PairingWeights(weights, np.zeros(weights.shape[1]),
+                               np.zeros((1, weights.shape[2])))  # fmt: skip
+        density = ratios.unpaired + log_sum(pairs).reshape(len(layouts), n_draws)
+        logs[:, n] = logsumexp(density, axis=1) - math.log(n_draws)
+    return logs
+
+
+def nested(given):
+    """Other tests than the plan's, with a thousand prior draws of each class for each."""
+    error = bs.ErrorModel(0.1, 0.2)
+    study = STUDY["study"].with_any_pairing()
+    study = bs.Study("ten per cent", [replace(c, error=error) for c in study.model_classes])
+    classes = planned(study)
+    layouts = [(0,), *(each for each in layouts_of(4) if len(each) > 1)]
+    simulated = SimulatedPlan.of(classes, 2, 4000, given.inner, given.seed)
+    rng = np.random.default_rng(given.seed + 1)
+    values, started = [], perf_counter()
+    while perf_counter() - started < given.seconds and len(values) * 200 < given.oracle_tests:
+        own = [simulate(each, 100, rng) for each in classes]
+        tests = SimulatedTests.joined(own)
+        logs = np.array([evidences_by_prior_draws(c, tests, layouts, 1000, rng) for c in classes])
+        total = logsumexp(logs, axis=0) - math.log(2.0)
+        of_class = np.repeat([0, 1], 100)
+        values.append(logs[of_class, :, np.arange(200)].T - total)
+    values = np.concatenate(values, axis=1)
+    print(f"{values.shape[1]} tests by 1000 prior draws of each class")
+    for layout, own in zip(layouts, values, strict=True):
+        gain, error = simulated.mean(class_worth(simulated, layout).values)
+        names = ", ".join(PLACES[i] for i in layout) if len(layout) > 1 else "frequencies alone"
+        spread = own.std() / math.sqrt(len(own))
+        print(f"{names:42s} gain {gain:.3f} ± {error:.3f}, nested Monte Carlo {own.mean():.3f} ± "
+              f"{spread:.3f}: {gain - own.mean():+.3f} ± {math.hypot(error, spread):.3f}",
+              flush=True)  # fmt: skip
 
 
 def twelve_floors():
@@ -147,7 +185,7 @@ def twelve_floors():
 def exhaustive(given):
     study, floors = twelve_floors()
     classes = planned(study, floors)
-    simulated = SimulatedPlan.of(classes, given.tests, 200, given.seed)
+    simulated = SimulatedPlan.of(classes, 4, given.tests, given.inner, given.seed)
     some = simulated.part(300, 100)
 
     def gain(layout):
@@ -193,7 +231,7 @@ def frame(given):
         for c in whole.model_classes
     ]
     started = perf_counter()
-    simulated = SimulatedPlan.of(classes, given.tests, given.inner, given.seed)
+    simulated = SimulatedPlan.of(classes, 6, given.tests, given.inner, given.seed)
     print(f"draws: {perf_counter() - started:.0f} s", flush=True)
     some = simulated.part(300, 100)
     search = layout_search.LayoutSearch(
@@ -217,7 +255,7 @@ def forecasts(given):
     """By evidences of other tests and draws; of some of these tests, by rank, too."""
     study = harder(given.mass)
     classes = planned(study)
-    simulated = SimulatedPlan.of(classes, 2000, 200, given.seed)
+    simulated = SimulatedPlan.of(classes, 2, 2000, given.inner, given.seed)
     worths = {each: class_worth(simulated, each) for each in layouts_of(4) if len(each) == 2}
     by_gain = sorted(worths, key=lambda each: simulated.mean(worths[each].values)[0])
     kinds = {"best": by_gain[-1], "evenly spread": (0, 2), "worst": by_gain[0]}
@@ -226,24 +264,16 @@ def forecasts(given):
         forecast, error = simulated.mean(worths[layout].named)
         gain, _ = simulated.mean(worths[layout].values)
         names = tuple(PLACES[i] for i in layout)
-        fresh = SimulatedPlan.of(classes, 200, 1000, given.seed + 99 * i)
+        fresh = SimulatedPlan.of(classes, 2, 200, 1000, given.seed + 99 * i)
         named = class_worth(fresh, layout).named
         print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast {forecast:.3f} "
               f"± {error:.3f}, came out in {named.mean():.3f} ± "
               f"{named.std() / math.sqrt(len(named)):.3f} of {len(named)}", flush=True)  # fmt: skip
         same = []
         for n in range(0, 200, max(1, 200 // max(given.ranked, 1)))[: given.ranked]:
-            found = fresh.tests.frequencies_hz[n]
-            shapes = fresh.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))[0]
-            modes = tuple(bs.IdentifiedMode(str(j), found[j], shapes[:, j])
-                          for j in np.flatnonzero(np.isfinite(found)))  # fmt: skip
-            if not modes:
+            own = as_study(study, fresh, n, layout, PLACES)
+            if own is None:
                 continue
-            data = bs.ModalData(modes, classes[0].configuration.data.band_hz, names)
-            own = bs.Study(str(n), [
-                bs.ModelClass(c.name, c.structure, data, c.error, pairing="any",
-                              identification=c.identification) for c in study.model_classes
-            ])  # fmt: skip
             best = bs.rank(own, settings=coarse).comparison.best.name
             right = best == study.names[fresh.true_class[n]]
             same.append(right == bool(named[n]))
@@ -277,12 +307,14 @@ def steel(given):
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("what", choices=("oracle", "exhaustive", "frame", "forecasts", "steel"))
+    arguments.add_argument(
+        "what", choices=("oracle", "nested", "exhaustive", "frame", "forecasts", "steel")
+    )
     arguments.add_argument("file", nargs="?", help="concrete_frame_fe.mat")
     arguments.add_argument("--tests", type=int, default=1000)
     arguments.add_argument("--inner", type=int, default=200)
     arguments.add_argument("--oracle-tests", type=int, default=100)
-    arguments.add_argument("--draws", type=int, default=4_000_000)
+    arguments.add_argument("--seconds", type=float, default=math.inf, help="of oracle and nested")
     arguments.add_argument("--ranked", type=int, default=20)
     arguments.add_argument("--mass", type=float, default=0.005)
     arguments.add_argument("--seed", type=int, default=0)

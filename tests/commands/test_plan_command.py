@@ -45,11 +45,47 @@ def test_json_holds_the_plan(run):
         (("--sensors", 2, "--only", "1-a,1-b"), "'1-a or 1-b' is alone"),
         (("--sensors", 2, "--configuration", "bare"), "got 'bare'"),
         (("--sensors", 2, "--fixed", "roof"), "no candidate 'roof'"),
+        (("--sensors", 2, "--added-mass", "roof=1"), "the structure has no place 'roof'"),
+        (("--sensors", 2, "--added-mass", "floor 3"), "must be PLACE=MASS, got 'floor 3'"),
         (("--sensors", 2, "--after", "nowhere"), "not a result directory"),
     ],
 )
 def test_bad_input_is_one_line(run, options, message):
     assert_one_line_error(run("plan", STUDY, *options), message)
+
+
+def test_a_prediction_of_the_study_and_added_masses(run, tmp_path):
+    """The frequency of the first mode is known as well as ln k is, with or without the mass."""
+    study = tmp_path / "one.py"
+    study.write_text(
+        """
+import numpy as np
+
+import bayes_ssi as bs
+
+k = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
+structure = bs.ShearBuilding((1.0,), (100.0 * k,))
+data = bs.ModalData((bs.IdentifiedMode("1", 1.6, np.ones(1)),), (0.0, 6.0), ("floor 1",))
+error = bs.ErrorModel(0.03, 0.05)
+study = bs.Study("one", [bs.ModelClass("one", structure, data, error, pairing="any")])
+
+
+def first_hz(structure, values):
+    return np.log(structure.modes(values).frequencies_hz[:, 0])
+""",
+        "utf-8",
+    )
+    more = ("--added-mass", "floor 1=0.5", "--json", *FAST)
+    gains = []
+    for aim in ("k", "first_hz"):
+        done = run("plan", study, "--sensors", 1, "--aim", aim, *more)
+        assert done.exit_code == 0, done.output
+        plan = json.loads(done.stdout)["plan"]
+        assert plan["aim"] == aim
+        assert list(plan["alternatives"]) == ["no mass added", "0.5 added at floor 1"]
+        gains += [each["gain"] for each in plan["alternatives"].values()]
+    assert gains == pytest.approx([gains[0]] * 4, abs=0.1)
+    assert gains[0] > 1.0
 
 
 def test_candidates_of_a_file(run, tmp_path):

@@ -14,7 +14,7 @@ from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.planning.centred_draws import _batched, log_ratios
+from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_search import effective_independence
 from bayes_ssi.studies.planning.layout_values import SimulatedPlan, class_worth
 from bayes_ssi.studies.planning.planned_class import PlannedClass
@@ -73,12 +73,10 @@ def test_errors_of_shapes_have_the_likelihoods_density(d, sd):
 
 def scored(planned_class, tests, n, layout, z):
     """Log density (B,) of a simulated test at z, summed over all pairings as the package does."""
-    row = slice(n, n + 1)
-    modes = planned_class.modes(z)
-    modes = _batched(modes._replace(shapes=modes.shapes[:, layout]), (1, len(z)))
-    seen = tests.rows(row).identified_shapes(layout)
-    ratios = log_ratios(planned_class, tests.frequencies_hz[row], seen, modes, 0.0)
-    weights = ratios.partly(1.0)[0]
+    modes = planned_class.modes(z[None])
+    seen = Seen.of(tests.rows(slice(n, n + 1)), [layout])
+    ratios = log_ratios(planned_class, seen, modes, 0.0)
+    weights = ratios.of_layouts[0, 0]
     pairs = PairingWeights(weights, np.zeros(weights.shape[1]), np.zeros((1, weights.shape[2])))
     return ratios.unpaired[0] + log_sum(pairs)
 
@@ -87,7 +85,7 @@ def test_tests_are_scored_as_the_package_scores_them(two_classes):
     """Modes of three sensors and of two: AnyPairing's density, but for the area of the sphere."""
     apart = planned(two_classes)[1]
     z = np.random.default_rng(1).standard_normal((4, 2))
-    tests = SimulatedPlan.of((apart, apart), 60, 50, seed=2).tests
+    tests = SimulatedPlan.of((apart, apart), 2, 60, 50, seed=2).tests
     for layout in ([0, 2], [0, 1, 2]):
         for n in np.flatnonzero(np.isfinite(tests.frequencies_hz).sum(axis=1) > 1)[:4]:
             found = np.flatnonzero(np.isfinite(tests.frequencies_hz[n]))
@@ -103,16 +101,12 @@ def test_tests_are_scored_as_the_package_scores_them(two_classes):
             assert ours == pytest.approx(theirs, abs=1e-9)
 
 
-@pytest.mark.parametrize("layout", [[0, 1], [0, 1, 2]])
-def test_gains_agree_with_quadrature(two_classes, layout):
-    """Evidences by a fine grid of the one parameter of the first class, the two of the second."""
-    classes = planned(two_classes)
-    simulated = SimulatedPlan.of(classes, 200, 100, seed=3)
-    chosen = np.arange(0, 200, 8)
+def information_by_quadrature(classes, simulated, chosen, layout, n_steps):
+    """log p(D | C) - log p(D) of chosen tests, by grids of the parameters of each class."""
     log_evidences = []
-    for each, n_steps in zip(classes, (4000, 200), strict=True):
+    for each in classes:
         d = len(each.parameters)
-        step = np.linspace(-4.0, 4.0, n_steps)
+        step = np.linspace(-4.0, 4.0, n_steps[d])
         grid = np.stack(np.meshgrid(*[step] * d), axis=-1).reshape(-1, d)
         weight = d * math.log(step[1] - step[0]) + each.log_before(grid)
         log_evidences.append(
@@ -120,8 +114,51 @@ def test_gains_agree_with_quadrature(two_classes, layout):
         )
     log_evidences = np.array(log_evidences)
     log_total = logsumexp(log_evidences + math.log(0.5), axis=0)
-    exact = log_evidences[simulated.true_class[chosen], np.arange(len(chosen))] - log_total
+    return log_evidences[simulated.true_class[chosen], np.arange(len(chosen))] - log_total
+
+
+@pytest.mark.parametrize("layout", [[0, 1], [0, 1, 2]])
+def test_gains_agree_with_quadrature(two_classes, layout):
+    """Evidences by a fine grid of the one parameter of the first class, the two of the second."""
+    classes = planned(two_classes)
+    simulated = SimulatedPlan.of(classes, 2, 200, 100, seed=3)
+    chosen = np.arange(0, 200, 8)
+    exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
     off = class_worth(simulated, layout).values[chosen] - exact
+    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
+    assert off.std() < 0.15
+    assert 0.05 < exact.mean() < math.log(2.0)
+
+
+@pytest.mark.parametrize("layout", [[], [0, 2]])
+def test_layouts_that_do_not_see_what_tells_classes_apart(layout):
+    """A pendulum or its mass: without its own sensor, other pairings explain a test as well."""
+    k, f = factor("k"), factor("f")
+    frame = building(3, (k, k, k))
+    pendulum = bs.Pendulum(on=3, mass=0.15, frequency=2.8 * f)
+    kinds = (("mass", pendulum.as_mass()), ("pendulum", pendulum))
+    study = bs.Study("roof", [model_class(n, frame.with_element(each)) for n, each in kinds])
+    places = tuple(Candidate(name, name) for name in (*FLOORS, "pendulum 3"))
+    classes = [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
+    simulated = SimulatedPlan.of(classes, 2, 200, 200, seed=4)
+    chosen = np.arange(0, 200, 16)
+    exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
+    off = class_worth(simulated, layout).values[chosen] - exact
+    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
+    assert off.std() < 0.15
+
+
+def test_inferred_sizes_of_errors_agree_with_quadrature():
+    """The size of frequencies' errors is one of two parameters of each class."""
+    k = factor("k")
+    size = bs.Parameter("size", bs.LogNormal(median=0.02, cov=0.5))
+    kinds = (("even", building(3, (k, k, k))), ("softer roof", building(3, (k, k, 0.85 * k))))
+    study = bs.Study("roof", [model_class(name, each, size) for name, each in kinds])
+    classes = planned(study)
+    simulated = SimulatedPlan.of(classes, 2, 100, 200, seed=5)
+    chosen = np.arange(0, 100, 10)
+    exact = information_by_quadrature(classes, simulated, chosen, [0, 1], {2: 300})
+    off = class_worth(simulated, [0, 1]).values[chosen] - exact
     assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
     assert off.std() < 0.15
     assert 0.05 < exact.mean() < math.log(2.0)

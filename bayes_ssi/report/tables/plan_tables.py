@@ -12,7 +12,8 @@ from bayes_ssi.studies.ranking.comparison import probability_text
 
 
 def gain_text(gain: float, error: float, form: str = ".3f") -> str:
-    return f"{format(gain, form)} ± {number(error, '.3f')}"
+    """A gain and its error, which is never zero: other tests might differ where all agree."""
+    return f"{number(gain, form)} ± {'<0.001' if error < 0.0005 else number(error, '.3f')}"
 
 
 def plan_answer(plan: Plan) -> str:
@@ -42,7 +43,7 @@ def layout_rows(plan: Plan) -> list[list[str]]:
     """Headings, and the best layouts, others beside them, and those of other configurations."""
     rows = [("best" if i == 0 else "", layout) for i, layout in enumerate(plan.layouts)]
     rows += plan.compared.items()
-    rows += [(f"best in {name}", each) for name, each in plan.alternatives.items()]
+    rows += [(f"best, {name}", each) for name, each in plan.alternatives.items()]
     naming = plan.aim == CLASS
     texts = [["layout", "sensors", "gain (nats)", *["right class named"] * naming, "largest MAC"]]
     for name, layout in rows:
@@ -76,7 +77,7 @@ def number_table(plan: Plan) -> Table:
     for layout in plan.by_number:
         n = len(layout.sensors)
         names = ", ".join(layout.sensors) if n > 1 else "any: frequencies alone"
-        adds = "" if before is None else f"{layout.gain - before:+.3f}"
+        adds = "" if before is None else number(layout.gain - before, "+.3f")
         knee = " (knee)" if n == plan.knee else ""
         add_row(table, f"{names}{knee}", str(n), gain_text(layout.gain, layout.error), adds)
         before = layout.gain

@@ -12,7 +12,9 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.structures.elements import AddedMass
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Structure
@@ -46,6 +48,7 @@ def plan(
     fixed: Sequence[str] = (),
     excluded: Sequence[str] = (),
     configurations: Sequence[str] | None = None,
+    added_masses: Mapping[str, float] | None = None,
     after: Any = None,
     settings: PlanSettings | None = None,
     seed: int = 0,
@@ -68,6 +71,8 @@ def plan(
         fixed: names of candidates that are measured in any case.
         excluded: names of candidates that cannot be.
         configurations: alternatives, names of the study's configurations; all of them if None.
+        added_masses: further alternatives, a mass added to each configuration: label of a degree
+            of freedom → mass.
         after: a ranking or stored result of the study: the planned test is the next one. Before any
             test, with the prior, if None.
         settings: how many tests to simulate, and how precisely.
@@ -80,16 +85,15 @@ def plan(
             is not one of this study.
     """
     known = _known_classes(study, after)
-    names = configurations or known[0].model_class.configuration_names
     plans = {}
-    for name in dict.fromkeys(names):
-        classes = _in_configuration(known, name, candidates)
+    for name, tests in _alternatives(known, configurations, added_masses or {}).items():
+        classes = _in_tests(known, tests, candidates)
         _check_aim(classes, aim)
         places = _places(classes[0].candidates, n_sensors, fixed, excluded)
+        request = _Planning(classes, n_sensors, aim, *places, settings or PlanSettings(), seed)
         report = progress or (lambda _name, _done: None)
-        request = _Planning(classes, aim, *places, settings or PlanSettings(), seed)
         report(name, 0.1)
-        plans[name] = request.plan(study.name, n_sensors)
+        plans[name] = request.plan(study.name, name)
         report(name, 1.0)
     best = max(plans.values(), key=lambda each: each.best.gain)
     alternatives = {name: each.best for name, each in plans.items()} if len(plans) > 1 else {}
@@ -127,11 +131,29 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
     ]  # fmt: skip
 
 
-def _in_configuration(
-    known: Sequence[PlannedClass], name: str, candidates: Sequence[Candidate | str] | None
+def _alternatives(
+    known: Sequence[PlannedClass], names: Sequence[str] | None, added_masses: Mapping[str, float]
+) -> dict[str, list[Configuration]]:
+    """Configurations of all classes, as they are and with each mass added, by their names."""
+    tests = {}
+    for name in names or known[0].model_class.configuration_names:
+        bare = [each.model_class.configuration(name or None) for each in known]
+        tests[name or ("no mass added" if added_masses else "")] = bare
+        for place, mass in added_masses.items():
+            label = f"{mass:g} added at {place}"
+            element = AddedMass(mass, ((place, 1.0),), label)
+            tests[f"{name}, {label}" if name else label] = [
+                replace(test, structure=test.structure.with_element(element)) for test in bare
+            ]
+    return tests
+
+
+def _in_tests(
+    known: Sequence[PlannedClass],
+    tests: Sequence[Configuration],
+    candidates: Sequence[Candidate | str] | None,
 ) -> list[PlannedClass]:
-    """The classes in one configuration, with all candidates on their structures."""
-    tests = [each.model_class.configuration(name or None) for each in known]
+    """The classes in a configuration of each, with all candidates on their structures."""
     structures = [test.structure for test in tests]
     if candidates is None:
         candidates = _default_candidates(structures, tests[0].data.sensors)
@@ -208,9 +230,10 @@ def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray | No
 
 @dataclass(frozen=True, eq=False)
 class _Planning:
-    """Layouts of one configuration, valued on simulated tests."""
+    """Layouts in one configuration, valued on simulated tests."""
 
     classes: Sequence[PlannedClass]
+    n_sensors: int
     aim: Aim
     fixed: Sensors
     free: Sensors
@@ -218,14 +241,14 @@ class _Planning:
     seed: int
 
     def _simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
+        n_tests, n_draws = self.settings.n_tests, self.settings.n_draws
         per_draw = sum(c.configuration.structure.n_modes for c in classes) * len(self.free)
-        if self.settings.n_tests * self.settings.n_draws * per_draw > PLANNING.most_kept:
+        if n_tests * n_draws * per_draw > PLANNING.most_kept:
             raise ValueError(
-                f"plan: {self.settings.n_tests} tests with {self.settings.n_draws} draws of "
-                f"{len(classes)} classes at {len(self.free)} candidates do not fit into memory; "
-                "take fewer of one of them"
+                f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
+                f"{len(self.free)} candidates do not fit into memory; take fewer of one of them"
             )
-        return SimulatedPlan.of(classes, self.settings.n_tests, self.settings.n_draws, self.seed)
+        return SimulatedPlan.of(classes, self.n_sensors, n_tests, n_draws, self.seed)
 
     @cached_property
     def _whole(self) -> SimulatedPlan:
@@ -250,7 +273,7 @@ class _Planning:
     def _shapes(self) -> FloatArray:
         """Of the most probable class (n_candidates, n_modes) in the band, before the test."""
         planned = max(self.classes, key=lambda each: each.probability)
-        modes = planned.modes(planned.moments[0][None])
+        modes = planned.modes(planned.centre[None])
         low, high = planned.configuration.data.band_hz
         inside = (modes.frequencies_hz[0] > low) & (modes.frequencies_hz[0] < high)
         return modes.shapes[0][:, inside]
@@ -267,9 +290,9 @@ class _Planning:
         gain = self._whole.mean(worth.values)
         return Layout(names, band, *gain, naming, self._largest_mac(sensors))
 
-    def plan(self, study: str, n_sensors: int) -> Plan:
+    def plan(self, study: str, configuration: str) -> Plan:
         """The plan, without alternatives."""
-        part = self._whole.part(*PLANNING.n_searched)
+        n_sensors, part = self.n_sensors, self._whole.part(*PLANNING.n_searched)
         of_part = self._worth_of(part)
         search = LayoutSearch(
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
@@ -299,9 +322,11 @@ class _Planning:
             "sensors of the data": tuple(i for i, c in enumerate(named) if c.name in present),
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
-        heights: dict[str, float] = {}
-        for each in self.classes:
-            heights |= each.configuration.structure.heights()
+        heights = {
+            place: height
+            for each in self.classes
+            for place, height in each.configuration.structure.heights().items()
+        }
         p = self._whole.probabilities
         bias = mean(worth[best].bias)[0]
         return Plan(
@@ -309,7 +334,7 @@ class _Planning:
             aim=self.aim if isinstance(self.aim, str) else self.aim.__name__,
             classes={each.name: each.probability for each in self.classes},
             is_after_a_test=self.classes[0].posterior is not None,
-            configuration=self.classes[0].configuration.name,
+            configuration=configuration,
             layouts=tuple(self._layout(each, worth[each]) for each in some),
             compared={k: self._layout(v, worth_of(v)) for k, v in compared.items() if v},
             alternatives={},

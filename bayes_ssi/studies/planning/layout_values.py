@@ -8,14 +8,17 @@ tests and of the same draws: nothing is simulated again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import digamma, logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.studies.planning.centred_draws import CentredDraws, centred_draws
+from bayes_ssi.studies.planning.plan_settings import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass
 from bayes_ssi.studies.planning.simulated_tests import SimulatedTests, simulate
 
@@ -28,22 +31,42 @@ class Worth(NamedTuple):
     values: FloatArray  # (N,), in nats; NaN where a test does not count
     named: FloatArray  # (N,), 1 where the class that gave the test is the most probable after it
     bias: FloatArray  # (N,), of the values, expected from the few draws
-    draws: FloatArray  # (N,), effective draws of the class that gave the test
+    draws: FloatArray  # (N,), effective draws, the fewest of a class that counts
 
 
-class SimulatedPlan(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SimulatedPlan:
     """Tests of all classes, and the draws of every class about all of them."""
 
     classes: tuple[PlannedClass, ...]
     tests: SimulatedTests
-    true_class: Any  # (N,), index of the class that gave each test
+    true_class: NDArray[np.intp]  # (N,), index of the class that gave each test
     draws: tuple[CentredDraws, ...]
+    # Number of sensors → log constants of a shape's density, of each class (N, K).
+    _constants: dict[int, list[FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, classes: Sequence[PlannedClass], n_tests: int, n_draws: int, seed: int
+        cls,
+        classes: Sequence[PlannedClass],
+        n_sensors: int,
+        n_tests: int,
+        n_draws: int,
+        seed: int,
     ) -> SimulatedPlan:
-        """As many tests of every class, since a rare one is not less in doubt."""
+        """As many tests of every class, since a rare one is not less in doubt.
+
+        Draws serve frequencies alone, which most parameters explain, all candidates, and layouts of
+        two and of ``n_sensors`` sensors, each at other candidates.
+        """
+        n_candidates = len(classes[0].candidates)
+        order = np.random.default_rng(seed).permutation(n_candidates).tolist()
+        layouts = {tuple(range(n_candidates)): None}
+        for size in (2, n_sensors):
+            for first in range(0, PLANNING.n_of_a_size * size, size):
+                some = (order[i % n_candidates] for i in range(first, first + size))
+                layouts[tuple(sorted({*some}))] = None
+        served = [(), (), *layouts]
         streams = [
             np.random.default_rng(stream)
             for stream in np.random.SeedSequence(seed).spawn(2 * len(classes))
@@ -52,16 +75,20 @@ class SimulatedPlan(NamedTuple):
         own = [simulate(c, n, rng) for c, rng in zip(classes, streams[::2], strict=True)]
         tests = SimulatedTests.joined(own)
         about = zip(classes, streams[1::2], strict=True)
-        draws = tuple(centred_draws(c, tests, n_draws, rng) for c, rng in about)
+        draws = tuple(centred_draws(c, tests, served, n_draws, rng) for c, rng in about)
         return cls(tuple(classes), tests, np.repeat(np.arange(len(classes)), n), draws)
 
     def part(self, n_tests: int, n_draws: int) -> SimulatedPlan:
         """Some tests of every class, with some of their draws, for searches."""
         rows = slice(None, None, max(1, len(self.true_class) // n_tests))
-        draws = tuple(
-            CentredDraws._make(array[rows, :n_draws] for array in own) for own in self.draws
-        )
-        return SimulatedPlan(self.classes, self.tests.rows(rows), self.true_class[rows], draws)
+        draws = []
+        for own in self.draws:
+            some = CentredDraws._make(array[rows] for array in own)
+            shapes = np.ascontiguousarray(some.shapes[:, :, :n_draws])
+            shortened = CentredDraws._make(array[:, :n_draws] for array in some)
+            draws.append(shortened._replace(shapes=shapes))
+        tests, true_class = self.tests.rows(rows), self.true_class[rows]
+        return replace(self, tests=tests, true_class=true_class, draws=tuple(draws), _constants={})
 
     @property
     def probabilities(self) -> FloatArray:
@@ -73,20 +100,26 @@ class SimulatedPlan(NamedTuple):
         layout, d = list(layout), len(layout)
         if d < 2:  # a shape at one sensor says nothing
             return [own.log_weights for own in self.draws]
+        if d not in self._constants:
+            self._constants[d] = [
+                own.log_weights
+                + own.n_paired
+                * (log_sphere_area(d) - log_shape_normaliser(np.sqrt(own.shape_var), d))
+                for own in self.draws
+            ]
         seen = self.tests.identified_shapes(layout).astype(np.float32)
         weights = []
-        for own in self.draws:
-            # Sensor by sensor, for arrays that stay in the processor's cache.
-            cosine, squares = np.zeros((2, *own.paired.shape), dtype=np.float32)
+        for own, constants in zip(self.draws, self._constants[d], strict=True):
+            n, _, k, n_modes = own.shapes.shape
+            cosine, squares = np.zeros((2, n, k, n_modes), dtype=np.float32)
             for i, sensor in enumerate(layout):
-                shape = own.shapes[:, :, sensor]
-                cosine += shape * seen[:, None, i]
+                shape = own.shapes[:, sensor]
+                cosine += shape * seen[:, i, None]
                 squares += shape * shape
-            cosine = np.abs(cosine) / np.sqrt(np.where(squares > 0.0, squares, np.float32(1.0)))
-            distances = np.where(own.paired, 1.0 - cosine, 0.0).sum(axis=2, dtype=float)
-            constants = log_sphere_area(d) - log_shape_normaliser(np.sqrt(own.shape_var), d)
-            n_paired = own.paired.sum(axis=2)
-            weights.append(own.log_weights + n_paired * constants - distances / own.shape_var)
+            # Both are zero of modes that are not paired.
+            cosine /= np.sqrt(np.maximum(squares, np.finfo(np.float32).tiny))
+            distances = own.n_paired - np.abs(cosine).sum(axis=2, dtype=float)
+            weights.append(constants - distances / own.shape_var)
         return weights
 
     def mean(self, of_tests: FloatArray) -> tuple[float, float]:
@@ -127,8 +160,10 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     own = plan.true_class, np.arange(len(plan.true_class))
     # The mean log of an average is below the log of its mean by half of its relative variance.
     bias = 0.5 * (after**2 * spread).sum(axis=0) - 0.5 * spread[own]
+    counts = (after > PLANNING.counts) | (np.arange(len(after))[:, None] == plan.true_class)
+    fewest = np.where(counts, draws, np.inf).min(axis=0)
     named = (log_joint.argmax(axis=0) == plan.true_class).astype(float)
-    return Worth(log_evidences[own] - log_total, named, bias, draws[own])
+    return Worth(log_evidences[own] - log_total, named, bias, fewest)
 
 
 # A quantity at the draws of a class about its own tests (n, K, q), and its covariance before them;

@@ -30,22 +30,25 @@ class PlanningNumbers:
     batch: int = 4_000_000  # numbers in the largest array of a batch: 32 MB
     most_kept: int = 1_000_000_000  # numbers of all draws' shapes, 4 GB
     n_for_moments: int = 2000  # draws of which moments are taken
-    # Draws of a class, of which the best of every so many starts a search.
-    n_pool: int = 990
-    n_starts: int = 9
+    n_pool: int = 600  # draws of a class, of which those that suit a test start its searches
+    n_starts: int = 4  # for each of the layouts that draws serve
+    n_of_a_size: int = 2  # layouts that draws serve, of two sensors and of as many as are planned
     # Errors of frequencies and shapes that are added at first, the distance between a test and the
     # nearest draws; and their share in every Gauss-Newton step, none at last.
     first_errors: tuple[float, float] = (0.05, 0.2)
-    narrowing: tuple[float, ...] = (1.0, 0.3, 0.05, 0.0)
+    narrowing: tuple[float, ...] = (1.0, 0.2, 0.0)
     most_step: float = 2.0  # of z, beyond which modes are not linear
     difference: float = 1e-3  # of z, for derivatives
-    # Exponents of the shapes at all candidates, of every other search: layouts say less.
-    shares_of_shapes: tuple[float, ...] = (1.0, 0.3, 0.0)
+    # Of the densities of draws, where data do not narrow them, as a share of the prior's: modes
+    # are not linear beyond, and there are many densities side by side.
+    width: float = 0.5
+    n_error_sizes: int = 4  # at every point where a search ends, where sizes of errors are inferred
     tail: float = 6.0  # degrees of freedom of the Student-t densities of draws
-    defensive: float = 0.1  # share of draws that does not follow the mass of the maxima
-    error_width: float = 1.3  # of draws of inferred error sizes, of the prior's
     # A check fails where evidences rest on fewer effective draws in more than this share of tests,
     # or few draws bias the gain by more nats.
+    counts: float = (
+        0.01  # probability of a class after a test below which its evidence says nothing
+    )
     least_draws: float = 5.0
     most_thin: float = 0.1
     most_bias: float = 0.02

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -27,11 +26,11 @@ from bayes_ssi.studies.planning.plan_settings import PLANNING
 
 
 class SeenModes(NamedTuple):
-    """Modes at B parameter values, with their errors."""
+    """Modes at parameter values, with their errors."""
 
-    frequencies_hz: FloatArray  # (B, n_modes)
-    shapes: FloatArray  # (B, n_candidates, n_modes)
-    variances: FloatArray  # (B, 2), squared errors of frequencies, as fractions, and of shapes
+    frequencies_hz: FloatArray  # (…, n_modes)
+    shapes: FloatArray  # (…, n_candidates, n_modes)
+    variances: FloatArray  # (…, 2), squared errors of frequencies, as fractions, and of shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,40 +97,34 @@ class PlannedClass:
         return np.asarray(np.sqrt(np.square(sizes).mean(axis=0)))
 
     def modes(self, z: FloatArray) -> SeenModes:
-        """The modes at z (B, n_parameters); NaN where the structure has none."""
+        """The modes at z (…, n_parameters); NaN where the structure has none."""
         structure = self.configuration.structure
         terms, shares = terms_of(self.candidates)
         matrix = structure.sensor_matrix(terms, "candidate")
         per_row = len(structure.degrees_of_freedom) * structure.n_modes
-        step, values, parts = max(1, PLANNING.batch // per_row), self.structural_values(z), []
-        for first in range(0, len(z), step):
+        step = max(1, PLANNING.batch // per_row)
+        values, parts = self.structural_values(z.reshape(-1, z.shape[-1])), []
+        for first in range(0, len(values), step):
             modes = structure.modes_or_nan(values[first : first + step])
             shapes = np.einsum("ct,btm->bcm", shares, matrix.apply(modes.shapes))
             parts.append((modes.frequencies_hz, seen_shapes(shapes)))
         frequencies, shapes = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return SeenModes(frequencies, shapes, self.error_variances(z))
+        return SeenModes(
+            frequencies.reshape(*z.shape[:-1], -1),
+            shapes.reshape(*z.shape[:-1], *shapes.shape[1:]),
+            self.error_variances(z),
+        )
 
     def error_variances(self, z: FloatArray) -> FloatArray:
         """Squared errors (…, 2) of frequencies, as fractions, and shapes, at z (…, n)."""
         n_own = len(self._sizes.parameters)
         values = values_at(self.parameters[:n_own], z[..., :n_own].reshape(-1, n_own))
         prediction_var = self._sizes.evaluate(values).reshape(*z.shape[:-1], 2) ** 2
-        if not self.identification_errors.any():
-            return np.asarray(prediction_var * self.error_factor**2)
-        return np.asarray(
-            prediction_var + np.square(self.identification_errors * self.error_factor)
-        )
-
-    def log_missed(self, modes: SeenModes) -> FloatArray:
-        """Log probability (B, n_modes) that a mode is not identified in the band."""
-        band_hz, variances = self.configuration.data.band_hz, modes.variances[:, :1]
-        return self.model_class.identification.log_missed(modes.frequencies_hz, variances, band_hz)
-
-    @property
-    def log_spurious(self) -> float:
-        """Log density of a spurious mode, its shape left out."""
-        low, high = self.configuration.data.band_hz
-        return math.log(self.model_class.identification.expected_spurious_modes / (high - low))
+        if self.identification_errors.any():
+            return np.asarray(
+                prediction_var + np.square(self.identification_errors * self.error_factor)
+            )
+        return np.asarray(prediction_var * self.error_factor**2)
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """z (n, n_parameters), drawn from what is known of them."""
@@ -156,14 +149,18 @@ class PlannedClass:
         names = [parameter.name for parameter in self.parameters]
         return [names.index(name) for name in self.model_class.parameter_names]
 
-    @cached_property
-    def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of z before the test."""
-        d = len(self.parameters)
+    @property
+    def centre(self) -> FloatArray:
+        """Mean of z before the test, (n_parameters,)."""
         if self.posterior is None:
-            return np.zeros(d), np.eye(d)
-        z = self.drawn_before
-        return z.mean(axis=0), np.cov(z, rowvar=False).reshape(d, d)
+            return np.zeros(len(self.parameters))
+        return np.asarray(self.drawn_before.mean(axis=0))
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """Inverse of the covariance of z before the test."""
+        covariance = np.cov(self.drawn_before, rowvar=False)
+        return np.asarray(np.linalg.inv(covariance.reshape(len(self.parameters), -1)))
 
     @cached_property
     def drawn_before(self) -> FloatArray:

@@ -10,17 +10,15 @@ which is about t/σ. Layouts are so compared on the same errors.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.studies.planning.planned_class import PlannedClass
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedTests:
+class SimulatedTests(NamedTuple):
     """N tests, each with up to J identified modes at all candidate sensors."""
 
     frequencies_hz: FloatArray  # (N, J), identified ones; NaN where there is none
@@ -32,22 +30,16 @@ class SimulatedTests:
     def joined(cls, parts: Sequence[SimulatedTests]) -> SimulatedTests:
         """Tests of several classes, with as many places for modes as any of them needs."""
         most = max(part.frequencies_hz.shape[1] for part in parts)
-
-        def padded(array: Any, fill: float) -> Any:
-            room = [(0, 0)] * (array.ndim - 1) + [(0, most - array.shape[-1])]
-            return np.pad(array, room, constant_values=fill)
-
-        return cls(
-            np.concatenate([padded(part.frequencies_hz, np.nan) for part in parts]),
-            np.concatenate([padded(part.shapes, 0.0) for part in parts]),
-            np.concatenate([padded(part.noise, 1.0) for part in parts]),
-            np.concatenate([part.shape_sd for part in parts]),
-        )
+        wider = []
+        for hz, shapes, noise, shape_sd in parts:
+            room = [(0, 0), (0, 0), (0, most - hz.shape[1])]
+            found = np.pad(hz, room[1:], constant_values=np.nan)
+            wider.append(cls(found, np.pad(shapes, room), np.pad(noise, room), shape_sd))
+        return joined(wider)
 
     def rows(self, which: slice) -> SimulatedTests:
         """Some of the tests."""
-        arrays = self.frequencies_hz, self.shapes, self.noise, self.shape_sd
-        return SimulatedTests(*(array[which] for array in arrays))
+        return SimulatedTests._make(array[which] for array in self)
 
     def identified_shapes(self, layout: Sequence[int]) -> FloatArray:
         """Unit shapes (N, d, J) as the d sensors of a layout give them."""
