@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from bayes_ssi.plots.class_plots import plot_mac
 from bayes_ssi.plots.figure_style import STYLE, style
-from bayes_ssi.plots.mode_plots import plot_mac
 from bayes_ssi.structures.modal import mac
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ def run(code):
     ("code", "optional", "package"),
     [
         ("import bayes_ssi.inference.sampling.moves", "scipy.stats", "emcee"),
-        ("import bayes_ssi.plots.parameter_plots as p; p.import_corner()", "arviz", "corner"),
+        ("import bayes_ssi.plots.class_plots as p; p.import_corner()", "arviz", "corner"),
     ],
 )
 def test_what_takes_long_to_import_is_left_out_and_there_for_others(code, optional, package):

@@ -208,8 +208,8 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
             f"Proposed for updating: {listed(each.proposed) if each.proposed else 'none'}.",
         )
     if figures is not None:
+        from bayes_ssi.plots.class_plots import plot_modal_sensitivities
         from bayes_ssi.plots.figure_style import save_figure, style
-        from bayes_ssi.plots.mode_plots import plot_modal_sensitivities
 
         figures.mkdir(parents=True)
         names = file_names([each.name for each in found], "png")

@@ -138,7 +138,7 @@ def plan(
     say_warnings(where, [(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
         from bayes_ssi.plots.figure_style import save_figure, style
-        from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
+        from bayes_ssi.plots.place_plots import plot_gains, plot_layout
 
         out.mkdir(parents=True)
         write_json(out / SAVED.name, planned)

@@ -28,9 +28,11 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
     from bayes_ssi.results.predictions.predictions import Predictions
-    from bayes_ssi.results.predictions.response_bands import ResponseRequest
+    from bayes_ssi.results.predictions.requested_predictions import (
+        PredictionsRecord,
+        ResponseRequest,
+    )
     from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
     from bayes_ssi.structures.response.output import Damping, Output, Quantity
 
@@ -105,10 +107,12 @@ def predict(
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
-    from bayes_ssi.results.predictions.prediction_files import MARKER, save_predictions
-    from bayes_ssi.results.predictions.predictions import AVERAGE, predicted_modes
-    from bayes_ssi.results.predictions.response_bands import predict_responses
-    from bayes_ssi.results.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.predictions.requested_predictions import (
+        MARKER,
+        predict_responses,
+        save_predictions,
+    )
+    from bayes_ssi.results.predictions.stored_predictions import AVERAGE, load_predictions
     from bayes_ssi.results.result_files import new_directory, require_new, write_json
 
     predicted = load_predictions(result, study, draws, configuration)
@@ -133,7 +137,7 @@ def predict(
             report(name, "predictions", 1.0)
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, record)
-        save_predictions(partial, predicted.data, responses)
+        save_predictions(partial, responses)
         save_prediction_figures(partial / "figures", predicted.data, responses)
 
     from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
@@ -145,8 +149,8 @@ def predict(
     if predicted.n_draws < draws:
         say(where, f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
     say(where, *(_composition(each.predictions) for each in responses), *remarks)
-    where.print(frequency_table(predicted.data, responses))
-    shapes = shape_table(predicted.data, responses[0])
+    where.print(frequency_table(responses))
+    shapes = shape_table(responses[0])
     if shapes is not None:
         where.print(shapes)
     if request.frequencies_hz is not None or request.motions:
@@ -160,12 +164,7 @@ def predict(
             "directory": str(directory),
             **to_record(record),
             "modes": {
-                each.name: {
-                    mode.label: list(mode.after_hz)
-                    for mode in predicted_modes(
-                        predicted.data, each.predictions, each.request.level
-                    )
-                }
+                each.name: {mode.label: list(mode.after_hz) for mode in each.modes}
                 for each in responses
             },
             "failed_checks": failed,
@@ -194,7 +193,7 @@ def _request(
 
     from bayes_ssi.measurements.records.record_files import read_ground_motion
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
-    from bayes_ssi.results.predictions.response_bands import (
+    from bayes_ssi.results.predictions.requested_predictions import (
         ResponseRequest,
         default_frequencies,
         default_output,
@@ -257,7 +256,7 @@ def _request(
 
 def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, str]:
     """The damping from the option or from the data, and a sentence about it."""
-    from bayes_ssi.results.predictions.response_bands import default_damping
+    from bayes_ssi.results.predictions.requested_predictions import default_damping
 
     if text is None:
         default, source = default_damping(predicted.data)
@@ -288,7 +287,7 @@ def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
 
 def _composition(predictions: Predictions) -> str:
     """Sentence on the model classes whose draws make a prediction."""
-    from bayes_ssi.results.predictions.predictions import AVERAGE
+    from bayes_ssi.results.predictions.stored_predictions import AVERAGE
 
     if predictions.name != AVERAGE:
         return f"{predictions.name}: one model class."
@@ -303,7 +302,7 @@ def _record(
     predicted: StoredPredictions, names: list[str], request: ResponseRequest
 ) -> PredictionsRecord:
     from bayes_ssi.foundations.packages import versions
-    from bayes_ssi.results.predictions.prediction_files import MotionRecord, PredictionsRecord
+    from bayes_ssi.results.predictions.requested_predictions import MotionRecord, PredictionsRecord
 
     transfer = None if request.frequencies_hz is None else request.transfer_name
     damping = request.damping

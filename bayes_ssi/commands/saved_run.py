@@ -142,7 +142,7 @@ class RunOptions:
         self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
     ) -> StoredResult:
         """Save a ranking, further records by file name, and figures; remove the checkpoint."""
-        from bayes_ssi.plots.result_figures import save_result_figures
+        from bayes_ssi.plots.ranking_plots import save_result_figures
         from bayes_ssi.results.result_files import require_new
         from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
 

@@ -1,55 +1,34 @@
 """Figures of stored records, posteriors and predictions; nothing here samples.
 
-Every function draws on given axes, or on those of a new figure, and returns them.
+Every function draws on given axes, or on those of a new figure, and returns them. ``as`` says to
+type checkers that a name is meant for others.
 """
 
-from bayes_ssi.plots.appendage_places import plot_places
-from bayes_ssi.plots.figure_style import style
-from bayes_ssi.plots.identified_modes import plot_identified_modes, plot_identified_shapes
-from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
-from bayes_ssi.plots.mode_plots import (
-    plot_frequency_change,
-    plot_mac,
-    plot_mac_change,
-    plot_modal_sensitivities,
-    plot_pairing,
-)
-from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters, plot_population
-from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
-from bayes_ssi.plots.record_plots import (
-    plot_complexity,
-    plot_singular_values,
-    plot_stabilisation,
-    plot_whitened_residuals,
-)
-from bayes_ssi.plots.shape_plots import plot_building_shape, plot_mode_shapes, plot_shape_components
+from bayes_ssi.plots.class_plots import plot_corner as plot_corner
+from bayes_ssi.plots.class_plots import plot_frequency_change as plot_frequency_change
+from bayes_ssi.plots.class_plots import plot_mac as plot_mac
+from bayes_ssi.plots.class_plots import plot_mac_change as plot_mac_change
+from bayes_ssi.plots.class_plots import plot_modal_sensitivities as plot_modal_sensitivities
+from bayes_ssi.plots.class_plots import plot_pairing as plot_pairing
+from bayes_ssi.plots.class_plots import plot_parameters as plot_parameters
+from bayes_ssi.plots.class_plots import plot_population as plot_population
+from bayes_ssi.plots.figure_style import style as style
+from bayes_ssi.plots.place_plots import plot_gains as plot_gains
+from bayes_ssi.plots.place_plots import plot_layout as plot_layout
+from bayes_ssi.plots.place_plots import plot_places as plot_places
+from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_history
+from bayes_ssi.plots.prediction_plots import plot_transfer_functions as plot_transfer_functions
+from bayes_ssi.plots.ranking_plots import plot_evidence as plot_evidence
+from bayes_ssi.plots.ranking_plots import plot_frequencies as plot_frequencies
+from bayes_ssi.plots.ranking_plots import plot_sensitivity as plot_sensitivity
+from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
+from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
+from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation
+from bayes_ssi.plots.record_plots import plot_whitened_residuals as plot_whitened_residuals
+from bayes_ssi.plots.shape_plots import plot_building_shape as plot_building_shape
+from bayes_ssi.plots.shape_plots import plot_identified_modes as plot_identified_modes
+from bayes_ssi.plots.shape_plots import plot_identified_shapes as plot_identified_shapes
+from bayes_ssi.plots.shape_plots import plot_mode_shapes as plot_mode_shapes
+from bayes_ssi.plots.shape_plots import plot_shape_components as plot_shape_components
 
-__all__ = [
-    "plot_building_shape",
-    "plot_complexity",
-    "plot_corner",
-    "plot_evidence",
-    "plot_frequencies",
-    "plot_frequency_change",
-    "plot_gains",
-    "plot_identified_modes",
-    "plot_identified_shapes",
-    "plot_layout",
-    "plot_mac",
-    "plot_mac_change",
-    "plot_modal_sensitivities",
-    "plot_mode_shapes",
-    "plot_pairing",
-    "plot_parameters",
-    "plot_places",
-    "plot_population",
-    "plot_sensitivity",
-    "plot_shape_components",
-    "plot_singular_values",
-    "plot_stabilisation",
-    "plot_time_history",
-    "plot_transfer_functions",
-    "plot_whitened_residuals",
-    "style",
-]
+__all__ = ["style", *sorted(name for name in globals() if name.startswith("plot_"))]

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# The name of a figure's file without its suffix, and the figure.
+NamedFigure = tuple[str, "Axes | Figure"]
+
 
 @dataclass(frozen=True)
 class FigureStyle:
@@ -148,6 +151,12 @@ def save_figure(drawn: Axes | Figure, path: Path) -> Path:
     """Write the figure of a plot in the format of the suffix of ``path``; return the path."""
     whole_figure(drawn).savefig(path)
     return path
+
+
+def save_figures(directory: Path, figures: Iterable[NamedFigure]) -> list[Path]:
+    """Write figures as PNG files, in the package's style where they are drawn when asked for."""
+    with figures_for_files():
+        return [save_figure(drawn, directory / f"{name}.png") for name, drawn in figures]
 
 
 def hover(artist: Any, text: str) -> None:

@@ -12,24 +12,24 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.model_at_draws import moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.figure_style import (
     COLOURS,
     LINES,
     STYLE,
+    NamedFigure,
     axes_of,
     figure_of,
-    figures_for_files,
     legend_below,
     legend_of_figure,
-    save_figure,
+    save_figures,
     title_of,
     wrapped,
 )
-from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
-from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
-from bayes_ssi.results.predictions.response_bands import ResponseBands
+from bayes_ssi.results.predictions.requested_predictions import ResponseBands
 from bayes_ssi.structures.modal import SHAPE_SCALE, mac
 
 if TYPE_CHECKING:
@@ -51,16 +51,14 @@ def plot_transfer_functions(
     Args:
         frequencies_hz: (F,), frequencies of the amplitudes.
         bands: name → band of arrays (F,), at most four.
-        ax: axes; new ones if None.
         reference: name and amplitude (F,) of a black line to compare the bands with.
         quantity: name and unit of the amplitude.
     """
-    ax = _draw(ax, frequencies_hz, bands, reference, 1.1)
+    ax = _draw(ax, frequencies_hz, bands, reference, 1.1, ("frequency (Hz)", quantity), legend)
     ax.set_yscale("log")
     highest = max((float(np.max(band.high)) for band in bands.values()), default=1.0)
     # Where a response vanishes or cancels out, only rounding errors are left: show 4 decades.
     ax.set_ylim(bottom=max(ax.get_ylim()[0], 1e-4 * highest))
-    _label(ax, "frequency (Hz)", quantity, legend)
     return ax
 
 
@@ -77,9 +75,8 @@ def plot_time_history(
 
     Arguments are as in :func:`plot_transfer_functions`, over ``times`` (s).
     """
-    ax = _draw(ax, times, bands, reference, 0.7)
+    ax = _draw(ax, times, bands, reference, 0.7, ("time (s)", quantity), legend)
     ax.axhline(0.0, color=STYLE.grey, linewidth=0.5)
-    _label(ax, "time (s)", quantity, legend)
     return ax
 
 
@@ -89,6 +86,8 @@ def _draw(
     bands: Mapping[str, Band],
     reference: tuple[str, FloatArray] | None,
     linewidth: float,
+    names: tuple[str, str],
+    legend: bool,
 ) -> Axes:
     if len(bands) > len(LINES):
         raise ValueError(f"a figure holds at most {len(LINES)} bands, got {len(bands)}")
@@ -101,14 +100,11 @@ def _draw(
         ax.plot(x, curve, color="black", linewidth=linewidth, label=name)
     ax.set_xlim(float(x[0]), float(x[-1]))
     ax.grid(alpha=0.3)
-    return ax
-
-
-def _label(ax: Axes, x: str, y: str, legend: bool) -> None:
-    ax.set_xlabel(x)
-    ax.set_ylabel(y)
+    ax.set_xlabel(names[0])
+    ax.set_ylabel(names[1])
     if legend:
         legend_below(ax, columns=2)
+    return ax
 
 
 def save_prediction_figures(
@@ -121,30 +117,24 @@ def save_prediction_figures(
     identified shapes, and its frequencies before and after updating.
     """
     Path(directory).mkdir()
-    with figures_for_files():
-        return [
-            save_figure(drawn, Path(directory) / f"{name}.png")
-            for name, drawn in _figures(data, responses[: len(LINES)])
-        ]
+    return save_figures(Path(directory), _figures(data, responses[: len(LINES)]))
 
 
-def _figures(
-    data: ModalData, responses: Sequence[ResponseBands]
-) -> Iterator[tuple[str, Axes | Figure]]:
+def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[NamedFigure]:
     request = responses[0].request
     places, level = request.output.labels, 100 * request.level
     if request.frequencies_hz is not None:
         bands = {
-            response.name: response.transfer_functions
+            response.name: response.transfer.curves
             for response in responses
-            if response.transfer_functions is not None
+            if response.transfer is not None
         }
         plot = partial(plot_transfer_functions, request.frequencies_hz,
                        quantity=f"amplitude ({request.transfer_unit})")  # fmt: skip
         title = f"{request.transfer_name}, median and {level:g} % band"
         yield "transfer_functions", _by_place(places, bands, plot, title)
     for i, motion in enumerate(request.motions, 1):
-        bands = {each.name: each.time_histories[motion.name] for each in responses}
+        bands = {each.name: each.histories[motion.name].curves for each in responses}
         quantity = f"{request.output.quantity} ({request.unit})"
         plot = partial(plot_time_history, motion.times, quantity=quantity)
         title = f"{motion.name}, median and {level:g} % envelope"
@@ -168,9 +158,7 @@ def _by_place(
     return figure
 
 
-def _mode_figures(
-    predictions: Predictions, data: ModalData, level: float
-) -> Iterator[tuple[str, Axes | Figure]]:
+def _mode_figures(predictions: Predictions, data: ModalData, level: float) -> Iterator[NamedFigure]:
     """Shapes, MACs and frequencies of the class that has most of the draws."""
     best = max(predictions.classes, key=lambda each: len(each.values))
     paired = [label for label in data.labels if label in best.pairing]

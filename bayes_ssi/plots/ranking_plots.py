@@ -1,32 +1,49 @@
-"""How model classes compare: evidences, frequencies, and changes with settings."""
+"""How model classes compare: evidences, frequencies, changes with settings; a ranking's files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.figure_style import (
     COLOURS,
     MARKERS,
     STYLE,
+    NamedFigure,
     axes_of,
     hover,
     legend_below,
     rows_of,
+    save_figures,
     title_of,
     width_of_modes,
     without_math,
 )
+from bayes_ssi.plots.place_plots import plot_places
+from bayes_ssi.plots.shape_plots import has_errors_on, plot_identified_shapes
+from bayes_ssi.plots.space import can_be_drawn, plot_modes_in_space
+from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+from bayes_ssi.studies.ranking.study import Ranking
+from bayes_ssi.studies.search.search_record import FamilyRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+# Name of the files of modes in space, or its beginning.
+MODES = "modes"
+# The beginning of the names of the files of identified shapes, before a configuration's number.
+IDENTIFIED_SHAPES = "identified_shapes"
 
 
 def plot_evidence(
@@ -39,7 +56,6 @@ def plot_evidence(
     information gained, by which the evidence falls short of the fit.
 
     Args:
-        ax: axes; new ones if None.
         most: largest number of classes drawn, the best first; all if None.
     """
     rows = comparison.classes[:most]
@@ -79,7 +95,6 @@ def plot_frequencies(
     calls spurious are marked with a cross.
 
     Args:
-        ax: axes; new ones if None.
         configuration: the one in which ``data`` were identified, where there are several.
     """
     ax = axes_of(ax, (width_of_modes(len(data.modes)), 3.4))
@@ -171,3 +186,63 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     ax.grid(axis="x", alpha=0.3)
     legend_below(ax, columns=2)
     return ax
+
+
+def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory: Path) -> None:
+    """Write the figures of a ranking, and of the search that gave it, into a directory."""
+    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
+    ranked = [by_name[row.name] for row in ranking.comparison.classes]
+    best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
+    tests = {test.name: test.data for test in best.configurations}
+    figures = chain(
+        result_figures(tests, ranked, ranking.comparison, search),
+        figures_of_modes(best, ranked[0]),
+        figures_of_identified_shapes(best),
+    )
+    save_figures(directory, figures)
+
+
+def result_figures(
+    tests: Mapping[str, ModalData],
+    ranked: Sequence[Posterior],
+    comparison: Comparison,
+    search: FamilyRecord | None = None,
+) -> Iterator[NamedFigure]:
+    """The figures of a result, of its best classes."""
+    yield "corner", plot_corner(ranked[0])
+    most = STYLE.most_classes
+    for i, (configuration, modes) in enumerate(tests.items(), 1):
+        name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
+        yield name, plot_frequencies(modes, ranked[:most], configuration=configuration)
+    yield "evidence", plot_evidence(comparison, most=most)
+    if search is not None:
+        yield "places", plot_places(search)
+
+
+def figures_of_modes(model_class: ModelClass, posterior: Posterior) -> Iterator[NamedFigure]:
+    """The paired modes in space, where coordinates are known, one figure for each configuration.
+
+    They are those of the exact structure at the most probable parameters.
+    """
+    for i, test in enumerate(model_class.configurations, 1):
+        structure = test.structure
+        pairing = posterior.configurations[i - 1].pairing
+        if structure.geometry is None or not pairing:
+            continue
+        likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
+        try:
+            modes = nodal_modes(
+                structure, np.array([likeliest[p.name] for p in structure.parameters])
+            )
+        except ValueError:  # labels name no nodes
+            continue
+        if can_be_drawn(modes):
+            name = f"{MODES}_{i}" if len(model_class.configurations) > 1 else MODES
+            yield name, plot_modes_in_space(modes, pairing)
+
+
+def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[NamedFigure]:
+    """Shapes with errors on the structure, one figure for each configuration that has both."""
+    for i, test in enumerate(model_class.configurations, 1):
+        if has_errors_on(test.structure, test.data):
+            yield f"{IDENTIFIED_SHAPES}_{i}", plot_identified_shapes(test.data, test.structure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,15 +11,15 @@ import numpy as np
 from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 from bayes_ssi.plots.figure_style import (
     STYLE,
+    NamedFigure,
     axes_of,
-    figures_for_files,
     hover,
     legend_below,
     panels_of,
-    save_figure,
+    save_figures,
     title_of,
 )
-from bayes_ssi.plots.identified_modes import plot_identified_shapes
+from bayes_ssi.plots.shape_plots import plot_identified_shapes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,17 +150,17 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
 def save_record_figures(directory: Path, found: ModalIdentification) -> list[Path]:
     """Write the figures of an identification as PNG files."""
     directory.mkdir(parents=True)
-    with figures_for_files():
-        drawn: dict[str, Axes | Figure] = {
-            "singular_values": plot_singular_values(found),
-        }
-        if found.candidates.stabilisation.size:
-            drawn["stabilisation"] = plot_stabilisation(found)
-        drawn["whitened_residuals"] = plot_whitened_residuals(found)
-        if len(found.too_short) < len(found.modes):
-            drawn["shapes"] = plot_identified_shapes(found.modal_data())
-        drawn["complexity"] = plot_complexity(found)
-        return [save_figure(each, directory / f"{name}.png") for name, each in drawn.items()]
+    return save_figures(directory, _figures(found))
+
+
+def _figures(found: ModalIdentification) -> Iterator[NamedFigure]:
+    yield "singular_values", plot_singular_values(found)
+    if found.candidates.stabilisation.size:
+        yield "stabilisation", plot_stabilisation(found)
+    yield "whitened_residuals", plot_whitened_residuals(found)
+    if len(found.too_short) < len(found.modes):
+        yield "shapes", plot_identified_shapes(found.modal_data())
+    yield "complexity", plot_complexity(found)
 
 
 def _axes(ax: Axes | None) -> Axes:

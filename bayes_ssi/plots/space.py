@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
@@ -27,13 +27,6 @@ if TYPE_CHECKING:
 Corners = NDArray[np.intp]
 
 
-class DrawnMode(NamedTuple):
-    """A mode of a figure: its title, and its number in the modes, from 0."""
-
-    title: str
-    number: int
-
-
 def can_be_drawn(modes: NodalModes) -> bool:
     """Whether any displacement is at a node with coordinates."""
     return bool(modes.displacements[:, _located(modes), :3].any())
@@ -44,33 +37,37 @@ def _located(modes: NodalModes) -> NDArray[np.intp]:
     return np.flatnonzero(np.isfinite(modes.positions).all(axis=1))
 
 
-def plot_modes_in_space(modes: NodalModes, shown: Sequence[DrawnMode]) -> Figure:
-    """The structure deformed by each mode, its displacements in colour, and its outline at rest.
+def plot_modes_in_space(modes: NodalModes, pairing: Mapping[str, int]) -> Figure:
+    """The structure deformed by each paired mode, in colour, and its outline at rest.
 
     Faces of shells and solids are drawn where the geometry has them, else lines, else nodes. The
     largest displacement of each mode is drawn with the same length.
     """
-    if not shown or not can_be_drawn(modes):
+    if not pairing or not can_be_drawn(modes):
         raise ValueError("plot_modes_in_space: needs a mode, and coordinates of what moves")
     known, geometry = _located(modes), modes.geometry
     points, displacements = modes.positions[known], modes.displacements[:, known, :3]
     number = {modes.nodes[node]: i for i, node in enumerate(known.tolist())}
-    lines = _numbered_lines(geometry, number) if geometry else np.empty((0, 2), dtype=np.intp)
-    faces = [[number[corner] for corner in face] for face in geometry.faces] if geometry else []
+    lines, faces = _numbered(geometry, number)
     largest = np.abs(displacements).max(axis=(1, 2))
     # The largest displacement drawn, of the longest side.
-    reach = 0.12 * (float(np.ptp(points, axis=0).max()) or 1.0)
-    figure, panels = panels_in_space([mode.title for mode in shown], points, reach)
-    for mode, ax in zip(shown, panels, strict=True):
-        shape = displacements[mode.number] / (largest[mode.number] or 1.0)
+    reach = 0.12 * longest_side(points)
+    hz = modes.frequencies_hz
+    titles = [f"mode {label}\n{hz[i - 1]:.4g} Hz" for label, i in pairing.items()]
+    figure, panels = panels_in_space(titles, points, reach)
+    for i, ax in zip(pairing.values(), panels, strict=True):
+        shape = displacements[i - 1] / (largest[i - 1] or 1.0)
         _draw_deformed(ax, points, lines, faces, reach * shape)
     return figure
 
 
-def _numbered_lines(geometry: Geometry, number: Mapping[str, int]) -> Corners:
-    """Lines (n, 2) by the numbers of their nodes."""
-    lines = [[number[end] for end in line] for line in geometry.lines]
-    return np.array(lines, dtype=np.intp).reshape(-1, 2)
+def _numbered(
+    geometry: Geometry | None, number: Mapping[str, int]
+) -> tuple[Corners, list[list[int]]]:
+    """Lines (n, 2) and faces by the numbers of their nodes."""
+    lines, faces = (geometry.lines, geometry.faces) if geometry else ((), ())
+    ends = np.array([[number[end] for end in line] for line in lines], dtype=np.intp)
+    return ends.reshape(-1, 2), [[number[corner] for corner in face] for face in faces]
 
 
 def _draw_deformed(
@@ -90,6 +87,32 @@ def _draw_deformed(
     draw_faces(ax, deformed, faces, 0.9, lambda corners: scale(size[corners].mean(axis=1)))
     _draw_lines(ax, deformed[borders], "black", 0.4)
     _draw_lines(ax, deformed[lines], scale(size[lines].mean(axis=1)), 1.2)
+
+
+def longest_side(points: ArrayLike) -> float:
+    """Of the box around points (n, 3); 1 where they are one point."""
+    return float(np.ptp(points, axis=0).max()) or 1.0
+
+
+def axes_in_space(
+    ax: Any,
+    title: str,
+    points: FloatArray,
+    reach: float,
+    geometry: Geometry | None,
+    below: float = 0.0,
+) -> Any:
+    """The axes given, or those of a new figure, around ``points``, with the structure if known.
+
+    ``reach`` and ``below`` are as in :func:`panels_in_space`.
+    """
+    if ax is None:
+        _, (ax,) = panels_in_space([title], points, reach, below=below)
+    else:
+        frame_in_space(ax, title, points, reach)
+    if geometry is not None:
+        draw_structure(ax, geometry)
+    return ax
 
 
 def panels_in_space(
@@ -154,9 +177,9 @@ def draw_structure(ax: Any, geometry: Geometry) -> None:
         ax.scatter(*nodes.T, s=0.6, color=STYLE.grey, depthshade=False, rasterized=True)
         return
     number = {node: i for i, node in enumerate(geometry.nodes)}
-    faces = [[number[corner] for corner in face] for face in geometry.faces]
+    lines, faces = _numbered(geometry, number)
     draw_faces(ax, nodes, faces, 0.08, STYLE.grey)
-    pairs = np.concatenate([outline(nodes, faces), _numbered_lines(geometry, number)])
+    pairs = np.concatenate([outline(nodes, faces), lines])
     _draw_lines(
         ax, nodes[pairs], STYLE.grey, 0.5, alpha=0.5, rasterized=len(pairs) > STYLE.most_vectors
     )

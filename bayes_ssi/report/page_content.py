@@ -40,7 +40,7 @@ from bayes_ssi.report.tables.search_tables import (
     unseen_note,
 )
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.predictions.prediction_files import SavedPredictions
+from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.search_result import SearchRecord

@@ -17,16 +17,24 @@ from typing import TYPE_CHECKING
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.class_plots import (
+    plot_corner,
+    plot_frequency_change,
+    plot_mac_change,
+    plot_pairing,
+    plot_parameters,
+)
 from bayes_ssi.plots.figure_style import HOVER, RC, STYLE, figures_for_files, whole_figure
-from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
-from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
-from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
-from bayes_ssi.plots.result_figures import IDENTIFIED_SHAPES, MODES
-from bayes_ssi.plots.shape_plots import plot_mode_shapes
-from bayes_ssi.results.predictions.prediction_files import SavedPredictions
+from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
+from bayes_ssi.plots.ranking_plots import (
+    IDENTIFIED_SHAPES,
+    MODES,
+    plot_evidence,
+    plot_frequencies,
+    plot_sensitivity,
+)
+from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
+from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan

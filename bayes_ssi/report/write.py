@@ -42,7 +42,7 @@ def write_report(
     from bayes_ssi.report.report_figures import draw_figures
 
     # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
-    from bayes_ssi.results.predictions.prediction_files import load_saved_predictions
+    from bayes_ssi.results.predictions.requested_predictions import load_saved_predictions
     from bayes_ssi.results.stored_what_if import every_setting
 
     stored = load_result(result)

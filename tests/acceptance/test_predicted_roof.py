@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.results.predictions.predictions import predict_class
+from bayes_ssi.results.predictions.posterior_draws import thinned_draws
+from bayes_ssi.results.predictions.predictions import Predictions
 from bayes_ssi.structures.response.modal_response import transfer_functions
 from bayes_ssi.structures.response.output import Output
 from bayes_ssi.studies.ranking.study import load_study
@@ -26,7 +27,7 @@ def truth():
 
 def band_of(name):
     (model_class,) = load_study(CLASSES / "shear_building.py").only([name]).model_classes
-    predicted = predict_class(bs.sample(model_class), model_class)
+    predicted = Predictions(name, (thinned_draws(bs.sample(model_class), model_class),))
     low, _, high = predicted.transfer_functions(AROUND_MODE_2, ROOF, 0.02).band(0.95)
     return low[0], high[0]
 

@@ -20,7 +20,7 @@ from searches import (
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.plots.appendage_places import plot_places
+from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search

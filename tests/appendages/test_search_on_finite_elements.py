@@ -5,8 +5,8 @@ import json
 import pytest
 from code_blocks import ROOT
 
-from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import figures_for_files
+from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.results.stored_result import load_result
 
 STUDY = ROOT / "model_classes" / "finite_elements" / "footbridge.py"

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.plots.appendage_places import plot_places
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-from bayes_ssi.plots.result_figures import result_figures
+from bayes_ssi.plots.place_plots import plot_places
+from bayes_ssi.plots.ranking_plots import result_figures
 from bayes_ssi.report.tables.search_tables import (
     appendage_table,
     averaged_table,

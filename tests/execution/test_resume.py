@@ -127,7 +127,7 @@ forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
     ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
      "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
-     "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.result_figures",
+     "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.ranking_plots",
      "bayes_ssi.results.stored_result", "bayes_ssi.report.tables.ranking_tables"]
 )  # fmt: skip
 

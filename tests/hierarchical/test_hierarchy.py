@@ -15,11 +15,10 @@ from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
 from bayes_ssi.results.hierarchy.single_tests import (
-    failed_tests,
+    judged_tests,
     read_covariate,
     repeated_errors,
     single_tests,
-    unusual_tests,
 )
 
 FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
@@ -138,8 +137,8 @@ def test_of_three_tests_one_has_to_be_three_times_as_unusual_to_fail(rankings, p
     name, (january, *others) = single_tests(rankings)
     unusual = replace(january.adequacy, overall=PValue.of(np.log(p_value)))
     tests = [replace(january, adequacy=unusual), *others]
-    assert len(list(failed_tests(name, tests))) == fails
-    remarks = list(unusual_tests(name, tests))
+    failed, remarks = judged_tests(name, tests)
+    assert len(failed) == fails
     assert len(remarks) == (not fails)
     assert all(
         "test 'January', 'frame': the data are as unusual as in one right test of 100, 2.9 sd"

@@ -12,7 +12,7 @@ from bayes_ssi.inference.likelihood.likelihood import AnyPairing
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log_sphere_area
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.layout_plots import plot_gains, plot_layout
+from bayes_ssi.plots.place_plots import plot_gains, plot_layout
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_search import effective_independence

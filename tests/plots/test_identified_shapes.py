@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.plots import plot_identified_shapes
-from bayes_ssi.plots.result_figures import figures_of_identified_shapes
+from bayes_ssi.plots.ranking_plots import figures_of_identified_shapes
 from bayes_ssi.structures.geometry import Geometry
 
 pytestmark = pytest.mark.usefixtures("close_figures")

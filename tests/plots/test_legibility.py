@@ -12,21 +12,26 @@ import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.appendage_places import plot_place_bars, plot_places_on_building
+from bayes_ssi.plots.class_plots import (
+    plot_corner,
+    plot_frequency_change,
+    plot_mac_change,
+    plot_pairing,
+    plot_parameters,
+)
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files, whole_figure
-from bayes_ssi.plots.identified_modes import plot_identified_modes
-from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac_change, plot_pairing
-from bayes_ssi.plots.parameter_plots import plot_corner, plot_parameters
+from bayes_ssi.plots.place_plots import plot_place_bars, plot_places_on_building
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
     DrawnShape,
+    plot_identified_modes,
     plot_mode_shapes,
     plot_shape_components,
     plot_shapes,
 )
 from bayes_ssi.report.report_figures import embedded_drawing
-from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 LONG = "each storey, free errors, infill of mass 0.15"

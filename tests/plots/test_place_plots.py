@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from searches import place_record, places_in_space, places_of_building
 
 import bayes_ssi as bs
-from bayes_ssi.plots.appendage_places import plot_place_map, plot_places
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files
+from bayes_ssi.plots.place_plots import plot_place_map, plot_places
 
 GEOMETRY = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": (9.0, 0.0, 4.0)}, (("a", "b"),), "m")
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)

@@ -12,10 +12,9 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     UpdatedMode,
     UpdatedModes,
 )
+from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure, style
-from bayes_ssi.plots.parameter_plots import plot_corner
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
-from bayes_ssi.plots.result_figures import result_figures
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, result_figures
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

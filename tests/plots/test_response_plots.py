@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.plots.mode_plots import plot_frequency_change, plot_mac
+from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
-from bayes_ssi.results.predictions.bands import Band
+from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.results.predictions.predictions import PredictedMode
 
 pytestmark = pytest.mark.usefixtures("close_figures")

@@ -9,9 +9,8 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.plots import space
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.result_figures import figures_of_modes
+from bayes_ssi.plots.ranking_plots import figures_of_modes
 from bayes_ssi.plots.space import (
-    DrawnMode,
     draw_faces,
     draw_structure,
     outline,
@@ -108,16 +107,18 @@ def test_modes_are_drawn_where_nodes_are(cube, monkeypatch):
 
     monkeypatch.setattr(space, "draw_faces", draw)
     with figures_for_files():
-        figure = plot_modes_in_space(modes, [DrawnMode("first", 0), DrawnMode("second", 1)])
+        figure = plot_modes_in_space(modes, {"first": 1, "second": 2})
         figure.draw_without_rendering()
-    assert [ax.get_title(loc="left") or ax.get_title() for ax in figure.axes] == ["first", "second"]
+    assert [(ax.get_title(loc="left") or ax.get_title()).split("\n")[0] for ax in figure.axes] == [
+        "mode first", "mode second",
+    ]  # fmt: skip
     at_rest = np.array(list(cube.nodes.values()))
     for node, points in enumerate(drawn):  # mode by mode, one node moves alone
         moved = points - at_rest
         assert abs(moved[node, 0]) == pytest.approx(0.12 * 2.0)
         assert np.count_nonzero(abs(moved) > 1e-9) == 1
     with pytest.raises(ValueError, match="needs a mode, and coordinates"):
-        plot_modes_in_space(modes, [])
+        plot_modes_in_space(modes, {})
 
 
 def test_a_result_has_a_figure_of_its_modes_where_coordinates_are_known(cube):

@@ -9,13 +9,15 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.results.predictions.bands import Prediction
 from bayes_ssi.results.predictions.posterior_draws import (
     PosteriorDraws,
+    Prediction,
     PredictionSettings,
     thinned_draws,
 )
-from bayes_ssi.results.predictions.predictions import Predictions, predict_average, predict_class
+from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+from bayes_ssi.results.stored_result import as_stored
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
     peak_responses,
@@ -40,9 +42,13 @@ def posteriors(tiny_ranking):
     return {each.name: each for each in tiny_ranking.posteriors}
 
 
+def of_class(name, classes, posteriors, n_draws):
+    return Predictions(name, (thinned_draws(posteriors[name], classes[name], n_draws),))
+
+
 @pytest.fixture
 def predicted(classes, posteriors):
-    return predict_class(posteriors["each k"], classes["each k"], 200)
+    return of_class("each k", classes, posteriors, 200)
 
 
 @pytest.fixture
@@ -55,7 +61,8 @@ def average(tiny_ranking, classes):
             for row in tiny_ranking.comparison.classes
         )
         comparison = replace(tiny_ranking.comparison, classes=rows)
-        return predict_average(comparison, posteriors, classes, n_draws)
+        ranking = replace(tiny_ranking, comparison=comparison, posteriors=tuple(posteriors))
+        return StoredPredictions(as_stored(ranking), classes, n_draws, "").of()
 
     return make
 
@@ -103,7 +110,7 @@ def test_frequencies_are_the_stored_ones(predicted, posteriors):
 
 def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     # One stiffness for both storeys: the shapes do not depend on it.
-    one = predict_class(posteriors["one k"], classes["one k"], 50)
+    one = of_class("one k", classes, posteriors, 50)
     first = np.tile([1.0 / PHI, 1.0], (50, 1))
     second = np.tile([1.0, -1.0 / PHI], (50, 1))
     np.testing.assert_allclose(one.shapes("1", FLOORS).draws, first, rtol=1e-12)
@@ -216,7 +223,7 @@ def test_an_average_is_a_mixture(average, classes, posteriors):
     assert {each.name: len(each.values) for each in actual.classes} == {"one k": 100, "each k": 300}
     assert actual.n_draws == 400
     parts = [
-        predict_class(posteriors[name], classes[name], n).frequencies_hz("1").draws
+        of_class(name, classes, posteriors, n).frequencies_hz("1").draws
         for name, n in (("one k", 100), ("each k", 300))
     ]
     expected = np.quantile(np.concatenate(parts), [0.025, 0.5, 0.975])

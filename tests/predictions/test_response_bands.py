@@ -12,13 +12,13 @@ from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
-from bayes_ssi.results.predictions.prediction_files import save_predictions
-from bayes_ssi.results.predictions.response_bands import (
+from bayes_ssi.results.predictions.requested_predictions import (
     ResponseRequest,
     default_damping,
     default_frequencies,
     default_output,
     predict_responses,
+    save_predictions,
 )
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import save_result
@@ -56,9 +56,9 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_tables_fit_a_narrow_terminal(predicted, responses):
-    shapes = shape_table(predicted.data, responses[0])
-    for table in (frequency_table(predicted.data, responses), shapes, peak_table(responses)):
+def test_tables_fit_a_narrow_terminal(responses):
+    shapes = shape_table(responses[0])
+    for table in (frequency_table(responses), shapes, peak_table(responses)):
         assert_every_cell_is_whole(table, 60)
 
 
@@ -80,14 +80,14 @@ def test_responses_hold_the_bands_of_all_places(predicted, response_request, res
     for motion in response_request.motions:
         draws = average.time_histories(motion, OUTPUT, 0.02)
         np.testing.assert_allclose(
-            responses[0].time_histories[motion.name], draws.band(0.9), rtol=1e-9, atol=1e-12
+            responses[0].histories[motion.name].curves, draws.band(0.9), rtol=1e-9, atol=1e-12
         )
         peaks = average.peak_responses(motion, OUTPUT, 0.02).band(0.9)
-        np.testing.assert_allclose(responses[0].peaks[motion.name], peaks, rtol=1e-9)
+        np.testing.assert_allclose(responses[0].histories[motion.name].peaks, peaks, rtol=1e-9)
     draws = average.transfer_functions(FREQUENCIES, OUTPUT, 0.02)
-    np.testing.assert_allclose(responses[0].transfer_functions, draws.band(0.9), rtol=1e-9)
+    np.testing.assert_allclose(responses[0].transfer.curves, draws.band(0.9), rtol=1e-9)
     highest = np.quantile(draws.draws.max(-1), [0.05, 0.5, 0.95], axis=0)
-    np.testing.assert_allclose(responses[0].transfer_peaks, highest, rtol=1e-9)
+    np.testing.assert_allclose(responses[0].transfer.peaks, highest, rtol=1e-9)
 
 
 def test_transfer_functions_from_a_force(predicted):
@@ -95,13 +95,13 @@ def test_transfer_functions_from_a_force(predicted):
     actual = predict_responses(predicted, "one k", response_request)
     own = predicted.of("one k")
     expected = own.transfer_functions(FREQUENCIES, OUTPUT, 0.02, force_at="floor 1")
-    np.testing.assert_allclose(actual.transfer_functions, expected.band(0.95), rtol=1e-9)
+    np.testing.assert_allclose(actual.transfer.curves, expected.band(0.95), rtol=1e-9)
     assert response_request.transfer_name == "acceleration / force at floor 1"
     assert response_request.transfer_unit == "1/mass"
 
 
-def test_csv_files_hold_the_bands(predicted, responses, out):
-    save_predictions(out, predicted.data, responses)
+def test_csv_files_hold_the_bands(responses, out):
+    save_predictions(out, responses)
     assert sorted(path.name for path in out.iterdir()) == [
         "frequencies.csv", "mode_shapes.csv", "peaks.csv", "time_histories.csv",
         "transfer_functions.csv",
@@ -112,7 +112,7 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
         row for row in actual if (row["model_class"], row["place"]) == ("average", "floor 2")
     ]
     for column, expected in zip(
-        ("low", "median", "high"), responses[0].transfer_functions, strict=True
+        ("low", "median", "high"), responses[0].transfer.curves, strict=True
     ):
         np.testing.assert_allclose(
             [float(row[column]) for row in second_place], expected[1], rtol=1e-6
@@ -128,7 +128,9 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
                          ("time history: a", "m/s²"), ("time history: b", "m/s²"))
         for place in OUTPUT.places
     ]  # fmt: skip
-    assert float(peaks[3]["high"]) == pytest.approx(responses[0].peaks["a"].high[1], rel=1e-6)
+    assert float(peaks[3]["high"]) == pytest.approx(
+        responses[0].histories["a"].peaks.high[1], rel=1e-6
+    )
     modes = rows(out / "frequencies.csv")
     assert [(row["model_class"], row["mode"], row["share"]) for row in modes] == [
         ("average", "1", "1"), ("average", "2", "1"), ("one k", "1", "1"), ("one k", "2", "1"),
@@ -139,29 +141,29 @@ def test_csv_files_hold_the_bands(predicted, responses, out):
     # The shape (1, φ), scaled to a largest component of 1.
     assert [float(row["median"]) for row in shapes[:2]] == pytest.approx([0.6180340, 1.0])
     with pytest.raises(FileExistsError):
-        save_predictions(out, predicted.data, responses)
+        save_predictions(out, responses)
 
 
 def test_what_is_not_asked_for_is_not_computed(predicted, out, monkeypatch):
-    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_figure", lambda _, path: path)
+    monkeypatch.setattr("bayes_ssi.plots.figure_style.save_figure", lambda _, path: path)
     ground_to_1 = Output("drift", (("ground", "floor 1"),))
     actual = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
-    assert actual.time_histories == actual.peaks == {}
-    save_predictions(out, predicted.data, [actual])
+    assert actual.histories == {}
+    save_predictions(out, [actual])
     assert not (out / "time_histories.csv").exists()
     assert "ground to floor 1" in printed(peak_table([actual]))
     drawn = save_prediction_figures(out / "figures", predicted.data, [actual])
     assert "time_histories" not in {path.stem for path in drawn}
     actual = predict_responses(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
-    assert actual.transfer_functions is actual.transfer_peaks is None
+    assert actual.transfer is None
     drawn = save_prediction_figures(out / "again", predicted.data, [actual])
     assert [path.stem for path in drawn] == ["mode_shapes", "mac", "frequency_change"]
 
 
 def test_tables_fit_a_terminal(predicted, responses):
-    frequencies = printed(frequency_table(predicted.data, responses))
+    frequencies = printed(frequency_table(responses))
     peaks = printed(peak_table(responses))
-    table = shape_table(predicted.data, responses[0])
+    table = shape_table(responses[0])
     assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
     median = predicted.of().frequencies_hz("1").band().median
     assert f"{median:.4g}" in frequencies

@@ -25,7 +25,7 @@ from bayes_ssi.report.page_content import (
 from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.write import write_report
-from bayes_ssi.results.predictions.prediction_files import PredictionsRecord
+from bayes_ssi.results.predictions.requested_predictions import PredictionsRecord
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check

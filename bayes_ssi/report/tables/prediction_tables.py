@@ -6,30 +6,20 @@ import numpy as np
 from rich.table import Table
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
-from bayes_ssi.results.predictions.predictions import (
-    predicted_modes,
-    predicted_shapes,
-    shown_places,
-)
-from bayes_ssi.results.predictions.response_bands import ResponseBands
+from bayes_ssi.results.predictions.requested_predictions import ResponseBands
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.ranking.comparison import SCALE_NAME, probability_text
 
 
-def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Table:
+def frequency_table(responses: Sequence[ResponseBands]) -> Table:
     """Frequency of every identified mode before and after updating, median and band.
 
     Where only some of the averaged classes explain a mode, the fraction of such draws is given.
     """
     level = responses[0].request.level
-    rows = [
-        (response.name, mode)
-        for response in responses
-        for mode in predicted_modes(data, response.predictions, level)
-    ]
+    rows = [(response.name, mode) for response in responses for mode in response.modes]
     with_fractions = any(mode.share < 1.0 for _, mode in rows)
     cells = [
         (
@@ -47,18 +37,17 @@ def frequency_table(data: ModalData, responses: Sequence[ResponseBands]) -> Tabl
     return new_table(title, ["model class", "mode"], headings, cells)
 
 
-def shape_table(data: ModalData, response: ResponseBands) -> Table | None:
+def shape_table(response: ResponseBands) -> Table | None:
     """Medians of the shapes of identified modes; None where there are none."""
-    places = shown_places(response.predictions, data)
-    shapes = list(predicted_shapes(data, response.predictions, response.request.level))
+    shapes = response.shapes
     if not shapes:
         return None
     title = f"Mode shapes of {response.name!r}, medians, {SHAPE_SCALE}"
     rows = [
-        [place, *(number(shape.median[i], ".3f") for _, shape in shapes)]
-        for i, place in enumerate(places)
+        [place, *(number(shape.median[i], ".3f") for shape in shapes.values())]
+        for i, place in enumerate(response.places)
     ]
-    return new_table(title, ["place"], [label for label, _ in shapes], rows)
+    return new_table(title, ["place"], list(shapes), rows)
 
 
 def peak_table(responses: Sequence[ResponseBands]) -> Table:

@@ -17,7 +17,7 @@ from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.resampling import systematic_indices
-from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
+from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
 from bayes_ssi.results.hierarchy.populations import Population
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
@@ -155,7 +155,7 @@ class Hierarchy(Displayed):
             ValueError: there is no covariate.
         """
         means, slopes, _ = ranked.population.split(ranked.draws)
-        return self._in_units(means + slopes * self._standardised(covariate))
+        return _in_units(self.of_population, means + slopes * self._standardised(covariate))
 
     def spreads(self, ranked: RankedPopulation) -> FloatArray:
         """Draws (n_draws, k) of the standard deviation from test to test, in the parameters' units.
@@ -164,7 +164,10 @@ class Hierarchy(Displayed):
         both in standard-normal coordinates.
         """
         means, _, spreads = ranked.population.split(ranked.draws)
-        return 0.5 * (self._in_units(means + spreads) - self._in_units(means - spreads))
+        above, below = (
+            _in_units(self.of_population, means + sign * spreads) for sign in (1.0, -1.0)
+        )
+        return 0.5 * (above - below)
 
     def slopes(self, ranked: RankedPopulation) -> FloatArray:
         """Draws (n_draws, k) of the change of the centre by one unit of the covariate.
@@ -178,7 +181,8 @@ class Hierarchy(Displayed):
             raise ValueError("hierarchy: there is no covariate")
         means, slopes, _ = ranked.population.split(ranked.draws)
         half = 0.5 * slopes / self.covariate.sd
-        return self._in_units(means + half) - self._in_units(means - half)
+        above, below = (_in_units(self.of_population, means + sign * half) for sign in (1.0, -1.0))
+        return above - below
 
     def next_test(
         self,
@@ -216,8 +220,7 @@ class Hierarchy(Displayed):
             drawn.append(means + slopes * self._standardised(covariate) + steps)
         z = rng.standard_normal((n_draws, len(self.parameters)))
         z[:, self.population_columns] = np.concatenate(drawn)
-        values = [p.prior.from_normal(z[:, i]) for i, p in enumerate(self.parameters)]
-        return np.stack(values, axis=1)
+        return _in_units(self.parameters, z)
 
     @property
     def of_population(self) -> tuple[ParameterRecord, ...]:
@@ -229,12 +232,6 @@ class Hierarchy(Displayed):
         """Their columns among those of all parameters, as in :meth:`next_test`."""
         own = [parameter.name for parameter in self.parameters]
         return [own.index(name) for name in self.names]
-
-    def _in_units(self, z: FloatArray) -> FloatArray:
-        values: Sequence[FloatArray] = [
-            parameter.prior.from_normal(z[:, i]) for i, parameter in enumerate(self.of_population)
-        ]
-        return np.stack(values, axis=1)
 
     def _standardised(self, covariate: float | None) -> float:
         if covariate is None:
@@ -250,6 +247,11 @@ class Hierarchy(Displayed):
     def _rows(self) -> list[dict[str, Any]]:
         names = ("name", "log_evidence", "error", "log_bayes_factor", "probability", "against")
         return [columns(row, names) for row in self.populations]
+
+
+def _in_units(parameters: Sequence[ParameterRecord], z: FloatArray) -> FloatArray:
+    values = [each.prior.from_normal(z[:, i]) for i, each in enumerate(parameters)]
+    return np.stack(values, axis=1)
 
 
 @dataclass(frozen=True)

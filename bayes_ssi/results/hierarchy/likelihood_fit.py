@@ -8,9 +8,8 @@ form.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,53 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture_fitting import fit_mixture
 from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import log_standard_normal
-from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
 
 
-@dataclass(frozen=True, eq=False)
-class Bumps:
+@dataclass(frozen=True)
+class HierarchySettings:
+    """Numbers that decide how hierarchies are computed, and when they fail."""
+
+    fewest_tests: int = 2  # fewer say nothing of how parameters vary
+    # Of each test that are used: their likelihoods are known, so that more say little more.
+    most_draws: int = 1000
+    # Root mean square error of a log-likelihood, in nats, at which no more bumps are needed: with
+    # that of each of a hundred tests, their sum is off by a fifth of a nat, before the draws
+    # correct it.
+    fit_error: float = 0.02
+    # The same of a likelihood that is normal in form, but for rounding.
+    exact_fit_error: float = 1e-6
+    # That are tried, until they lower the error by less than ``least_gain``.
+    numbers_of_bumps: tuple[int, ...] = (2, 4, 8)
+    least_gain: float = 0.8  # largest ratio of errors for which more bumps are worth it
+    # For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
+    # draws alone would need many.
+    draws_per_number: int = 4
+    # With which the stored evidence counts in a fit. It is known to about a hundredth of a nat; by
+    # a tenth, its error is that of a likelihood known to a thousandth.
+    evidence_weight: float = 0.1
+    most_evaluations: int = 60  # in one search for the least squares
+    # Of a population's parameters, at which the draws of the tests are asked, and which are kept:
+    # enough for 90 % intervals.
+    population_draws: int = 500
+    # By which the stored evidence of a test and that of its bumps may differ, in nats: so far may
+    # full solutions have corrected that of an approximate structure.
+    evidence_tolerance: float = 0.5
+    # Most numbers in an array of a batch, so that it stays in the processor's cache.
+    array_size: int = 200_000
+    # From the draws of the tests, in nats; with a larger one, two standard errors are more than a
+    # bare mention on the scale of Bayes factors.
+    largest_error: float = 0.5
+    # Of frequencies, in their standard deviations; smaller ones are those that the prior leaves.
+    smallest_repeated_error: float = 0.3
+    # Probability with which errors that agree between tests by chance are taken for repeated ones.
+    repeated_by_chance: float = 0.001
+    next_tests: int = 1000  # draws of the parameters in the next test that are written to a file
+
+
+SETTINGS = HierarchySettings()
+
+
+class Bumps(NamedTuple):
     """A sum of K functions exp(constant + slope·z - |root·z|²/2) of d coordinates.
 
     A bump is a multiple of a normal density, except that it may be flat in some directions, about
@@ -34,7 +75,7 @@ class Bumps:
     slopes: FloatArray  # (K, d)
     roots: FloatArray  # (K, d, d), upper triangular; root'·root is the precision of a bump
 
-    @cached_property
+    @property
     def precisions(self) -> FloatArray:
         """(K, d, d), positive semi-definite."""
         return np.einsum("kli,klj->kij", self.roots, self.roots)
@@ -94,15 +135,6 @@ class Bumps:
         squares = np.einsum("ki,ki->k", rooted, rooted)
         constants = values - np.einsum("ki,ki->k", slopes, points) + 0.5 * squares
         return cls(constants, slopes, roots)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Bumps]) -> Bumps:
-        """The bumps of several sums in one."""
-        return cls(
-            np.concatenate([bumps.constants for bumps in parts]),
-            np.concatenate([bumps.slopes for bumps in parts]),
-            np.concatenate([bumps.roots for bumps in parts]),
-        )
 
     def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> Bumps:
         """The same functions of z, where they now are of (z - ``origin``) / ``unit``, each (d,)."""

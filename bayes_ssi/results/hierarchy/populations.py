@@ -29,8 +29,12 @@ from bayes_ssi.inference.sampling.target import Target
 from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
-from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, LikelihoodFit, fit_likelihood
+from bayes_ssi.results.hierarchy.likelihood_fit import (
+    SETTINGS,
+    Bumps,
+    LikelihoodFit,
+    fit_likelihood,
+)
 from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
 
@@ -135,7 +139,7 @@ class PopulationLikelihood:
     @cached_property
     def _joined(self) -> Bumps:
         """The bumps of all tests in turn, and :attr:`_counts`, how many each test has."""
-        return Bumps.joined(self.bumps)
+        return Bumps(*map(np.concatenate, zip(*self.bumps, strict=True)))
 
     @cached_property
     def _counts(self) -> NDArray[np.intp]:

@@ -19,7 +19,7 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
+from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
 from bayes_ssi.results.hierarchy.populations import (
     Coverage,
     Population,
@@ -31,10 +31,9 @@ from bayes_ssi.results.hierarchy.populations import (
 )
 from bayes_ssi.results.hierarchy.single_tests import (
     SingleTest,
-    failed_tests,
+    judged_tests,
     repeated_errors,
     single_tests,
-    unusual_tests,
 )
 from bayes_ssi.results.stored_result import AnyResult
 from bayes_ssi.studies.ranking.comparison import (
@@ -101,6 +100,14 @@ def hierarchy(
         populations += [Population(both, names, True, True, priors)]
     sampled = [sampler.sample(each, partial(progress, each.name)) for each in populations]
     sampled.sort(key=lambda each: -each.log_evidence)
+    failed, unusual = judged_tests(class_name, tests)
+    first, *others = tests
+    remarks = [
+        f"the structure of test {test.name!r} is not defined as that of {first.name!r}: "
+        "parameters of one name must mean the same in all tests"
+        for test in others
+        if test.definitions != first.definitions
+    ]
     return Hierarchy(
         model_class=class_name,
         parameters=tests[0].parameters,
@@ -111,11 +118,11 @@ def hierarchy(
         seed=seed,
         failed_checks=(
             *(c for test in tests for c in test.failed_checks),
-            *failed_tests(class_name, tests),
+            *failed,
             *repeated_errors(class_name, tests),
             *failed_fits(tests, fits),
         ),
-        remarks=(*_remarks(tests), *unusual_tests(class_name, tests)),
+        remarks=(*remarks[:1], *unusual),
     )
 
 
@@ -149,16 +156,6 @@ def _standardised(
         raise ValueError(f"hierarchy: {name!r} is {values[0]:g} in all tests: nothing follows it")
     scale = CovariateScale(name, float(values.mean()), float(values.std()))
     return scale, (values - scale.mean) / scale.sd
-
-
-def _remarks(tests: Sequence[SingleTest]) -> list[str]:
-    others = [test.name for test in tests if test.definitions != tests[0].definitions]
-    if not others:
-        return []
-    return [
-        f"the structure of test {others[0]!r} is not defined as that of {tests[0].name!r}: "
-        "parameters of one name must mean the same in all tests"
-    ]
 
 
 def _rows(

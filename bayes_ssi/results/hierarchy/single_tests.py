@@ -20,12 +20,11 @@ from bayes_ssi.inference.criticism.misfit_in_words import (
     misfit_text,
     misfits_in_words,
 )
-from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord
-from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
-from bayes_ssi.results.hierarchy.hierarchy_settings import SETTINGS
-from bayes_ssi.results.stored_result import AnyResult, as_stored
+from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
+from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,35 +57,24 @@ def single_tests(
         )
     tests: list[SingleTest] = []
     for name, result in results.items():
-        found, posterior, record, failed = _chosen(name, result, class_name)
-        class_name = found
-        tests.append(_single_test(name, posterior, record, failed))
+        stored = as_stored(result)
+        known = [each.name for each in stored.record.model_classes]
+        class_name = known[0] if class_name is None and len(known) == 1 else class_name
+        if class_name not in known:
+            listed = ", ".join(map(repr, known))
+            problem = (
+                "which model class?" if class_name is None else f"no model class {class_name!r};"
+            )
+            raise ValueError(f"hierarchy: test {name!r}: {problem} Choose from {listed}")
+        tests.append(_single_test(name, stored, class_name))
     assert class_name is not None
     _check_alike(tests, class_name)
     return class_name, tuple(tests)
 
 
-def _chosen(
-    test: str, result: AnyResult, class_name: str | None
-) -> tuple[str, Posterior, ClassRecord, tuple[str, ...]]:
-    """Name, posterior and record of the model class in one result, and its data's failed checks."""
-    stored = as_stored(result)
-    records = stored.record.model_classes
-    names = [each.name for each in records]
-    chosen = names[0] if class_name is None and len(names) == 1 else class_name
-    if chosen not in names:
-        listed = ", ".join(map(repr, names))
-        problem = "which model class?" if chosen is None else f"no model class {chosen!r};"
-        raise ValueError(f"hierarchy: test {test!r}: {problem} Choose from {listed}")
-    posterior = next(each for each in stored.posteriors if each.name == chosen)
-    failed = stored.comparison.failed_data_checks
-    return chosen, posterior, records[names.index(chosen)], failed
-
-
-def _single_test(
-    name: str, posterior: Posterior, record: ClassRecord, failed: Sequence[str]
-) -> SingleTest:
-    values = posterior.values
+def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest:
+    posterior, record = stored.posterior(class_name), stored.record.model_class(class_name)
+    failed, values = stored.comparison.failed_data_checks, posterior.values
     independent = int(posterior.effective_sample_sizes.min())
     # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
     some = evenly_spaced_indices(len(values), max(1, min(SETTINGS.most_draws, independent)))
@@ -157,24 +145,25 @@ def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
     return name, values
 
 
-def failed_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
-    """Tests that the class does not explain, a sentence each."""
-    for test in tests:
-        fit = test.adequacy
-        if fit is not None and _fails(fit, len(tests)):
-            yield f"test {test.name!r}, {class_name!r}: {inadequacy_in_words(fit)}"
+def judged_tests(class_name: str, tests: Sequence[SingleTest]) -> tuple[list[str], list[str]]:
+    """Tests that the class does not explain, and those that only among so many it does.
 
-
-def unusual_tests(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
-    """Tests that would fail by themselves, but not among so many, a sentence each."""
+    A sentence each.
+    """
+    failed: list[str] = []
+    unusual: list[str] = []
     for test in tests:
-        fit = test.adequacy
-        if fit is not None and fit.overall.is_small and not _fails(fit, len(tests)):
-            how_far = misfit_text(fit.overall.sds)
-            yield (
-                f"test {test.name!r}, {class_name!r}: the data are as unusual as in one right test "
-                f"of {1.0 / CRITICISM.limit:.0f}, {how_far}: {'; '.join(misfits_in_words(fit))}"
+        what, fit = f"test {test.name!r}, {class_name!r}", test.adequacy
+        # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
+        if fit and (len(tests) * fit.overall.p_value < CRITICISM.limit or fit.hints):
+            failed.append(f"{what}: {inadequacy_in_words(fit)}")
+        elif fit and fit.overall.is_small:
+            unusual.append(
+                f"{what}: the data are as unusual as in one right test of "
+                f"{1.0 / CRITICISM.limit:.0f}, {misfit_text(fit.overall.sds)}: "
+                f"{'; '.join(misfits_in_words(fit))}"
             )
+    return failed, unusual
 
 
 def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
@@ -202,8 +191,3 @@ def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[st
             "counted anew in each test and hide how the parameters vary; rank classes with all "
             "tests as configurations and ErrorModel(between_tests=...)"
         )
-
-
-def _fails(fit: Adequacy, n_tests: int) -> bool:
-    # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
-    return n_tests * fit.overall.p_value < CRITICISM.limit or bool(fit.hints)

@@ -9,22 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.predictions.bands import Band, Prediction
 from bayes_ssi.results.predictions.posterior_draws import (
     PREDICTION_SETTINGS,
+    Band,
     PosteriorDraws,
+    Prediction,
     thinned_draws,
+    thinned_rows,
 )
 from bayes_ssi.structures.modal import scaled_shapes, shape_signs
 from bayes_ssi.structures.response.ground_motion import GroundMotion
@@ -35,51 +39,6 @@ from bayes_ssi.structures.response.modal_response import (
 )
 from bayes_ssi.structures.response.output import Damping, Output
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.ranking.comparison import Comparison
-
-# Name of predictions that are averaged over model classes.
-AVERAGE = "average"
-
-
-def predict_class(
-    posterior: Posterior,
-    model_class: ModelClass,
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
-    configuration: str | None = None,
-) -> Predictions:
-    """Predictions of one model class; arguments and errors are as in :func:`thinned_draws`."""
-    draws = thinned_draws(posterior, model_class, n_draws, configuration)
-    return Predictions(posterior.name, (draws,))
-
-
-def predict_average(
-    comparison: Comparison,
-    posteriors: Sequence[Posterior],
-    model_classes: Mapping[str, ModelClass],
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
-    configuration: str | None = None,
-) -> Predictions:
-    """Predictions averaged over model classes by their probabilities.
-
-    A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
-    """
-    by_name = {posterior.name: posterior for posterior in posteriors}
-    counts = _shares([row.probability for row in comparison.classes], n_draws)
-    classes = tuple(
-        thinned_draws(by_name[row.name], model_classes[row.name], count, configuration)
-        for row, count in zip(comparison.classes, counts, strict=True)
-        if count
-    )
-    return Predictions(AVERAGE, classes)
-
-
-def _shares(probabilities: Sequence[float], total: int) -> list[int]:
-    """Whole numbers proportional to probabilities, rounded by the largest remainder."""
-    exact = total * np.array(probabilities) / sum(probabilities)
-    counts = np.floor(exact).astype(int)
-    order = np.argsort(counts - exact, kind="stable")
-    counts[order[: total - counts.sum()]] += 1
-    return [int(count) for count in counts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +70,6 @@ class Predictions:
         return self._joined(
             [each.frequencies_hz[:, number - 1] for each, number in self._classes_with(mode)]
         )
-
-    def frequencies_before_hz(self, mode: str | int) -> Prediction:
-        """The frequency of a mode at the prior medians of each draw's class, draws (n,).
-
-        Arguments and errors are as in :meth:`frequencies_hz`.
-        """
-        parts = []
-        for each, number in self._classes_with(mode):
-            before = each.structure.modes(each.structure.prior_medians()).frequencies_hz
-            parts.append(np.full(len(each.values), before[0, number - 1]))
-        return self._joined(parts)
 
     def shapes(self, mode: str | int, places: Sequence[str]) -> Prediction:
         """The shape of a mode at some degrees of freedom or sensors, draws (n, n_places).
@@ -267,21 +215,25 @@ class PredictedMode(NamedTuple):
 def predicted_modes(
     data: ModalData, predictions: Predictions, level: float
 ) -> Iterator[PredictedMode]:
-    """Frequencies of all identified modes that a prediction explains."""
-    for label in _explained(data, predictions):
-        after = predictions.frequencies_hz(label)
-        before = float(predictions.frequencies_before_hz(label).band().median)
-        identified = data.mode(label).frequency_hz
-        yield PredictedMode(label, identified, before, after.band(level), after.share)
+    """Frequencies of all identified modes that a prediction explains.
 
-
-def predicted_shapes(
-    data: ModalData, predictions: Predictions, level: float
-) -> Iterator[tuple[str, Band]]:
-    """The same modes with the bands of their shapes at :func:`shown_places`."""
-    places = shown_places(predictions, data)
-    for label in _explained(data, predictions):
-        yield label, predictions.shapes(label, places).band(level)
+    Before updating, they are those at the prior medians of each draw's class, in the median.
+    """
+    for mode in data.modes:
+        before = [
+            np.full(
+                len(each.values),
+                each.structure.modes(each.structure.prior_medians()).frequencies_hz[0, number - 1],
+            )
+            for each in predictions.classes
+            if (number := each.pairing.get(mode.label)) is not None
+        ]
+        if before:
+            after = predictions.frequencies_hz(mode.label)
+            median = float(Prediction(np.concatenate(before)).band().median)
+            yield PredictedMode(
+                mode.label, mode.frequency_hz, median, after.band(level), after.share
+            )
 
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
@@ -292,6 +244,87 @@ def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
     return tuple(place for place in places if place in data.sensors) or places[:most]
 
 
-def _explained(data: ModalData, predictions: Predictions) -> list[str]:
-    explained = {label for draws in predictions.classes for label in draws.pairing}
-    return [label for label in data.labels if label in explained]
+@checked
+def predict_frequencies(
+    posterior: Posterior,
+    model_class: ModelClass,
+    state: Structure | str,
+    modes: Mapping[str, int],
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
+    seed: int = 0,
+) -> Prediction:
+    """Frequencies of the structure itself, in a state that was not tested or in a tested one.
+
+    Every draw is the frequency of the model at a posterior draw with a draw of the prediction
+    error, given the errors of the identified modes: where errors are correlated, what the model
+    missed in other tests, or in other modes, is expected again. Identification errors are not part
+    of it.
+
+    Args:
+        posterior: posterior of the class.
+        model_class: the class.
+        state: the structure in a state that was not tested, its parameters among those of the
+            class; or the name of a tested configuration, to predict further modes of it.
+        modes: label of a mode → number of the model mode in this state, from 1. A label among those
+            of the identified modes stands for the same mode.
+        n_draws: number of draws.
+        seed: seed of the draws of prediction errors.
+
+    Returns:
+        Frequencies in Hz, draws (n_draws, n_modes), in the order of ``modes``.
+
+    Raises:
+        ValueError: there is no draw to take, no such configuration or no such mode, a parameter of
+            the structure is not one of the class, or the class is not the one that was sampled.
+    """
+    tests = [
+        thinned_draws(posterior, model_class, n_draws, c.name) for c in model_class.configurations
+    ]
+    columns = [posterior.parameter_names.index(name) for name in model_class.parameter_names]
+    rows = thinned_rows(len(posterior.values), n_draws)
+    values = posterior.values[rows][:, columns]
+    if isinstance(state, str):
+        test = list(model_class.configurations).index(model_class.configuration(state))
+        structure, model_hz = tests[test].structure, tests[test].frequencies_hz
+    else:
+        test, structure, known = len(tests), state, model_class.parameter_names
+        wanted = [parameter.name for parameter in state.parameters]
+        what = f"predict_frequencies: model class {model_class.name!r} has no parameter"
+        require_known(what, wanted, known)
+        own = values[:, [known.index(name) for name in wanted]]
+        model_hz = replace(tests[0], structure=state, values=own).frequencies_hz
+    for label, number in modes.items():
+        if not 1 <= number <= structure.n_modes:
+            raise ValueError(
+                f"predict_frequencies: mode {label!r} is model mode {number!r}; the structure has "
+                f"modes 1 to {structure.n_modes}"
+            )
+    further = [ModeOfTest(test, label, number) for label, number in modes.items()]
+    tested_hz = [each.frequencies_hz for each in tests]
+    residuals = _residuals(model_class, values, tested_hz, further, np.random.default_rng(seed))
+    # A residual is f/f_e - 1, with f the model's frequency.
+    return Prediction(model_hz[:, [mode.number - 1 for mode in further]] / (1.0 + residuals))
+
+
+def _residuals(
+    model_class: ModelClass,
+    values: FloatArray,
+    tested_hz: list[FloatArray],
+    further: list[ModeOfTest],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Prediction errors (n_draws, n_modes) of further modes, given those of the paired modes."""
+    errors = model_class.correlated_errors
+    n_rows = max(1, PREDICTION_SETTINGS.array_size // (len(errors.modes) + len(further)) ** 2)
+    parts = []
+    for start in range(0, len(values), n_rows):
+        part = slice(start, start + n_rows)
+        means, covariance = errors.conditional(
+            values[part], [each[part] for each in tested_hz], further
+        )
+        variances, axes = np.linalg.eigh(covariance)
+        # Errors that the data determine have no variance left, up to rounding.
+        spread = axes * np.sqrt(np.maximum(variances, 0.0))[..., None, :]
+        normals = rng.standard_normal(means.shape)
+        parts.append(means + (spread * normals[:, None, :]).sum(axis=2))
+    return np.concatenate(parts)

@@ -9,22 +9,23 @@ of a search are hypotheses on a class of the study file, from the places and set
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
-from bayes_ssi.results.predictions.predictions import (
-    AVERAGE,
-    Predictions,
-    predict_average,
-    predict_class,
-)
+from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS, thinned_draws
+from bayes_ssi.results.predictions.predictions import Predictions
 from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.studies.ranking.study import Study, load_study
+
+# Name of predictions that are averaged over model classes.
+AVERAGE = "average"
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
@@ -74,21 +75,32 @@ class StoredPredictions:
         """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
         or hypotheses by their probabilities.
 
+        A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
+
         Raises:
             ValueError: there is no class of that name, or it has changed since it was sampled.
         """
-        if name != AVERAGE:
-            posterior = self.stored.posterior(name)
-            return predict_class(
-                posterior, self.model_classes[name], self.n_draws, self.configuration
+        shares = {name: 1.0}
+        if name == AVERAGE:
+            shares = {row.name: row.probability for row in self.stored.comparison.classes}
+        counts = _shares(list(shares.values()), self.n_draws)
+        classes = tuple(
+            thinned_draws(
+                self.stored.posterior(each), self.model_classes[each], count, self.configuration
             )
-        return predict_average(
-            self.stored.comparison,
-            self.stored.posteriors,
-            self.model_classes,
-            self.n_draws,
-            self.configuration,
+            for each, count in zip(shares, counts, strict=True)
+            if count
         )
+        return Predictions(name, classes)
+
+
+def _shares(probabilities: Sequence[float], total: int) -> list[int]:
+    """Whole numbers proportional to probabilities, rounded by the largest remainder."""
+    exact = total * np.array(probabilities) / sum(probabilities)
+    counts = np.floor(exact).astype(int)
+    order = np.argsort(counts - exact, kind="stable")
+    counts[order[: total - counts.sum()]] += 1
+    return [int(count) for count in counts]
 
 
 @checked

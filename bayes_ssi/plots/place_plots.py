@@ -1,10 +1,13 @@
-"""Where a search finds appendages: a drawing that suits what is known of the structure."""
+"""Places on a structure: where a search finds appendages or changes, and where a plan puts sensors.
+
+Places are drawn as it suits what is known of the structure.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +20,11 @@ from bayes_ssi.plots.figure_style import (
     rows_of,
     wrapped,
 )
-from bayes_ssi.plots.space import draw_structure, frame_in_space, panels_in_space
+from bayes_ssi.plots.space import axes_in_space, longest_side
 from bayes_ssi.structures.geometry import Geometry, Point, direction_name
 from bayes_ssi.studies.appendages.candidates import AppendagePlace
-from bayes_ssi.studies.appendages.search_result import PlaceRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
+from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
@@ -29,92 +32,66 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-class _Located(NamedTuple):
-    """A place with coordinates, and the end of the arrow that shows its direction, if any."""
-
-    record: PlaceRecord
-    at: Point
-    end: Point | None
-
-
 def plot_place_map(
-    places: Sequence[PlaceRecord], geometry: Geometry | None = None, ax: Axes | None = None
+    places: Sequence[Any],
+    geometry: Geometry | None = None,
+    ax: Axes | None = None,
+    what: str = "an appendage",
 ) -> Axes:
-    """Places in space, the probability of an appendage in colour, and directions as arrows.
+    """Places in space, the probability of ``what`` in colour, and directions as arrows.
 
     Places that are improbable by comparison are dots without directions.
     """
-    located = _located(places, geometry)
-    best = located[-1].record
+    # The most probable is the last, and so drawn above the others.
+    located = [each for each in places if each.place.coordinates]
+    located.sort(key=lambda each: each.probability)
+    if not located:
+        raise ValueError("a map needs places with coordinates")
+    best = located[-1]
     least = STYLE.least_share * best.probability
-    shown = [one for one in located if one.record.probability >= least]
-    points = np.array([
-        *(one.at for one in located),
-        *(one.end for one in shown if one.end is not None),
-        *(geometry.nodes.values() if geometry else ()),
-    ])  # fmt: skip
+    shown = [each for each in located if each.probability >= least]
+    nodes = geometry.nodes.values() if geometry else ()
+    at = [each.place.coordinates for each in located]
+    # Of an arrow, of the longest side of the structure.
+    length = 0.13 * longest_side([*at, *nodes])
+    arrows = [length * np.array(each.place.direction or (0.0, 0.0, 0.0)) for each in shown]
+    ends = (each.place.coordinates + arrow for each, arrow in zip(shown, arrows, strict=True))
+    points = np.array([*at, *ends, *nodes])
     unit = f" ({geometry.unit})" if geometry and geometry.unit else ""
     low, high = points.min(axis=0), points.max(axis=0)
     spans = ", ".join(f"{x} {a:.4g} to {b:.4g}" for x, a, b in zip("xyz", low, high, strict=True))
     title = f"Most probable: {best.place.name}, {probability_text(best.probability)}\n{spans}{unit}"
     # A line or a plane needs some depth for its axes.
-    reach = 0.05 * (float((high - low).max()) or 1.0)
-    drawn: Any = ax
+    reach = 0.05 * longest_side(points)
+    drawn = axes_in_space(ax, "" if ax is None else title, points, reach, geometry, below=1.15)
     bar = None
     if ax is None:
-        figure, (drawn,) = panels_in_space([""], points, reach, below=1.15)
-        height = figure.get_figheight()
-        title = wrapped(title, STYLE.width)
+        figure, title = drawn.figure, wrapped(title, STYLE.width)
         figure.suptitle(title, x=0.02, ha="left", fontsize=STYLE.text, parse_math=False)
+        height = figure.get_figheight()
         bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
-    else:
-        frame_in_space(ax, title, points, reach)
-    if geometry is not None:
-        draw_structure(drawn, geometry)
     scale = _colour_scale(best.probability)
-    dots = sorted({one.at for one in located} - {one.at for one in shown})
+    dots = sorted({*at} - {each.place.coordinates for each in shown})
     if dots:
         drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=STYLE.grey,
                       linewidths=0.4, depthshade=False, label="improbable place",
                       rasterized=len(dots) > STYLE.most_vectors)  # fmt: skip
-    for one in shown:
-        artist = _draw(drawn, one, scale.to_rgba(one.record.probability))
+    for each, arrow in zip(shown, arrows, strict=True):
+        place, colours = each.place, [scale.to_rgba(each.probability)]
+        if place.direction:
+            artist = drawn.quiver(*place.coordinates, *arrow, color=colours, linewidth=1.6,
+                                  arrow_length_ratio=0.4, label="place and direction")  # fmt: skip
+        else:
+            artist = drawn.scatter(*place.coordinates, s=36.0, marker=place.marker, color=colours,
+                                   edgecolors="black", linewidths=0.4, depthshade=False,
+                                   label=place.title)  # fmt: skip
         if len(shown) <= STYLE.most_vectors:
-            text = probability_text(one.record.probability)
-            hover(artist, f"{one.record.place.name}: probability {text}")
+            hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
         else:
             artist.set_rasterized(True)
-    _colour_bar(drawn, scale, bar)
+    _colour_bar(drawn, scale, bar, what)
     legend_of_figure(drawn.figure, [drawn])
     return drawn
-
-
-def _located(places: Sequence[PlaceRecord], geometry: Geometry | None) -> list[_Located]:
-    """The places with coordinates, the most probable last, so that it is drawn above the others."""
-    known = [(each, each.place.coordinates) for each in places if each.place.coordinates]
-    if not known:
-        raise ValueError("a map needs places with coordinates")
-    nodes = geometry.nodes.values() if geometry else ()
-    # Of an arrow, of the longest side of the structure.
-    length = 0.13 * float(np.ptp([*(at for _, at in known), *nodes], axis=0).max() or 1.0)
-    located = []
-    for record, at in sorted(known, key=lambda pair: pair[0].probability):
-        direction = record.place.direction
-        x, y, z = np.add(at, np.multiply(length, direction or (0.0, 0.0, 0.0)))
-        located.append(_Located(record, at, (x, y, z) if direction else None))
-    return located
-
-
-def _draw(ax: Any, place: _Located, colour: Any) -> Any:
-    """An arrow along the direction, or the marker of the kind where it has none."""
-    if place.end is None:
-        kind = place.record.place
-        return ax.scatter(*place.at, s=36.0, marker=kind.marker, color=[colour],
-                          edgecolors="black", linewidths=0.4, depthshade=False,
-                          label=kind.title)  # fmt: skip
-    along = np.subtract(place.end, place.at)
-    return ax.quiver(*place.at, *along, color=[colour], linewidth=1.6, arrow_length_ratio=0.4,
-                     label="place and direction")  # fmt: skip
 
 
 # A kind of appendage in one direction has a column of its own.
@@ -229,7 +206,7 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
         highest = 1.0 if isinstance(search, ChangeRecord) else None
         return plot_places_on_building(places, ax, search.a_feature, highest)
     if any(each.place.coordinates is not None for each in search.places):
-        return plot_place_map(search.places, search.geometry, ax)
+        return plot_place_map(search.places, search.geometry, ax, search.a_feature)
     return plot_place_bars(search.places_by_probability, ax, search.a_feature)
 
 
@@ -253,3 +230,70 @@ def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None, what: str = "an a
     bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
     bar.set_label(f"probability of {what}", fontsize=STYLE.small)
     bar.ax.tick_params(labelsize=STYLE.small)
+
+
+CHOSEN, OTHER = "sensor of the best layout", "other candidate"
+
+
+def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
+    """The structure with the places of the best layout, and the other candidates.
+
+    In space where candidates have coordinates, with arrows for directions; else by their heights.
+    Axes that are given must have three dimensions for a drawing in space.
+    """
+    if any(each.coordinates for each in plan.candidates):
+        return _layout_in_space(plan, ax)
+    heights = plan.heights.values()
+    ax = axes_of(ax, (STYLE.width, 1.2 + 0.35 * len({*heights})))
+    ax.plot([0.0, 0.0], [0.0, max(heights, default=1.0)], color=STYLE.grey, linewidth=1.5)
+    ax.plot([-0.5, 0.5], [0.0, 0.0], color="black", linewidth=2.0)
+    beside: dict[float, int] = {}
+    for name, height in plan.heights.items():
+        place = beside[height] = beside.get(height, -1) + 1
+        chosen = name in plan.best.sensors
+        ax.plot(0.9 * place, height, linestyle="none", marker="o", markersize=8.0,
+                color=STYLE.vermilion if chosen else "white", markeredgecolor="black",
+                label=CHOSEN if chosen else OTHER)  # fmt: skip
+        ax.text(0.9 * place + 0.1, height, name, va="center", fontsize=STYLE.small)
+    ax.set_xlim(-0.6, 0.9 * max(beside.values(), default=0) + 1.2)
+    ax.margins(y=0.1)
+    ax.axis("off")
+    legend_below(ax, 2)
+    return ax
+
+
+def _layout_in_space(plan: Plan, ax: Any) -> Any:
+    located = [(each, each.coordinates) for each in plan.candidates if each.coordinates]
+    nodes = plan.geometry.nodes.values() if plan.geometry else ()
+    points = np.array([*(at for _, at in located), *nodes])
+    length = 0.13 * longest_side(points)
+    title = f"{len(plan.best.sensors)} of {len(plan.candidates)} candidates"
+    ax = axes_in_space(ax, title, points, length, plan.geometry, below=0.6)
+    for each, at in located:
+        chosen = each.name in plan.best.sensors
+        colour, label = (STYLE.vermilion, CHOSEN) if chosen else (STYLE.grey, OTHER)
+        if each.direction and chosen:
+            along = np.multiply(length, each.direction)
+            ax.quiver(*at, *along, color=colour, linewidth=1.6,
+                      arrow_length_ratio=0.4)  # fmt: skip
+        ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
+                   depthshade=False)  # fmt: skip
+    legend_of_figure(ax.figure, [ax])
+    return ax
+
+
+def plot_gains(plan: Plan, ax: Axes | None = None) -> Axes:
+    """The gain of the best layout against its number of sensors, with 90 % intervals."""
+    ax = axes_of(ax, (STYLE.width, 2.6))
+    numbers = [len(layout.sensors) for layout in plan.by_number]
+    gains = [layout.gain for layout in plan.by_number]
+    errors = [STYLE.sds_of_90_percent * layout.error for layout in plan.by_number]
+    ax.errorbar(numbers, gains, yerr=errors, color=STYLE.blue, marker="o", label="best layout")
+    if plan.greatest is not None:
+        ax.axhline(plan.greatest, color=STYLE.grey, linestyle="--", label="settles it")
+    ax.axvline(plan.knee, color=STYLE.orange, linestyle=":", label="knee")
+    ax.set_xticks(numbers)
+    ax.set_xlabel("number of sensors")
+    ax.set_ylabel(f"information about {plan.aim} (nats)")
+    legend_below(ax, 3)
+    return ax

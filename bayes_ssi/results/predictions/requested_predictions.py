@@ -1,0 +1,332 @@
+"""Modes and responses that a stored result predicts on request, as credible bands, and their files.
+
+Only bands are kept: the histories of a thousand draws at every place would not fit into memory.
+"""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS, Band, Prediction
+from bayes_ssi.results.predictions.predictions import (
+    PredictedMode,
+    Predictions,
+    predicted_modes,
+    shown_places,
+)
+from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+from bayes_ssi.results.result_files import read_record, write_csv
+from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.modal_response import checked_frequencies, ground_influence
+from bayes_ssi.structures.response.output import GROUND, Damping, Output, Quantity, damping_ratios
+
+UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
+PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
+PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²/mass"}
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseRequest:
+    """The responses to be predicted."""
+
+    output: Output
+    damping: Damping
+    # (F,), frequencies of transfer functions; none are computed if None.
+    frequencies_hz: FloatArray | None = None
+    # Where the force of the transfer functions acts; if None, their input is the ground
+    # acceleration.
+    force_at: str | None = None
+    motions: tuple[GroundMotion, ...] = ()
+    level: float = 0.95
+
+    def __post_init__(self) -> None:
+        if self.frequencies_hz is not None:
+            checked_frequencies(self.frequencies_hz)
+        damping_ratios(self.damping, np.size(self.damping))
+        Prediction(np.zeros(1)).band(self.level)
+        object.__setattr__(self, "motions", tuple(self.motions))
+        for name, count in Counter(motion.name for motion in self.motions).items():
+            if count > 1:
+                raise ValueError(f"two ground motions are named {name!r}; give each its own name")
+
+    @property
+    def transfer_unit(self) -> str:
+        """Unit of the transfer functions' amplitudes."""
+        return (PER_GROUND if self.force_at is None else PER_FORCE)[self.output.quantity]
+
+    @property
+    def transfer_name(self) -> str:
+        """Output and input of the transfer functions."""
+        by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
+        return f"{self.output.quantity} / {by}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of time histories and their peaks."""
+        return UNITS[self.output.quantity]
+
+
+class Response(NamedTuple):
+    """A predicted response at all places."""
+
+    curves: Band  # (n_places, n_points)
+    peaks: Band  # (n_places,), of the largest amplitude
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseBands:
+    """Modes and responses predicted by one model class, or by the average over all."""
+
+    predictions: Predictions
+    request: ResponseRequest
+    modes: tuple[PredictedMode, ...]
+    places: tuple[str, ...]  # of the shapes
+    shapes: dict[str, Band]  # label of a mode → bands of its shape (n_places,)
+    transfer: Response | None  # transfer functions, where requested
+    histories: dict[str, Response]  # name of a ground motion → time histories
+
+    @property
+    def name(self) -> str:
+        return self.predictions.name
+
+    def peak_rows(self) -> Iterator[tuple[str | None, str, str, float, float, float]]:
+        """Ground motion (None for transfer functions), unit, place, low, median and high."""
+        responses: dict[str | None, Response] = {None: self.transfer} if self.transfer else {}
+        for motion, response in (responses | self.histories).items():
+            unit = self.request.transfer_unit if motion is None else self.request.unit
+            for place, *interval in zip(self.request.output.labels, *response.peaks, strict=True):
+                yield (motion, unit, place, *interval)
+
+
+def predict_responses(
+    predicted: StoredPredictions, name: str, request: ResponseRequest
+) -> ResponseBands:
+    """Those of the model class ``name``, or of the average over all for ``"average"``."""
+    predictions = predicted.of(name)
+    damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
+
+    def response(compute: Callable[[Output], Prediction], n_points: int) -> Response:
+        curves, peaks = [], []
+        places = request.output.places
+        # Solving for the modes again costs more than another place does.
+        at_once = max(1, PREDICTION_SETTINGS.array_size // (predictions.n_draws * n_points))
+        for start in range(0, len(places), at_once):
+            some = places[start : start + at_once]
+            draws = compute(Output(request.output.quantity, some)).draws
+            largest = np.maximum(draws.max(-1), -draws.min(-1))
+            curves.append(Prediction(draws).band(request.level))
+            peaks.append(Prediction(largest).band(request.level))
+        return Response(_joined(curves), _joined(peaks))
+
+    transfer = None
+    if frequencies_hz is not None:
+        compute = partial(
+            predictions.transfer_functions, frequencies_hz, damping=damping, force_at=force_at
+        )
+        transfer = response(compute, len(frequencies_hz))
+    histories = {
+        motion.name: response(
+            partial(predictions.time_histories, motion, damping=damping), len(motion)
+        )
+        for motion in request.motions
+    }
+    modes = tuple(predicted_modes(predicted.data, predictions, request.level))
+    places = shown_places(predictions, predicted.data)
+    shapes = {m.label: predictions.shapes(m.label, places).band(request.level) for m in modes}
+    return ResponseBands(predictions, request, modes, places, shapes, transfer, histories)
+
+
+def _joined(bands: list[Band]) -> Band:
+    """Bands of all places, from those of some at a time."""
+    return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
+
+
+def default_damping(data: ModalData) -> tuple[float, str]:
+    """A damping ratio for all modes, and its source in words."""
+    identified = [mode.damping for mode in data.modes if mode.damping]
+    if identified:
+        return float(np.median(identified)), "the median of the identified damping ratios"
+    return 0.02, "assumed, since none was identified"
+
+
+def default_output(predictions: Predictions, quantity: Quantity) -> Output:
+    """The quantity at the top of the main structure; for drift, between the ground and the top.
+
+    The top is the highest degree of freedom that moves along with the ground, the first of them
+    where there are several.
+    """
+    structure = predictions.classes[0].structure
+    heights, influence = structure.heights(), ground_influence(structure)
+    places = predictions.main_places
+    if influence is not None and influence.any():
+        moved = zip(structure.degrees_of_freedom, influence, strict=True)
+        moving = {place for place, along_with_ground in moved if along_with_ground}
+        places = tuple(place for place in places if place in moving) or places
+    top = max(places, key=lambda place: heights[place])
+    return Output(quantity, ((GROUND, top),) if quantity == "drift" else (top,))
+
+
+def default_frequencies(
+    data: ModalData, lowest_damping: float, band_hz: tuple[float, float] | None = None
+) -> FloatArray:
+    """Equally spaced frequencies that resolve every peak of a band.
+
+    At least 400, for smooth curves, and else as many as the narrowest peak needs, up to a limit.
+    """
+    low, high = data.band_hz if band_hz is None else band_hz
+    if not 0.0 <= low < high < math.inf:
+        raise ValueError(
+            f"band: must be two frequencies in Hz, the lower one first, got {low!r} and {high!r}"
+        )
+    lowest = max(low, min(mode.frequency_hz for mode in data.modes))
+    # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
+    needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
+    most = PREDICTION_SETTINGS.most_frequencies
+    return np.linspace(low, high, min(max(needed, 400), most))
+
+
+# The file that every directory of predictions holds.
+MARKER = "predictions.json"
+# Tables that fit on a page; the others are curves, shown as figures.
+TABLES = ("frequencies.csv", "peaks.csv")
+
+
+@dataclass(frozen=True)
+class MotionRecord:
+    """A ground motion of the time histories."""
+
+    name: str
+    samples: int
+    dt_s: float
+
+
+@dataclass(frozen=True)
+class PredictionsRecord:
+    """What was predicted, and from what."""
+
+    study: str
+    result_created: str
+    configuration: str  # the one that is predicted; empty where there is only one
+    predictions_of: tuple[str, ...]
+    draws: int
+    level: float
+    quantity: str
+    places: tuple[str, ...]
+    damping: float | tuple[float, ...]
+    transfer_functions: str | None  # their output and input; None where there are none
+    records: tuple[MotionRecord, ...]
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SavedPredictions:
+    """Saved predictions: their record, tables (the first row names columns) and figures."""
+
+    record: PredictionsRecord
+    tables: Mapping[str, list[list[str]]]
+    figures: tuple[Path, ...]
+
+
+def load_saved_predictions(result: Path) -> SavedPredictions | None:
+    """The predictions saved in a result directory; None if there are none."""
+    directory = result / "predictions"
+    if not (directory / MARKER).is_file():
+        return None
+    tables = {}
+    for name in TABLES:
+        if (directory / name).is_file():
+            with (directory / name).open(encoding="utf-8", newline="") as file:
+                tables[name] = list(csv.reader(file))
+    figures = tuple(sorted(directory.glob("figures/*.png")))
+    return SavedPredictions(read_record(PredictionsRecord, directory / MARKER), tables, figures)
+
+
+BAND = ("low", "median", "high")
+# Name of a file, its columns, and its rows.
+CsvTable = tuple[str, Sequence[str], Iterable[Sequence[object]]]
+
+
+def save_predictions(directory: str | Path, responses: Sequence[ResponseBands]) -> None:
+    """Write predictions of one request into ``directory``, which exists.
+
+    A row for each model class, place and point, with seven digits of every number:
+    ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
+    ``time_histories.csv`` and ``peaks.csv`` (for both).
+    """
+    for name, columns, rows in _tables(responses):
+        rounded = (
+            [f"{c:.7g}" if isinstance(c, (float, np.floating)) else c for c in row] for row in rows
+        )
+        write_csv(Path(directory) / name, columns, rounded)
+
+
+def _tables(responses: Sequence[ResponseBands]) -> Iterator[CsvTable]:
+    request = responses[0].request
+    modes = ((each, mode) for each in responses for mode in each.modes)
+    yield (
+        "frequencies.csv",
+        ("model_class", "mode", "identified_hz", "before_hz", *BAND, "share"),
+        (
+            (each.name, mode.label, mode.identified_hz, mode.before_hz, *mode.after_hz, mode.share)
+            for each, mode in modes
+        ),
+    )
+    shapes = ((each, *named) for each in responses for named in each.shapes.items())
+    yield (
+        "mode_shapes.csv",
+        ("model_class", "mode", "place", *BAND),
+        (
+            (each.name, label, *row)
+            for each, label, shape in shapes
+            for row in zip(each.places, *shape, strict=True)
+        ),
+    )
+    if request.frequencies_hz is not None:
+        yield (
+            "transfer_functions.csv",
+            ("model_class", "place", "frequency_hz", *BAND),
+            (
+                (each.name, *row)
+                for each in responses
+                if each.transfer is not None
+                for row in _points(each, request.frequencies_hz, each.transfer.curves)
+            ),
+        )
+    if request.motions:
+        yield (
+            "time_histories.csv",
+            ("record", "model_class", "place", "time_s", *BAND),
+            (
+                (motion.name, each.name, *row)
+                for motion in request.motions
+                for each in responses
+                for row in _points(each, motion.times, each.histories[motion.name].curves)
+            ),
+        )
+    if request.frequencies_hz is not None or request.motions:
+        transfer = f"transfer function: {request.transfer_name}"
+        yield (
+            "peaks.csv",
+            ("model_class", "of", "unit", "place", *BAND),
+            (
+                (each.name, transfer if motion is None else f"time history: {motion}", *row)
+                for each in responses
+                for motion, *row in each.peak_rows()
+            ),
+        )
+
+
+def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
+    """Place, point, low, median and high."""
+    for i, place in enumerate(each.request.output.labels):
+        for row in zip(points, *(part[i] for part in band), strict=True):
+            yield (place, *row)
