@@ -73,7 +73,7 @@ def hierarchy(
     from bayes_ssi.results.hierarchy.hierarchy_record import MARKER, save_hierarchy
     from bayes_ssi.results.hierarchy.populations import PopulationPriors
     from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as rank_populations
-    from bayes_ssi.results.hierarchy.single_tests import read_covariate
+    from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
     from bayes_ssi.results.result_files import require_new
 
     directory = out or RESULTS / "hierarchy"

@@ -34,10 +34,10 @@ from bayes_ssi.results.hierarchy.populations import (
     Population,
     PopulationSampler,
     SampledPopulation,
+    SingleTest,
     failed_fits,
     fit_tests,
 )
-from bayes_ssi.results.hierarchy.single_tests import SingleTest
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))
 KINDS = tuple(product((False, True), repeat=2))

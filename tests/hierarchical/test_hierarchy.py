@@ -14,7 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
-from bayes_ssi.results.hierarchy.single_tests import (
+from bayes_ssi.results.hierarchy.ranked_populations import (
     judged_tests,
     read_covariate,
     repeated_errors,

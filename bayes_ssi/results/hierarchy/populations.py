@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.criticism.adequacy import Adequacy
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
@@ -35,7 +37,26 @@ from bayes_ssi.results.hierarchy.likelihood_fit import (
     LikelihoodFit,
     fit_likelihood,
 )
-from bayes_ssi.results.hierarchy.single_tests import SingleTest
+
+
+@dataclass(frozen=True, eq=False)
+class SingleTest:
+    """The posterior of one model class in one test."""
+
+    name: str
+    parameters: tuple[ParameterRecord, ...]  # of the model class, the columns of ``z``
+    z: FloatArray  # (n, d), nearly independent posterior draws in standard-normal coordinates
+    log_likelihoods: FloatArray  # (n,)
+    evidence: Estimate  # log evidence of the class
+    data_digest: str
+    definitions: tuple[str, ...]
+    failed_checks: tuple[str, ...]
+    adequacy: Adequacy | None = None
+
+    def columns(self, names: Sequence[str]) -> list[int]:
+        """The columns of the named parameters."""
+        own = [parameter.name for parameter in self.parameters]
+        return [own.index(name) for name in names]
 
 
 @dataclass(frozen=True)
