@@ -342,7 +342,7 @@ def no_automatic_workers(monkeypatch):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Saves results without their figures, which take longest."""
-    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.ranking_plots", lambda *_: [])
+    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.result_figures", lambda *_: [])
 
 
 @pytest.fixture

@@ -214,7 +214,7 @@ def fit_likelihood(
 
     Their number grows until it no longer helps.
     """
-    fitting = _Fitting.of(z, log_likelihoods, log_evidence)
+    fitting = _Fitting(z, log_likelihoods, log_evidence)
     n, d = z.shape
     fits = [fitting.least_squares(fitting.one_bump)]
     for count in SETTINGS.numbers_of_bumps:
@@ -234,33 +234,23 @@ def fit_likelihood(
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Fitting:
     """What bumps are fitted to, in coordinates in which the posterior is a standard one.
 
-    Attributes:
-        origin, unit: (d,), mean and standard deviation of the draws; x = (z - origin) / unit.
+    With the mean and the standard deviation of the draws, x = (z - origin) / unit.
     """
 
-    origin: FloatArray
-    unit: FloatArray
-    x: FloatArray  # (n, d), the draws
-    log_likelihoods: FloatArray  # (n,), at the draws
-    log_evidence: float
-    prior: Bumps
-
-    @classmethod
-    def of(cls, z: FloatArray, log_likelihoods: FloatArray, log_evidence: float) -> _Fitting:
+    def __init__(self, z: FloatArray, log_likelihoods: FloatArray, log_evidence: float) -> None:
         d = z.shape[1]
-        origin, unit = z.mean(axis=0), z.std(axis=0)
-        prior = Bumps.at_points(
+        self.origin, self.unit = z.mean(axis=0), z.std(axis=0)
+        self.x = (z - self.origin) / self.unit
+        self.log_likelihoods, self.log_evidence = log_likelihoods, log_evidence
+        self.prior = Bumps.at_points(
             np.zeros((1, d)),
-            log_standard_normal(origin[None]) + np.log(unit).sum(),
-            -(origin * unit)[None],
-            np.diag(unit**2)[None],
+            log_standard_normal(self.origin[None]) + np.log(self.unit).sum(),
+            -(self.origin * self.unit)[None],
+            np.diag(self.unit**2)[None],
         )
-        x = (z - origin) / unit
-        return cls(origin, unit, x, log_likelihoods, log_evidence, prior)
 
     def least_squares(self, start: Bumps) -> tuple[Bumps, float]:
         """The least squares that a search from ``start`` comes to, and their mean's root."""
