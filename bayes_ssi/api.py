@@ -56,18 +56,18 @@ from bayes_ssi.structures.elements import Pendulum as Pendulum
 from bayes_ssi.structures.finite_elements.function_structure import (
     FunctionStructure as FunctionStructure,
 )
-from bayes_ssi.structures.finite_elements.matrix_files import read_matrix as read_matrix
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure as MatrixStructure
+from bayes_ssi.structures.finite_elements.model_arguments import read_matrix as read_matrix
 from bayes_ssi.structures.geometry import Candidate as Candidate
 from bayes_ssi.structures.geometry import Geometry as Geometry
+from bayes_ssi.structures.geometry import Sensor as Sensor
+from bayes_ssi.structures.lumped import ShearBuilding as ShearBuilding
 from bayes_ssi.structures.modal import Modes as Modes
 from bayes_ssi.structures.response.ground_motion import GroundMotion as GroundMotion
-from bayes_ssi.structures.response.output import Output as Output
+from bayes_ssi.structures.response.modal_response import Output as Output
 from bayes_ssi.structures.rigid_floors import FloorBlock as FloorBlock
+from bayes_ssi.structures.rigid_floors import ShearBuilding3D as ShearBuilding3D
 from bayes_ssi.structures.rigid_floors import floor_sensor as floor_sensor
-from bayes_ssi.structures.sensors import Sensor as Sensor
-from bayes_ssi.structures.shear_buildings import ShearBuilding as ShearBuilding
-from bayes_ssi.structures.shear_buildings import ShearBuilding3D as ShearBuilding3D
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel as ExportedModel
 from bayes_ssi.structures.solver_files.model_files import read_model as read_model
 from bayes_ssi.structures.solver_files.parameter_matrices import AlteredModel as AlteredModel

@@ -28,7 +28,8 @@ def with_pipe(model: bs.MatrixStructure) -> bs.MatrixStructure:
     """The bridge with the pipe, in resonance with the bridge as it is without."""
     values = np.array([FACTORS[parameter.name] for parameter in model.parameters])
     modes = model.full_modes(values)
-    row = model.system.rows[model.row_of(PLACE, "the pipe")]
+    ((number, _),) = model.rows_of(PLACE, "the pipe")
+    row = model.system.rows[number]
     modal_mass = 1.0 / modes.vectors[row, MODE - 1] ** 2  # with a shape of 1 at its place
     frequency_hz = np.sqrt(modes.eigenvalues[MODE - 1]) / (2.0 * np.pi)
     print(f"pipe: {SHARE * modal_mass:.1f} kg at {frequency_hz:.4f} Hz")

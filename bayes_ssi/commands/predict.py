@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         ResponseRequest,
     )
     from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
-    from bayes_ssi.structures.response.output import Damping, Output, Quantity
+    from bayes_ssi.structures.response.modal_response import Damping, Output, Quantity
 
 
 @click.command()
@@ -199,11 +199,11 @@ def _request(
         default_output,
     )
     from bayes_ssi.structures.response.ground_motion import UNITS
-    from bayes_ssi.structures.response.modal_response import ground_influence
-    from bayes_ssi.structures.response.output import (
+    from bayes_ssi.structures.response.modal_response import (
         GROUND,
         HEAVY_DAMPING,
         damping_ratios,
+        ground_influence,
         heavy_damping_warning,
     )
 
@@ -274,7 +274,7 @@ def _damping(predicted: StoredPredictions, text: str | None) -> tuple[Damping, s
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
-    from bayes_ssi.structures.response.output import Output
+    from bayes_ssi.structures.response.modal_response import Output
 
     if quantity != "drift":
         return Output(quantity, places)

@@ -27,7 +27,6 @@ class Contribution:
 
     @classmethod
     def on(cls, place: Place, coefficient: Product) -> Contribution:
-        """Of the displacement of one place."""
         return cls(coefficient, motion_of(place))
 
 
@@ -108,8 +107,6 @@ class AddedMass(Element):
 
 
 class _InSeries(Element):
-    """An element with its own degree of freedom on a spring."""
-
     frequency: Value
     stiffness_factor: Value
 
@@ -168,8 +165,6 @@ class Pendulum(_InSeries):
 
 @dataclass(frozen=True)
 class _Infill(Element):
-    """An element between two floors, or other places."""
-
     between: tuple[Place, Place]
     mass: Value
     kind: ClassVar[str] = "infill"

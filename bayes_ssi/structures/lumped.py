@@ -1,4 +1,4 @@
-"""Structures made of springs and point masses, with any number of elements on them.
+"""Structures made of springs and point masses, such as shear buildings, with elements on them.
 
 Stiffness and mass are sums of fixed matrices times products of parameters, assembled for a whole
 batch at once; a subclass may add stiffness of another kind.
@@ -7,28 +7,33 @@ batch at once; a subclass may add stiffness of another kind.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import chain
 from typing import Self
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import Parameter, collect_parameters, positive_product
-from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import (
+from bayes_ssi.parameters.parameters import (
+    Parameter,
+    Value,
+    as_product,
+    collect_parameters,
+    positive_product,
+)
+from bayes_ssi.structures.elements import AddedMass, Contribution, Element
+from bayes_ssi.structures.geometry import Candidate, Motion, Place, Sensor, SinglePlace, motion_of
+from bayes_ssi.structures.matrix_terms import (
     AddedTerm,
+    AffineArray,
     CarriedElements,
     own_labels,
     parameters_of,
 )
-from bayes_ssi.structures.elements import AddedMass, Contribution, Element
-from bayes_ssi.structures.geometry import Candidate, Motion, Place, SinglePlace, motion_of
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 
@@ -57,7 +62,6 @@ class LumpedStructure(Structure):
 
     @property
     def n_floors(self) -> int:
-        """Number of floors."""
         return len(self.main_degrees_of_freedom())
 
     @checked
@@ -74,7 +78,6 @@ class LumpedStructure(Structure):
         return shapes
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
-        """Its floors, and its storeys."""
         floors = range(1, self.n_floors + 1)
         return (
             *(Candidate(str(floor), floor) for floor in floors),
@@ -93,29 +96,12 @@ class LumpedStructure(Structure):
             total += mass.coefficient.median * moves**2
         return total / self.n_floors
 
-    @checked
-    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
-        """This structure with more sensors.
-
-        Raises:
-            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
-                measures a degree of freedom that the structure does not have.
-        """
-        return replace(self, sensors=(*self.sensors, *sensors))
-
     def __post_init__(self) -> None:
         require(self.elements, Iterable[Element], f"{type(self).__name__}: elements")
         require(self.sensors, Iterable[Sensor], f"{type(self).__name__}: sensors")
         object.__setattr__(self, "elements", tuple(self.elements))
         object.__setattr__(self, "sensors", tuple(self.sensors))
-        dofs = self.degrees_of_freedom
-        repeated = [label for label, count in Counter(dofs).items() if count > 1]
-        if repeated:
-            raise ValueError(
-                f"element {repeated[0]!r}: the structure has a degree of freedom of that label "
-                "already; give the element a label of its own"
-            )
-        _ = self._carried  # refuses elements whose places are not on the structure
+        _ = self._carried  # refuses elements that do not fit the structure
         self._check_sensors()
 
     @property
@@ -142,7 +128,7 @@ class LumpedStructure(Structure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        return collect_parameters(parameters_of((*self._springs, *self._masses)))
+        return collect_parameters(parameters_of(chain(*self._terms)))
 
     @property
     def n_modes(self) -> int:
@@ -158,7 +144,7 @@ class LumpedStructure(Structure):
     def height_of(self, parameter: str) -> float | None:
         n_main = len(self.main_degrees_of_freedom())
         middles = []
-        for spring in self._springs:
+        for spring in self._terms[0]:
             if parameter in [each.name for each in spring.coefficient.parameters]:
                 # Of elements in series, the own degrees of freedom have no floor.
                 ends = [1 + row * self.n_floors // n_main for row in spring.vector if row < n_main]
@@ -199,35 +185,31 @@ class LumpedStructure(Structure):
         return self._carried.influence(np.array(self.main_influence()))
 
     def matrices(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stiffness (B, n, n) and mass for ``values``.
+        """Stiffness (B, n, n) and mass, which is its diagonal (B, n) where all else is zero.
 
-        A diagonal mass matrix is given by its diagonal (B, n), any other as (B, n, n). An array
-        that depends on no parameter has a first dimension of 1.
+        An array that depends on no parameter has a first dimension of 1.
         """
         return self._stiffness.evaluate(values), self._mass.evaluate(values)
 
     @cached_property
     def _carried(self) -> CarriedElements:
-        n_main = len(self.main_degrees_of_freedom())
-        return CarriedElements.of(self.elements, self._rows_of, n_main)
+        main = self.main_degrees_of_freedom()
+        return CarriedElements.of(self.elements, self._rows_of, len(main), taken=main)
 
     @cached_property
-    def _springs(self) -> list[AddedTerm]:
-        main = [AddedTerm.of(term, self._rows_of, "spring") for term in self.main_springs()]
-        return [*main, *self._carried.springs]
-
-    @cached_property
-    def _masses(self) -> list[AddedTerm]:
-        main = [AddedTerm.of(term, self._rows_of, "mass") for term in self.main_masses()]
-        return [*main, *self._carried.masses]
+    def _terms(self) -> tuple[list[AddedTerm], list[AddedTerm]]:
+        """Springs and masses, of the main structure and then of the elements."""
+        springs = [AddedTerm.of(term, self._rows_of, "spring") for term in self.main_springs()]
+        masses = [AddedTerm.of(term, self._rows_of, "mass") for term in self.main_masses()]
+        return [*springs, *self._carried.springs], [*masses, *self._carried.masses]
 
     @cached_property
     def _stiffness(self) -> AffineArray:
-        return self._sum_of_squares(self._springs)
+        return self._sum_of_squares(self._terms[0])
 
     @cached_property
     def _mass(self) -> AffineArray:
-        full = self._sum_of_squares(self._masses)
+        full = self._sum_of_squares(self._terms[1])
         if (full.arrays * (1.0 - np.eye(full.arrays.shape[1]))).any():
             return full
         # Off-diagonal terms may be absent, or cancel each other.
@@ -248,12 +230,8 @@ class LumpedStructure(Structure):
         motions = {}
         for element in self.elements:
             if isinstance(element, AddedMass) and element.stands_for:
-                mean = [
-                    (single, share * own)
-                    for place, share in element.shares
-                    for single, own in motion_of(place)
-                ]
-                vector = self._vector(tuple(mean))
+                shares = (motion_of(place, share) for place, share in element.shares)
+                vector = self._vector(tuple(chain.from_iterable(shares)))
                 named = zip(self.degrees_of_freedom, vector.tolist(), strict=True)
                 motions[element.stands_for] = {name: own for name, own in named if own != 0.0}
         return motions
@@ -285,3 +263,42 @@ class LumpedStructure(Structure):
             f"{label}: the structure has no place {place!r}; choose a floor from 1 to "
             f"{len(self.main_degrees_of_freedom())}, or 0 for the ground"
         )
+
+
+@dataclass(frozen=True)
+class ShearBuilding(LumpedStructure):
+    """A planar shear building on a fixed base; floors are labelled ``"floor 1"`` upwards.
+
+    Masses and stiffnesses are in consistent units (kg and N/m, say), each a number, a Parameter
+    or a number times a Parameter.
+
+    Attributes:
+        masses: of the floors, from the lowest.
+        stiffnesses: of the storeys, from the lowest; storey i stands below floor i.
+        elements: non-structural elements on it; :meth:`with_element` adds one.
+        sensors: not at degrees of freedom; :meth:`with_sensors` adds some.
+
+    Raises:
+        ValueError: their numbers differ, or one of them can be zero or negative.
+        TypeError: one of them is neither a number nor a Parameter.
+    """
+
+    masses: tuple[Value, ...]
+    stiffnesses: tuple[Value, ...]
+
+    def __post_init__(self) -> None:
+        self._check_storeys()
+        super().__post_init__()
+
+    def main_degrees_of_freedom(self) -> Sequence[str]:
+        return [f"floor {i}" for i in range(1, len(self.masses) + 1)]
+
+    def main_springs(self) -> Sequence[Contribution]:
+        return [
+            Contribution(as_product(stiffness), ((floor - 1, -1.0), (floor, 1.0)))
+            for floor, stiffness in enumerate(self.stiffnesses, 1)
+        ]
+
+    def main_masses(self) -> Sequence[Contribution]:
+        masses = map(as_product, self.masses)
+        return [Contribution.on(floor, mass) for floor, mass in enumerate(masses, 1)]

@@ -115,8 +115,6 @@ class FreeBody(NamedTuple):
 
 
 class Eigenpairs(NamedTuple):
-    """Modes of one structure."""
-
     eigenvalues: FloatArray  # (m,), (2πf)² ascending
     vectors: FloatArray  # (n, m), at unit modal mass
 
@@ -175,23 +173,17 @@ def modal_model(
 
 
 def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = None) -> Modes:
-    """Solve K φ = (2πf)² M φ for a batch of dense structures.
+    """Solve K φ = (2πf)² M φ for a batch of dense structures: all modes, or the lowest.
 
     With M = L Lᵀ the matrix L⁻¹ K L⁻ᵀ has the same eigenvalues, and a batch of small matrices is
     solved at once. Large ones, and those for which that is not accurate (M is singular, or K
     nearly), are solved one at a time by :func:`lowest_eigenpairs`. A row of the answer does not
-    depend on the other rows, to the last digit. Modes of equal frequency are those of
-    :mod:`bayes_ssi.structures.modal`.
+    depend on the other rows, to the last digit. It is NaN where an entry is not finite, K is not
+    positive definite, or M gives fewer modes.
 
     Args:
         stiffness: (B, n, n) or (1, n, n), symmetric.
-        mass: the diagonal of M, (B, n) or (1, n), where all else is zero; or M itself, (B, n, n)
-            or (1, n, n), symmetric.
-        n_modes: number of lowest modes; all n if None.
-
-    Returns:
-        The modes of each structure. A row is NaN where an entry is not finite, K is not positive
-        definite, or M gives fewer modes: such a structure does not have those frequencies.
+        mass: the same, or its diagonal, (B, n) or (1, n), where all else is zero.
     """
     n = stiffness.shape[-1]
     n_modes = n_modes or n
@@ -320,15 +312,14 @@ def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
 
 
 def scaled_shapes(shapes: FloatArray, main: FloatArray) -> FloatArray:
-    """Mode shapes in the scale of all tables, figures and files: the largest component is 1.
+    """Shapes (B, n) in the scale of all tables, figures and files: the largest component is 1.
 
     That is the largest of the main structure, in absolute value: an appendage in resonance moves
     many times as far, and would reduce the structure's own shape to nothing.
 
     Args:
-        shapes: (B, n), one shape a row, in any scale.
-        main: (B, m), components of the same shapes on the main structure, all of them or the
-            measured ones; NaN does not count. Where there is none, the scale is kept.
+        main: (B, m), components on the main structure, all of them or the measured ones; NaN does
+            not count. Where there is none, the scale is kept.
     """
     size = np.fmax.reduce(np.abs(main), axis=1, initial=0.0, keepdims=True)
     return shapes / np.where(size == 0.0, 1.0, size)
@@ -337,8 +328,7 @@ def scaled_shapes(shapes: FloatArray, main: FloatArray) -> FloatArray:
 def seen_shapes(shapes: FloatArray) -> FloatArray:
     """Shapes at sensors (B, n_sensors, n_modes), at unit modal mass, without what is rounding.
 
-    A mode in y moves sensors in x by rounding errors, or not at all: here it does not. See
-    :class:`SolverSettings`.
+    A mode in y moves sensors in x by rounding errors, or not at all: here it does not.
     """
     sizes = np.abs(shapes)
     unseen = sizes < SOLVER.unseen_below * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
@@ -370,24 +360,16 @@ def shape_signs(
 
 
 def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:
-    """Modal assurance criterion of every shape with every other.
+    """Modal assurance criterion (m, k) of shapes (n_sensors, m) with others (n_sensors, k).
 
-    Args:
-        shapes: (n_sensors, m).
-        others: (n_sensors, k).
-
-    Returns:
-        (m, k), between 0 and 1. Sensors at which either shape is NaN (not measured) are left out
-        of that pair; a pair with nothing to compare is NaN.
+    Sensors at which either shape is NaN (not measured) are left out of that pair; a pair with
+    nothing to compare is NaN.
     """
     return mac_of_pairs(shapes.T[:, None, :], others.T[None, :, :])
 
 
 def mac_of_pairs(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Modal assurance criterion of shapes (..., n_sensors) with others, one by one.
-
-    Missing components are treated as in :func:`mac`; the leading dimensions are broadcast.
-    """
+    """The same of shapes (..., n_sensors) one by one, leading dimensions broadcast."""
     common = np.isfinite(a) & np.isfinite(b)
     a, b = np.where(common, a, 0.0), np.where(common, b, 0.0)
     with np.errstate(invalid="ignore"):

@@ -12,9 +12,8 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
 from bayes_ssi.structures.elements import Contribution, Element
-from bayes_ssi.structures.geometry import Candidate, SinglePlace
+from bayes_ssi.structures.geometry import Candidate, Sensor, SinglePlace
 from bayes_ssi.structures.lumped import LumpedStructure
-from bayes_ssi.structures.sensors import Sensor
 
 DIRECTIONS = ("x", "y", "torsion")
 
@@ -67,7 +66,6 @@ class RigidFloors(LumpedStructure):
         return [float(d == self.ground_motion) for d in DIRECTIONS] * self.n_floors
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
-        """Its floors, and its storeys, in x and y each."""
         axes = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)))
         each = [(floor, *axis) for floor in range(1, self.n_floors + 1) for axis in axes]
         on_floors: list[Candidate] = []
@@ -91,6 +89,79 @@ class RigidFloors(LumpedStructure):
                 besides=" (a floor moves in three directions here)",
             )
         return super()._index(place, label)
+
+
+@dataclass(frozen=True)
+class ShearBuilding3D(RigidFloors):
+    """Rigid floors with three degrees of freedom each, on storeys that resist all three.
+
+    The degrees of freedom are those of the floors' centres of mass, which lie above one another.
+
+    Attributes:
+        masses: of the floors, from the lowest.
+        radii_of_gyration: of the floors about their centres of mass; a floor's moment of inertia
+            is its mass times the square.
+        stiffnesses_x: of the storeys in x, from the lowest; storey i stands below floor i.
+        stiffnesses_y: the same in y.
+        torsional_stiffnesses: of the storeys, moment over rotation about the centre of stiffness.
+        eccentricities: (x, y) of each storey's centre of stiffness from the centre of mass,
+            numbers in the unit of length of the radii; zero where not given, and then x, y and
+            torsion are uncoupled.
+        elements: non-structural elements on it; :meth:`with_element` adds one.
+        sensors: not at degrees of freedom; :meth:`with_sensors` adds some.
+        ground_motion: the direction in which an earthquake moves the ground, "x" or "y".
+
+    Masses, lengths and stiffnesses are in consistent units, each a number, a Parameter or a
+    number times a Parameter.
+
+    Raises:
+        ValueError: lengths differ, or a mass, radius or stiffness can be zero or negative.
+        TypeError: one of them is neither a number nor a Parameter.
+    """
+
+    masses: tuple[Value, ...]
+    radii_of_gyration: tuple[Value, ...]
+    stiffnesses_x: tuple[Value, ...]
+    stiffnesses_y: tuple[Value, ...]
+    torsional_stiffnesses: tuple[Value, ...]
+    eccentricities: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        centres = self.eccentricities or [(0.0, 0.0)] * len(self.masses)
+        centres = tuple((float(x), float(y)) for x, y in centres)
+        object.__setattr__(self, "eccentricities", centres)
+        self._check_storeys("eccentricities")
+        super().__post_init__()
+
+    @property
+    def n_floors(self) -> int:
+        return len(self.masses)
+
+    def main_springs(self) -> Sequence[Contribution]:
+        springs = []
+        for storey, (x, y) in enumerate(self.eccentricities, 1):
+            # The centre of stiffness moves with its floor by (u_x - y θ, u_y + x θ, θ).
+            for stiffnesses, motion in (
+                (self.stiffnesses_x, {"x": 1.0, "torsion": -y}),
+                (self.stiffnesses_y, {"y": 1.0, "torsion": x}),
+                (self.torsional_stiffnesses, {"torsion": 1.0}),
+            ):
+                drift: list[tuple[SinglePlace, float]] = [
+                    (floor_label(floor, direction), sign * component)
+                    for floor, sign in ((storey - 1, -1.0), (storey, 1.0))
+                    for direction, component in motion.items()
+                    if floor
+                ]
+                springs.append(Contribution(as_product(stiffnesses[storey - 1]), tuple(drift)))
+        return springs
+
+    def main_masses(self) -> Sequence[Contribution]:
+        masses = []
+        each = zip(self.masses, self.radii_of_gyration, strict=True)
+        for floor, (mass, radius) in enumerate(each, 1):
+            inertia = as_product(mass) * as_product(radius) ** 2
+            masses += rigid_masses(floor, as_product(mass), inertia)
+        return masses
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -23,9 +24,8 @@ from bayes_ssi.parameters.parameters import (
     collect_parameters,
     positive_product,
 )
-from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import parameters_of
 from bayes_ssi.structures.elements import Contribution
+from bayes_ssi.structures.matrix_terms import AffineArray, parameters_of
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
 
@@ -101,7 +101,7 @@ class SpaceFrame(RigidFloors):
         of_storeys = (value for name in self._storey_fields for value in getattr(self, name))
         values = (self.elastic_modulus, *of_storeys)
         own = (p for value in values for p in as_product(value).parameters)
-        return collect_parameters((*own, *parameters_of((*self._springs, *self._masses))))
+        return collect_parameters((*own, *parameters_of(chain(*self._terms))))
 
     def main_springs(self) -> Sequence[Contribution]:
         return ()  # the frame's stiffness, condensed, is not a sum of springs

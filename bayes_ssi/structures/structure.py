@@ -7,6 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -23,11 +24,12 @@ from bayes_ssi.structures.geometry import (
     Geometry,
     Location,
     Place,
+    Sensor,
+    SensorMatrix,
     SinglePlace,
     motion_of,
 )
 from bayes_ssi.structures.modal import ModalModel, Modes
-from bayes_ssi.structures.sensors import Sensor, SensorMatrix
 
 if TYPE_CHECKING:
     from bayes_ssi.structures.elements import Element
@@ -63,6 +65,9 @@ class Structure(ABC):
 
     The values that a subclass's own methods take are checked before they get them.
     """
+
+    # Sensors that do not measure a single degree of freedom, with their own labels.
+    sensors: Sequence[Sensor] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -132,10 +137,22 @@ class Structure(ABC):
             "bayes_ssi.Structure"
         )
 
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """Sensors that do not measure a single degree of freedom, with their own labels."""
-        return ()
+    @checked
+    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
+        """This structure with more sensors.
+
+        Args:
+            sensors: their motions are in terms of :attr:`degrees_of_freedom`, for instance 0.5 each
+                of two for a point halfway, or cosines for a direction.
+
+        Raises:
+            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
+                measures a degree of freedom that the structure does not have.
+        """
+        whole = copy(self)
+        object.__setattr__(whole, "sensors", (*self.sensors, *sensors))
+        whole._check_sensors()
+        return whole
 
     @checked
     def sensor_matrix(self, sensors: Sequence[str], what: str = "sensor") -> SensorMatrix:
@@ -377,9 +394,7 @@ class ApproximateStructure(SubstituteStructure):
     def prior_points(self, n_points: int, tail: float, seed: int = 0) -> FloatArray:
         """The prior medians, and Sobol points that fill the prior evenly, (1 + n, n_parameters).
 
-        Args:
-            tail: probability of the values of each parameter that are cut off at either end.
-            seed: of the scrambling of the points.
+        Values of each parameter with the probability ``tail`` at either end are cut off.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc

@@ -21,8 +21,7 @@ from scipy.signal import lfilter
 
 import bayes_ssi as bs
 from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import time_histories, transfer_functions
-from bayes_ssi.structures.response.output import Output
+from bayes_ssi.structures.response.modal_response import Output, time_histories, transfer_functions
 
 DRAWS, SAMPLES, REPEATS = 500, 18_000, 7
 STIFFNESS = (math.pi / math.sin(math.pi / 14)) ** 2

@@ -117,7 +117,7 @@ def tank(full: bs.MatrixStructure, labels: list[str], rng: np.random.Generator) 
     """One in resonance with a mode, at one of the degrees of freedom that move in it."""
     modes = full.full_modes(np.array(TRUTH))
     shape = np.abs(modes.vectors[full.system.rows, RESONANT - 1])  # at unit modal mass
-    moves = {label: shape[full.row_of(label, "tank")] for label in labels}
+    moves = {label: shape[row] for label in labels for row, _ in full.rows_of(label, "tank")}
     largest = max(moves[label] for label in labels)
     place = rng.choice([label for label in labels if moves[label] > 0.5 * largest])
     frequency = float(np.sqrt(modes.eigenvalues[RESONANT - 1]) / (2.0 * np.pi))

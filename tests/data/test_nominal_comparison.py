@@ -26,7 +26,7 @@ def tower():
     stiffness = np.kron(CHAIN, np.diag([1e3, 3e3]))
     geometry = bs.Geometry({node: (0.0, 0.5, height) for node, height in HEIGHTS.items()})
     return exported_model(
-        "test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS, geometry=geometry)
+        "test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS, geometry=geometry)
     )
 
 
@@ -128,7 +128,7 @@ def test_exchanged_axes_are_said():
     angle = math.radians(20.0)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     stiffness = np.kron(CHAIN, turn @ np.diag([1e3, 9e3]) @ turn.T)
-    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    model = exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS))
     sway = np.kron([1.0, 1.8, 2.25], turn[:, 0][::-1])
     data = bs.ModalData((bs.IdentifiedMode("1", 2.0, sway),), (0.0, 1e4), sensors=tuple(LABELS))
     exchange = compared_with_nominal(model, data, places)[1]
@@ -149,7 +149,7 @@ def test_motions_that_are_rounding_resemble_no_shape(rounding):
     load = (CHAIN * 50e3 - values[0] * np.eye(3)) @ across
     coupling = rounding * np.outer(load, vectors[:, 0])
     stiffness[1::2, ::2], stiffness[::2, 1::2] = coupling, coupling.T
-    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    model = exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS))
     frequency = float(np.sqrt(values[0]) / (2.0 * np.pi))
     in_x = tuple(label for label in LABELS if label.endswith("x"))
     data = bs.ModalData((bs.IdentifiedMode("1", frequency, across),), (0.0, 1e4), sensors=in_x)
@@ -163,7 +163,7 @@ def test_motions_that_are_rounding_resemble_no_shape(rounding):
 def test_alike_modes_in_two_directions_are_told_apart_by_their_frequencies():
     """Modes along x and y have the same shapes; those along y have √9 times the frequencies."""
     stiffness = np.kron(CHAIN, np.diag([1e3, 9e3]))
-    model = exported_model("test", Matrices(stiffness, np.eye(6), "K", "M", labels=LABELS))
+    model = exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS))
     values, vectors = np.linalg.eigh(CHAIN * 1e3)
     first = float(np.sqrt(values[0]) / (2.0 * np.pi))
     sways = [

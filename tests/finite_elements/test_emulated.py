@@ -131,8 +131,10 @@ def test_a_half_space_that_fails_is_recognised():
     failed = x[:, 0] + x[:, 1] > 1.0
     failing = FailingPoints.fitted(x[failed], x[failed], x[~failed])
     sums = new[:, 0] + new[:, 1]
-    assert failing.is_open(new).mean() < 0.2
-    wrong = (failing.expected(new) != (sums > 1.0)) & ~failing.is_open(new)
+    by_odds, by_nearest = failing.votes(new)
+    is_open = by_odds != by_nearest
+    assert is_open.mean() < 0.2
+    wrong = (failing.expected(new) != (sums > 1.0)) & ~is_open
     assert wrong.mean() < 0.01
 
 

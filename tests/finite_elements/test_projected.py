@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.structures.finite_elements.projected_structure import AlternativePlaces
+from bayes_ssi.structures.finite_elements.projected_structure import modes_at_places
 from bayes_ssi.structures.modal import SolverSettings
 
 N, MASS, STIFFNESS = 60, 1.0, 4000.0
@@ -44,7 +44,7 @@ def projected(chain):
 
 def test_it_is_smaller_and_as_accurate_where_it_was_made(chain, projected):
     values = np.random.default_rng(1).lognormal(0.0, 0.05, (20, 1))
-    assert len(projected.main.motions[0]) < chain.basis.size
+    assert len(projected.motions[0]) < chain.basis.size
     for row, frequencies in zip(values, projected.modes(values).frequencies_hz, strict=True):
         squared = eigh(matrices(row[0]), eigvals_only=True, subset_by_index=[0, 3])
         assert frequencies == pytest.approx(np.sqrt(squared / MASS) / (2.0 * math.pi), rel=1e-4)
@@ -52,15 +52,15 @@ def test_it_is_smaller_and_as_accurate_where_it_was_made(chain, projected):
 
 def test_what_the_basis_lacks_of_the_flexibility(projected):
     """At the prior median; its own by a sketch of 160 combinations, whose error is a ninth."""
-    main = projected.main
-    assert main.places == ("s40", "s20")
-    motion, missing, moved_sensors = main.motions[0], main.flexibilities[0], main.moved_sensors[0]
+    assert projected.places == ("s40", "s20")
+    motion, missing = projected.motions[0], projected.flexibilities[0]
+    moved_sensors = projected.moved_sensors[0]
     flexibility = np.linalg.inv(matrices(1.0))
     # Under a unit force, by the basis alone; at the median the factor k is 1.
-    moved = np.linalg.solve(sum(matrix for _, matrix in main.stiffness), motion)
+    moved = np.linalg.solve(sum(matrix for _, matrix in projected.stiffness), motion)
     lacking = flexibility[40, 40] - motion @ moved
     assert (missing**2).sum() == pytest.approx(lacking, rel=4.0 * math.sqrt(2.0 / 160))
-    at_sensors = flexibility[[*SENSORS.values()], 40] - main.at_sensors @ moved
+    at_sensors = flexibility[[*SENSORS.values()], 40] - projected.at_sensors @ moved
     assert moved_sensors == pytest.approx(at_sensors, rel=1e-6, abs=1e-9 * flexibility.max())
 
 
@@ -134,7 +134,7 @@ def test_alternative_places_are_those_of_each_structure(projected, elements):
     each = [projected.with_element(element) for element in elements]
     values = np.random.default_rng(4).lognormal(0.0, 0.05, (6, 3))
     which = np.array([0, 1, 1, 0, 1, 0])
-    modes = AlternativePlaces.of(each).modes(values, which)
+    modes = modes_at_places(each)(values, which)
     for i, number in enumerate(which):
         alone = each[number].modes(values[[i]])
         assert np.array_equal(modes.frequencies_hz[i], alone.frequencies_hz[0])
@@ -163,8 +163,8 @@ def test_only_places_with_elements_go_to_other_processes(projected):
     """A search has hundreds of places and as many hypotheses."""
     carrying = projected.with_element(bs.Pendulum("s40", m, f))
     sent = pickle.loads(pickle.dumps(carrying))
-    assert sent.main.places == ("s40",)
-    assert carrying.main.places == ("s40", "s20")
+    assert sent.places == ("s40",)
+    assert carrying.places == ("s40", "s20")
     values = np.array([[1.1, 0.8, 1.3]])
     for here, there in zip(carrying.modes(values), sent.modes(values), strict=True):
         assert np.array_equal(here, there)

@@ -18,7 +18,7 @@ from bayes_ssi.plots.space import (
     plot_modes_in_space,
 )
 from bayes_ssi.results.predictions.nodal_modes import nodal_modes
-from bayes_ssi.structures.solver_files.input_decks import geometry_of_deck
+from bayes_ssi.structures.solver_files.abaqus_and_calculix import geometry_of_deck
 
 
 @pytest.fixture

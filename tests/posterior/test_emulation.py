@@ -104,7 +104,7 @@ def test_the_evidence_is_that_of_the_structure_itself_in_some_hundred_solutions(
 def test_runs_of_different_seeds_begin_with_different_solutions():
     """Else they would share the errors of the emulator, which their scatter then hides."""
     first, again, other = (
-        with_emulated_structures(of_class(BlackBox), seed, None, None).structure.fitted.x
+        with_emulated_structures(of_class(BlackBox), seed, None, None).structure.emulator.x
         for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)

@@ -20,11 +20,11 @@ from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 from bayes_ssi.results.stored_result import as_stored
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
+    Output,
     peak_responses,
     time_histories,
     transfer_functions,
 )
-from bayes_ssi.structures.response.output import Output
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")

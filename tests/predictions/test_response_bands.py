@@ -23,7 +23,7 @@ from bayes_ssi.results.predictions.requested_predictions import (
 from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.output import Output
+from bayes_ssi.structures.response.modal_response import Output
 
 mpl.use("Agg")
 

@@ -33,7 +33,7 @@ def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
         raise AssertionError
 
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
-    monkeypatch.setattr("bayes_ssi.structures.shear_buildings.ShearBuilding.modes", refuse)
+    monkeypatch.setattr("bayes_ssi.structures.lumped.ShearBuilding.modes", refuse)
     settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
     answer = bs.what_if(stored.directory, settings)
     assert answer == bs.what_if(stored, settings) == bs.what_if(tiny_ranking, settings)

@@ -15,11 +15,13 @@ import bayes_ssi as bs
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
+    GROUND,
+    Output,
+    damping_ratios,
     peak_responses,
     time_histories,
     transfer_functions,
 )
-from bayes_ssi.structures.response.output import GROUND, Output, damping_ratios
 from bayes_ssi.structures.structure import Structure
 
 NO_VALUES = np.empty((1, 0))

@@ -83,6 +83,14 @@ def test_read_sparse(tower):
         assert matrix.nnz < 80 * model.size
 
 
+def test_exponents_of_fortran(tower):
+    expected = bs.read_model(tower / "tower.sti").stiffness
+    text = (tower / "tower.sti").read_text().replace("e", "D").replace("E", "D")
+    assert "D+" in text
+    (tower / "tower.sti").write_text(text)
+    assert (bs.read_model(tower / "tower.sti").stiffness != expected).nnz == 0
+
+
 def cut_lines(path, keep):
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:keep]))
 

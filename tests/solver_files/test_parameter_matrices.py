@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
@@ -32,10 +31,8 @@ def export(columns=1.0, thickness=1.0, labels=LABELS, digits=None, coupled=0.0):
         stiffness = np.vectorize(lambda value: float(f"{value:.{digits - 1}e}"))(stiffness)
     order = [LABELS.index(name) for name in labels] if set(labels) == set(LABELS) else slice(None)
     matrices = Matrices(
-        sp.csc_array(stiffness[order][:, order]),
-        sp.csc_array((thickness * DENSITY)[order][:, order]),
-        "K",
-        "M",
+        [matrix[order][:, order] for matrix in (stiffness, thickness * DENSITY)],
+        ("K", "M"),
         labels=labels,
     )
     factors = {
@@ -93,7 +90,7 @@ def test_a_thickness_enters_by_its_first_and_third_power(exports):
 def test_a_single_power():
     def powered(factor):
         stiffness = GROUND + factor**3 * BENDING
-        model = exported_model("test", Matrices(stiffness, DENSITY, "K", "M", labels=LABELS))
+        model = exported_model("test", Matrices((stiffness, DENSITY), ("K", "M"), labels=LABELS))
         return AlteredModel(f"{factor}", {"depth": factor}, model)
 
     matrices = parameter_matrices(powered(1.0).model, [powered(1.1), powered(0.8)])
@@ -112,7 +109,7 @@ def test_shells_that_a_program_expands_into_solids(exponents, factors):
 
     def expanded(factor):
         stiffness = GROUND + sum(factor**e * parts[e] for e in exponents)
-        model = exported_model("test", Matrices(stiffness, DENSITY, "K", "M", labels=LABELS))
+        model = exported_model("test", Matrices((stiffness, DENSITY), ("K", "M"), labels=LABELS))
         return AlteredModel(f"{factor}", {"t": factor}, model)
 
     changed = [expanded(factor) for factor in factors]
@@ -128,7 +125,7 @@ def shell(modulus=1.0, thickness=1.0, area=1.0):
     stiffness = modulus * (thickness * MEMBRANE + thickness**3 * BENDING + area * COLUMNS) + GROUND
     named = {"E": modulus, "t": thickness, "A": area}
     factors = {name: value for name, value in named.items() if value != 1.0}
-    matrices = Matrices(stiffness, DENSITY, "K", "M", labels=LABELS)
+    matrices = Matrices((stiffness, DENSITY), ("K", "M"), labels=LABELS)
     return AlteredModel(f"{factors}", factors, exported_model("test", matrices))
 
 
@@ -178,7 +175,7 @@ def test_the_error_of_a_product_that_is_left_out():
 
     def bar(modulus, area):
         factors = {n: f for n, f in (("E", modulus), ("A", area)) if f != 1.0}
-        model = exported_model("test", Matrices(modulus * area * GROUND, DENSITY, "K", "M"))
+        model = exported_model("test", Matrices((modulus * area * GROUND, DENSITY), ("K", "M")))
         return AlteredModel(f"{modulus}-{area}", factors, model)
 
     changed = [bar(1.1, 1.0), bar(1.0, 1.3)]

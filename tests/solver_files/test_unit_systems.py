@@ -6,7 +6,7 @@ from frames import LABELS, portal
 
 import bayes_ssi as bs
 from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.structures.solver_files.unit_systems import SYSTEMS, in_si
+from bayes_ssi.structures.solver_files.model_files import SYSTEMS, in_si
 
 # Newtons and metres in the units, by their definitions.
 IN_UNITS = {
@@ -28,10 +28,8 @@ def test_forces_moments_and_masses(units):
     moved = np.where(turns, 1.0, length)  # what a column moves by 1: radians or lengths
     kilograms = force / length
     exported = Matrices(
-        stiffness * moved / work[:, None],
-        mass * moved / work[:, None],
-        "K",
-        "M",
+        [matrix * moved / work[:, None] for matrix in (stiffness, mass)],
+        ("K", "M"),
         labels=LABELS,
         geometry=bs.Geometry(
             {"2": (0.0, 0.0, 3.5 / length), "7": (6.0 / length, 0.0, 3.5 / length)}
@@ -47,7 +45,7 @@ def test_forces_moments_and_masses(units):
 
 
 def test_without_labels_lengths_cannot_be_turned():
-    model = exported_model("test", Matrices(*portal(), "K", "M"))
+    model = exported_model("test", Matrices(portal(), ("K", "M")))
     assert in_si(model, "kN, m").stiffness[0, 0] == 1e3 * portal()[0][0, 0]
     with pytest.raises(ValueError, match=r"units 'N, mm': labels are needed to say which rows"):
         in_si(model, "N, mm")

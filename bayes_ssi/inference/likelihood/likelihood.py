@@ -52,8 +52,8 @@ from bayes_ssi.parameters.parameters import (
     as_product,
     collect_parameters,
 )
+from bayes_ssi.structures.geometry import SensorMatrix
 from bayes_ssi.structures.modal import Modes, seen_shapes
-from bayes_ssi.structures.sensors import SensorMatrix
 from bayes_ssi.structures.structure import Structure
 
 # The datum that no other modes were identified.

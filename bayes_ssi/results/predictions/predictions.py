@@ -33,11 +33,12 @@ from bayes_ssi.results.predictions.posterior_draws import (
 from bayes_ssi.structures.modal import scaled_shapes, shape_signs
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
+    Damping,
+    Output,
     peak_responses,
     time_histories,
     transfer_functions,
 )
-from bayes_ssi.structures.response.output import Damping, Output
 from bayes_ssi.structures.structure import Structure
 
 

@@ -26,8 +26,15 @@ from bayes_ssi.results.predictions.predictions import (
 from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 from bayes_ssi.results.result_files import read_record, write_csv
 from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import checked_frequencies, ground_influence
-from bayes_ssi.structures.response.output import GROUND, Damping, Output, Quantity, damping_ratios
+from bayes_ssi.structures.response.modal_response import (
+    GROUND,
+    Damping,
+    Output,
+    Quantity,
+    checked_frequencies,
+    damping_ratios,
+    ground_influence,
+)
 
 UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 from bayes_ssi.structures.emulation.gaussian_process import (
     GaussianProcess,
@@ -60,32 +60,20 @@ class FailingPoints:
         found = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
         return cls(failed, values, found.x, succeeded)
 
-    def expected(self, x: FloatArray) -> NDArray[np.bool_]:
+    def votes(self, x: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the model fails (B,) at ``x`` (B, d): by the odds, and at the nearest point."""
         if self.coefficients is None:
-            return np.zeros(len(x), dtype=bool)
-        return self._by_odds(x) & self._by_nearest(x)
-
-    def is_open(self, x: FloatArray) -> NDArray[np.bool_]:
-        """Whether the odds and the nearest point (B,) disagree at ``x`` (B, d)."""
-        if self.coefficients is None:
-            return np.zeros(len(x), dtype=bool)
-        return self._by_odds(x) != self._by_nearest(x)
-
-    def _by_odds(self, x: FloatArray) -> NDArray[np.bool_]:
-        assert self.coefficients is not None
-        return np.asarray(np.einsum("bp,p->b", quadratic_terms(x), self.coefficients) > 0.0)
-
-    def _by_nearest(self, x: FloatArray) -> NDArray[np.bool_]:
+            return np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+        odds = np.einsum("bp,p->b", quadratic_terms(x), self.coefficients)
         to_failed, to_succeeded = (
             ((x[:, None] - each) ** 2).sum(axis=2).min(axis=1) for each in (self.x, self.succeeded)
         )
-        return np.asarray(to_failed < to_succeeded)
+        return np.asarray(odds > 0.0), np.asarray(to_failed < to_succeeded)
 
-    def nearest(self, x: FloatArray) -> NDArray[np.intp]:
-        """The point that failed nearest to each of ``x`` (B, d), as a row of ``values``."""
-        away = ((x[:, None] - self.x) ** 2).sum(axis=2)
-        return np.asarray(away.argmin(axis=1), dtype=np.intp)
+    def expected(self, x: FloatArray) -> NDArray[np.bool_]:
+        """Whether the model fails (B,) at ``x`` (B, d) by both votes."""
+        by_odds, by_nearest = self.votes(x)
+        return by_odds & by_nearest
 
 
 class EmulatedStructure(ApproximateStructure):
@@ -102,17 +90,15 @@ class EmulatedStructure(ApproximateStructure):
     """
 
     def __init__(self, exact: Structure, *, fit: EmulatorFit | None = None, seed: int = 0) -> None:
-        """Choose the structure; nothing is computed yet.
+        """Choose the structure, whose modes may be NaN, or raise; nothing is computed yet.
 
         Args:
-            exact: the structure; rows of its modes may be NaN, or raise, where it has none.
             seed: of the first solutions: those of runs that should be independent differ.
         """
         self._exact, self._fit, self._seed = exact, fit, seed
 
     @property
     def most_solutions(self) -> int:
-        """Largest number of solutions."""
         return EMULATION.solutions_per_parameter * max(len(self.parameters), 2)
 
     @property
@@ -121,19 +107,25 @@ class EmulatedStructure(ApproximateStructure):
 
     @property
     def emulator(self) -> EmulatorFit:
-        return self.fitted
+        """The solutions and what is fitted to them; the first are made when they are needed."""
+        if self._fit is None:
+            n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
+            # Extremely rare values would be extrapolated from, rather than between.
+            self._fit = self._with(None, self.prior_points(n, 1e-3, self._seed))
+        return self._fit
 
     def description(self) -> Mapping[str, Any]:
         return {**self._exact.description(), "modes emulated": "by Gaussian processes"}
 
     def modes(self, values: FloatArray) -> Modes:
         """See :meth:`Structure.modes`; rows where the structure is expected to fail are NaN."""
-        fit = self.fitted
+        fit = self.emulator
         x = self._coordinates(values)
         modes = fit.representation.decoded(fit.process.mean(x))
         failing = fit.failing.expected(x)
         if len(values) == 1 and failing.any():
-            self._exact.modes(fit.failing.values[fit.failing.nearest(x)])  # says why
+            away = ((fit.failing.x - x) ** 2).sum(axis=1)
+            self._exact.modes(fit.failing.values[[away.argmin()]])  # says why
         modes.frequencies_hz[failing], modes.shapes[failing] = np.nan, np.nan
         return modes
 
@@ -152,7 +144,8 @@ class EmulatedStructure(ApproximateStructure):
         fit, x = self._fit_for(n_modes), self._coordinates(values)
         required = np.array([frequency_error, shape_error])
         allowed = float((required / fit.errors_per_spread(x)).min())
-        is_open = fit.failing.is_open(x)
+        by_odds, by_nearest = fit.failing.votes(x)
+        is_open = by_odds != by_nearest
         accurate = np.quantile(fit.spreads(x), EMULATION.claimed_at) <= allowed
         if accurate and is_open.mean() <= EMULATION.most_open:
             return self if fit is self._fit else self._of_fit(fit)
@@ -163,10 +156,9 @@ class EmulatedStructure(ApproximateStructure):
         return self._of_fit(self._with(fit, values[self._worst(fit, x, allowed)]))
 
     def with_solutions_at(self, values: FloatArray) -> Self:
-        """The structure with solutions at ``values`` (B, n_parameters), if it may have more."""
-        if self.fitted.n_solutions >= self.most_solutions:
+        if self.emulator.n_solutions >= self.most_solutions:
             return self
-        return self._of_fit(self._with(self.fitted, values))
+        return self._of_fit(self._with(self.emulator, values))
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         fit, x = self._fit_for(n_modes), self._coordinates(values)
@@ -187,42 +179,30 @@ class EmulatedStructure(ApproximateStructure):
 
     def _fit_for(self, n_modes: int | None) -> EmulatorFit:
         """The fit in which the lowest ``n_modes`` decide."""
-        fit, n_needed = self.fitted, n_modes or self.n_modes
+        fit, n_needed = self.emulator, n_modes or self.n_modes
         if n_needed == fit.n_needed:
             return fit
         return EmulatorFit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
 
-    @property
-    def fitted(self) -> EmulatorFit:
-        """The solutions and what is fitted to them; the first are made when they are needed."""
-        if self._fit is None:
-            n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
-            # Extremely rare values would be extrapolated from, rather than between.
-            self._fit = self._with(None, self.prior_points(n, 1e-3, self._seed))
-        return self._fit
-
     def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
         """The fit to the solutions of ``fit`` and those at ``values``."""
-        failures: tuple[FloatArray, ...]
         x, modes = self._coordinates(values), self._exact.modes_or_nan(values)
-        failed = ~(
-            np.isfinite(modes.frequencies_hz).all(axis=1) & (modes.frequencies_hz > 0).all(1)
-        )
-        failed |= ~np.isfinite(modes.shapes).all(axis=(1, 2))
-        solutions = (x[~failed], *(each[~failed] for each in modes))
-        failures = (x[failed], values[failed])
+        possible = (np.isfinite(modes.frequencies_hz) & (modes.frequencies_hz > 0)).all(axis=1)
+        possible &= np.isfinite(modes.shapes).all(axis=(1, 2))
+        solved, failed, values_failed = x[possible], x[~possible], values[~possible]
+        modes = Modes(*(array[possible] for array in modes))
         if fit is not None:
-            solutions = _joined((fit.x, *fit.modes), solutions)
-            failures = _joined((fit.failing.x, fit.failing.values), failures)
-        of_all, *modes_of_all = solutions
-        if len(of_all) < 2 * (len(self.parameters) + 1):
+            solved, modes = np.concatenate([fit.x, solved]), joined([fit.modes, modes])
+            failed = np.concatenate([fit.failing.x, failed])
+            values_failed = np.concatenate([fit.failing.values, values_failed])
+        if len(solved) < 2 * (len(self.parameters) + 1):
             raise NoModesError(
-                f"the structure has modes at {len(of_all)} of {len(of_all) + len(failures[0])} "
+                f"the structure has modes at {len(solved)} of {len(solved) + len(failed)} "
                 "points of the prior, too few to emulate it"
             )
         n_needed = self.n_modes if fit is None else fit.n_needed
-        failing = FailingPoints.fitted(failures[0], failures[1], of_all)
-        return EmulatorFit.best(of_all, Modes(*modes_of_all), failing, n_needed, fit)
+        failing = FailingPoints.fitted(failed, values_failed, solved)
+        return EmulatorFit.best(solved, modes, failing, n_needed, fit)
 
     def _worst(self, fit: EmulatorFit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
@@ -255,8 +235,6 @@ class EmulatedStructure(ApproximateStructure):
 
 
 class EmulatorFit(NamedTuple):
-    """Solutions and what is fitted to them."""
-
     x: FloatArray  # (N, d), coordinates of the solutions
     modes: Modes
     failing: FailingPoints
@@ -285,12 +263,8 @@ class EmulatorFit(NamedTuple):
             if vectors is None:
                 continue
             same = before if before and isinstance(before.representation, kind) else None
-            process = GaussianProcess.fitted(
-                x,
-                vectors,
-                representation.weights(vectors, n_needed),
-                same.process if same else None,
-            )
+            weights = representation.weights(vectors, n_needed)
+            process = GaussianProcess.fitted(x, vectors, weights, same.process if same else None)
             left_out, spreads = process.left_out
             errors = mode_errors(representation.decoded(left_out), modes, n_needed)
             of_frequencies, of_shapes = errors[len(errors) // 2 :].T
@@ -316,25 +290,15 @@ class EmulatorFit(NamedTuple):
         return len(self.x) + len(self.failing.x)
 
     def errors_per_spread(self, x: FloatArray) -> FloatArray:
-        """Claimed errors (2,) of frequencies and shapes at ``x``, for each unit of spread.
-
-        From the solutions nearest to each of ``x``, counted as often as they are.
-        """
+        """Claimed errors (2,) of frequencies and shapes a unit of spread, by nearest solutions."""
         lengths = self.process.lengths
         away = (((x[:, None] - self.x) / lengths) ** 2).sum(axis=2)
         nearest = np.argsort(away, axis=1, kind="stable")[:, : EMULATION.n_nearest].ravel()
         return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
 
 
-def _joined(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-    return tuple(np.concatenate(both) for both in zip(first, second, strict=True))
-
-
 def mode_errors(modes: Modes, exact: Modes, n_modes: int) -> FloatArray:
-    """Largest error of a frequency, as a fraction, and of a shape at unit length, (B, 2).
-
-    Of the lowest ``n_modes``.
-    """
+    """Largest errors (B, 2) of frequencies, as fractions, and of shapes at unit length."""
     frequency = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0)[:, :n_modes].max(axis=1)
     ours, theirs = (unit_shapes(each.shapes[:, :, :n_modes]) for each in (modes, exact))
     alike = np.abs(np.einsum("bdm,bdm->bm", ours, theirs))

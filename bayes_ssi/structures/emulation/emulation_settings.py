@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class EmulationSettings:
-    """How many solutions are made, and what is fitted to them."""
-
     # Over the prior, for each coefficient of a polynomial of second degree: one would do without
     # errors.
     solutions_per_coefficient: int = 2

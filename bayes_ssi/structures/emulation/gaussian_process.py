@@ -22,8 +22,6 @@ from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """Outputs as functions of some variables."""
-
     x: FloatArray  # (N, d), the points
     y: FloatArray  # (N, n_outputs), the outputs there
     lengths: FloatArray  # (d,), correlation lengths
@@ -41,7 +39,6 @@ class GaussianProcess:
 
         Args:
             x: (N, d), N at least twice the number of terms of a linear trend.
-            y: (N, n_outputs).
             weights: (n_outputs,), factors that make the outputs comparable for the likelihood.
         """
         some = slice(max(len(x) - EMULATION.most_fitted, 0), None)
@@ -76,8 +73,7 @@ class GaussianProcess:
     def spreads(self, x: FloatArray, also_at: FloatArray | None = None) -> FloatArray:
         """Standard errors (B,) at ``x`` (B, d), in units of the process's standard deviation.
 
-        Args:
-            also_at: (C, d), further points, whose outputs are taken for known.
+        Outputs at further points ``also_at`` (C, d) are taken for known.
         """
         process = self
         if also_at is not None and len(also_at):
@@ -99,7 +95,6 @@ class GaussianProcess:
         return self.y - projected @ self.y / of_own[:, None], 1.0 / np.sqrt(of_own)
 
     def _correlations(self, x: FloatArray) -> FloatArray:
-        """Correlations (B, N) of outputs at ``x`` with those at the points."""
         return _correlations(x / self.lengths, self.x / self.lengths)
 
     @cached_property
@@ -143,10 +138,7 @@ class _Solved:
 def _negative_log_likelihood(
     logs: FloatArray, x: FloatArray, y: FloatArray
 ) -> tuple[float, FloatArray]:
-    """The restricted log-likelihood per output, negative, and its gradient.
-
-    ``logs`` are the logarithms of the lengths and of the noise.
-    """
+    """The restricted log-likelihood per output, negative, and its gradient (lengths, noise)."""
     *lengths, noise = np.exp(logs)
     scaled = x / np.array(lengths)
     r = _correlations(scaled, scaled)
@@ -195,5 +187,4 @@ def quadratic_terms(x: FloatArray) -> FloatArray:
 
 
 def n_quadratic_terms(n_variables: int) -> int:
-    """Number of terms of a polynomial of second degree."""
     return (n_variables + 1) * (n_variables + 2) // 2

@@ -9,9 +9,12 @@ are smooth there:
   the shapes that belong to them. Order, signs and scales of the modes cancel out, so crossings and
   veering are exact. It needs no fewer degrees of freedom than modes;
 * modes tracked one by one by their shapes and frequencies, which is right at crossings.
+
+Either encodes the modes at points (N, d) as vectors (N, n_outputs), says how much each output
+counts where the lowest ``n_needed`` modes are needed, and decodes vectors into modes in ascending
+order, row by row.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,25 +26,12 @@ from bayes_ssi.structures.emulation.gaussian_process import trend_terms
 from bayes_ssi.structures.modal import Modes, settle
 
 
-class Representation(ABC):
-    """Encodes modes as vectors that are smooth functions of the parameters, and decodes them."""
-
-    @abstractmethod
-    def encoded(self, x: FloatArray, modes: Modes) -> FloatArray | None:
-        """Vectors (N, n_outputs) for the modes at ``x`` (N, d); None if it does not suit them."""
-
-    @abstractmethod
-    def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:
-        """How much each of the outputs counts where the lowest ``n_needed`` modes are needed."""
-
-    @abstractmethod
-    def decoded(self, vectors: FloatArray) -> Modes:
-        """The modes (B, ...) in ascending order; a row of the answer depends on its row alone."""
-
-
 @dataclass(frozen=True)
-class ModalOperator(Representation):
-    """ln of the modal operator in coordinates of the shapes at the first point."""
+class ModalOperator:
+    """ln of the modal operator in coordinates of the shapes at the first point.
+
+    It does not suit fewer degrees of freedom than modes, or shapes unlike those of the first point.
+    """
 
     n_dof: int
     n_modes: int
@@ -57,13 +47,8 @@ class ModalOperator(Representation):
         inverse = np.linalg.inv(coordinates)
         logs = np.log(modes.frequencies_hz)
         operators = np.einsum("nij,nj,njk->nik", coordinates, logs, inverse)
-        of_coordinates = shapes @ inverse
-        return np.hstack(
-            [
-                operators.reshape(len(operators), -1),
-                of_coordinates.reshape(len(operators), -1),
-            ]
-        )
+        parts = (operators, shapes @ inverse)
+        return np.hstack([part.reshape(len(shapes), -1) for part in parts])
 
     def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:  # noqa: ARG002
         return np.repeat(
@@ -84,7 +69,7 @@ class ModalOperator(Representation):
 
 
 @dataclass(frozen=True)
-class TrackedModes(Representation):
+class TrackedModes:
     """Logarithms of frequencies, and shapes at unit length, each mode followed across crossings."""
 
     n_dof: int
@@ -156,3 +141,6 @@ def _smoothed(x: FloatArray, y: FloatArray) -> FloatArray:
     """Predictions (N, n_outputs) of a least-squares fit of first or second degree."""
     q, _ = np.linalg.qr(trend_terms(x, len(x)))
     return np.asarray(q @ (q.T @ y))
+
+
+Representation = ModalOperator | TrackedModes

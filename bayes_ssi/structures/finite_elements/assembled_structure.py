@@ -1,8 +1,7 @@
 """A finite-element model of matrices K(θ) = Σ c_i(θ) K_i and M(θ) = Σ d_j(θ) M_j, in full.
 
-The matrices are those of any finite-element program, sparse or dense, as it wrote them
-(:func:`~bayes_ssi.structures.finite_elements.matrix_files.read_matrix`); a coefficient is a number
-times powers of parameters.
+The matrices are those of any finite-element program, sparse or dense, as it wrote them; a
+coefficient is a number times powers of parameters.
 """
 
 from __future__ import annotations
@@ -19,10 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.choices import listed_choices
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
-from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
@@ -36,6 +33,7 @@ from bayes_ssi.structures.finite_elements.model_arguments import (
 )
 from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
+from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
 from bayes_ssi.structures.modal import (
     SOLVER,
     Eigenpairs,
@@ -48,6 +46,9 @@ from bayes_ssi.structures.modal import (
 
 class AssembledStructure(PointwiseStructure):
     """A model whose matrices are sums of fixed ones times products of parameters."""
+
+    geometry: Geometry | None = None
+    labels: tuple[str, ...] | None = None  # of all degrees of freedom but those of elements
 
     def __init__(
         self,
@@ -89,11 +90,11 @@ class AssembledStructure(PointwiseStructure):
             self._names, self._rows = sensor_rows(size, labels, sensors)
             self._n_modes, self._up_to_hz = checked_n_modes(n_modes, up_to_hz, size)
             self._influence = checked_influence(influence, size)
-            self._labels = None if labels is None else tuple(labels)
-            require_nodes(geometry, self._labels or self._names)
+            self.labels = None if labels is None else tuple(labels)
+            require_nodes(geometry, self.labels or self._names)
         except (TypeError, ValueError) as error:
             raise type(error)(f"MatrixStructure: {error}") from None
-        self._geometry = geometry
+        self.geometry = geometry
         self.elements: tuple[Element, ...] = ()
         self._main: AssembledStructure | None = None  # without elements, where there are any
         self._carried = CarriedElements((), (), (), size)
@@ -105,10 +106,9 @@ class AssembledStructure(PointwiseStructure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        carried = self._carried
-        of_stiffness = [*self._stiffness.parameters, *parameters_of(carried.springs)]
+        springs, masses = map(parameters_of, (self._carried.springs, self._carried.masses))
         return collect_parameters(
-            [*of_stiffness, *self._mass.parameters, *parameters_of(carried.masses)]
+            [*self._stiffness.parameters, *springs, *self._mass.parameters, *masses]
         )
 
     @property
@@ -121,22 +121,13 @@ class AssembledStructure(PointwiseStructure):
         return self._carried.labels
 
     @property
-    def labels(self) -> tuple[str, ...] | None:
-        """Labels of all degrees of freedom but those of elements; None if none were given."""
-        return self._labels
-
-    @property
     def size(self) -> int:
         """Number of degrees of freedom of the matrices."""
         return self._carried.whole_size
 
     @cached_property
     def n_modes(self) -> int:
-        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians.
-
-        Raises:
-            ValueError: there is no mode below.
-        """
+        """Number of modes, as given or up to ``up_to_hz`` and a margin at the prior medians."""
         if self._main is not None:
             return self._main.n_modes + len(self.appendages)
         if self._n_modes is not None:
@@ -166,33 +157,22 @@ class AssembledStructure(PointwiseStructure):
 
         Its places are sensors and labels of degrees of freedom (``"dof 0"`` upwards where these
         have none, unless sensors are named so in another order), combinations of them, and 0, the
-        ground. A degree of freedom of its own is one
-        more sensor, and one more mode is computed for it: no more modes can move below a
-        frequency.
+        ground. A degree of freedom of its own is one more sensor, and one more mode is computed for
+        it: no more modes can move below a frequency.
 
         Raises:
             ValueError: the element's place is not on the structure, or its label is taken.
         """
         main, elements = self.without_elements, (*self.elements, element)
-        shift = main.system.free_body.shift
-        carried = CarriedElements.of(elements, main._rows_of, main.size, shift)
-        taken = {*self._names, *(self._labels or ())}
-        for i, label in enumerate(carried.labels):
-            if label in taken or label in carried.labels[:i]:
-                raise ValueError(
-                    f"element {label!r}: the structure has a degree of freedom of that label "
-                    "already; give the element a label of its own"
-                )
+        shift, taken = main.system.free_body.shift, (*self._names, *(self.labels or ()))
+        carried = CarriedElements.of(elements, main.rows_of, main.size, shift, taken)
         whole = copy(self)
         whole._main, whole.elements, whole._carried = main, elements, carried
         whole.__dict__ = whole.__getstate__()
         return whole
 
     def __getstate__(self) -> dict[str, Any]:
-        """State without what follows from the elements and the model without them.
-
-        A large model with elements goes to other processes many times.
-        """
+        """State without what follows from it: a large model goes to other processes many times."""
         state = super().__getstate__()
         if self._main is None:
             return state
@@ -205,33 +185,25 @@ class AssembledStructure(PointwiseStructure):
 
     def require_place(self, place: Place, label: str) -> None:
         for single, _ in motion_of(place):
-            self.row_of(single, label)
+            self.rows_of(single, label)
 
-    def row_of(self, place: SinglePlace, label: str) -> int | None:
-        """The degree of freedom, from 0, at a place of an element; None for the ground.
+    def rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+        """The degree of freedom, from 0, at a place of an element, moved whole; none of the ground.
 
         Raises:
             ValueError: there is no such place; the message begins with ``label``.
         """
         if place == 0:
-            return None
-        row = self._row_of_label.get(place)
-        if row is not None:
-            return row
-        last = f"dof {self._stiffness.size - 1}"
-        unnamed = ("dof 0", "...", last) if last in self._row_of_label else ()
-        choices = (*self._names, *(self._labels or unnamed))
-        require_known(
-            f"{label}: the structure has no degree of freedom or sensor",
-            [place],
-            dict.fromkeys(choices),
-            besides=", or 0 for the ground",
-        )
-        return None
-
-    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
-        row = self.row_of(place, label)
-        return [] if row is None else [(row, 1.0)]
+            return []
+        if place not in self._row_of_label:
+            last = f"dof {self._stiffness.size - 1}"
+            unnamed = ("dof 0", "...", last) if last in self._row_of_label else ()
+            choices = dict.fromkeys((*self._names, *(self.labels or unnamed)))
+            raise ValueError(
+                f"{label}: the structure has no degree of freedom or sensor {place!r}; choose from "
+                f"{listed_choices(choices)}, or 0 for the ground"
+            )
+        return [(self._row_of_label[place], 1.0)]
 
     @cached_property
     def _row_of_label(self) -> dict[SinglePlace, int]:
@@ -240,11 +212,11 @@ class AssembledStructure(PointwiseStructure):
                 label: row for row, label in enumerate(self.appendages, self._main.size)
             }
             return own | self._main._row_of_label
-        labels = self._labels or tuple(f"dof {i}" for i in range(self.size))
+        labels = self.labels or tuple(f"dof {i}" for i in range(self.size))
         of_labels: dict[SinglePlace, int] = {label: i for i, label in enumerate(labels)}
         sensors = zip(self._names, self._rows.tolist(), strict=True)
         of_sensors: dict[SinglePlace, int] = {name: int(row) for name, row in sensors}
-        if self._labels is None and any(
+        if self.labels is None and any(
             of_labels.get(s, row) != row for s, row in of_sensors.items()
         ):
             return of_sensors  # which count from another number
@@ -256,24 +228,19 @@ class AssembledStructure(PointwiseStructure):
             (share, i, self.system.rows[row])
             for i, place in enumerate(places)
             for single, share in motion_of(place)
-            for row in [self.row_of(single, "place")]
-            if row is not None
+            for row, _ in self.rows_of(single, "place")
         ]
         shares, of_place, rows = (list(column) for column in zip(*terms, strict=True))
         return sp.csr_array((shares, (of_place, rows)), shape=(len(places), self.size))
 
-    @property
-    def geometry(self) -> Geometry | None:
-        return self._geometry
-
     def location_of(self, place: Place) -> Location | None:
         """See :meth:`Structure.location_of`; a sensor is where its degree of freedom is."""
-        if self._geometry is None:
+        if self.geometry is None:
             return None
-        labels = dict(enumerate(self._labels or ()))
+        labels = dict(enumerate(self.labels or ()))
         row_of = self._row_of_label
         motion = motion_of(place)
-        return self._geometry.location(
+        return self.geometry.location(
             tuple((labels.get(row_of.get(single, -1), single), share) for single, share in motion)
         )
 
@@ -281,11 +248,7 @@ class AssembledStructure(PointwiseStructure):
 
     @cached_property
     def system(self) -> System:
-        """The matrices in a good order, checked at the prior medians.
-
-        Raises:
-            NoModesError: M is not positive semi-definite, or has mass at too few places.
-        """
+        """The matrices in a good order, checked at the prior medians."""
         if self._main is not None:
             return self._main.system.with_elements(self._carried, self.parameters)
         matrices, n_modes = (self._stiffness, self._mass), self._n_modes or 1
@@ -317,7 +280,6 @@ class AssembledStructure(PointwiseStructure):
 
     @cached_property
     def _dense(self) -> tuple[AffineArray, AffineArray]:
-        """Stiffness and mass of a small structure."""
         system = self.system
         return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
@@ -347,10 +309,7 @@ class AssembledStructure(PointwiseStructure):
         return frequencies, shapes[rows], shapes.T @ (mass @ influence)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
-        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
-
-        By a full solution, at unit modal mass.
-        """
+        """See :meth:`Structure.place_shapes`; by a full solution."""
         shapes: FloatArray = self.motions(places) @ self.full_modes(values[0]).vectors
         return shapes
 
@@ -363,11 +322,6 @@ class AssembledStructure(PointwiseStructure):
         return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        """See :meth:`Structure.modal_model`.
-
-        Raises:
-            TypeError: the structure was not given ``influence``.
-        """
         influence = self.require_influence()
         solutions = [self.solution(row) for row in values]
         frequencies, shapes, participation = (
@@ -376,11 +330,7 @@ class AssembledStructure(PointwiseStructure):
         return ModalModel(frequencies, shapes, participation, influence[self.sensor_rows])
 
     def require_influence(self) -> FloatArray:
-        """Influence of ground motion (n,), rows as in :attr:`system`.
-
-        Raises:
-            TypeError: it is not known.
-        """
+        """Influence of ground motion (n,), rows as in :attr:`system`; TypeError if not known."""
         if self.system.influence is None:
             raise TypeError(
                 f"{type(self).__name__}: how its degrees of freedom follow the ground is not "

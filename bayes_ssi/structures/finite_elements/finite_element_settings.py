@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FiniteElementSettings:
-    """Sizes, tolerances and margins."""
-
     # A model of more degrees of freedom must name its sensors: every mode shape is kept at all of
     # them.
     sensors_named_above: int = 1000

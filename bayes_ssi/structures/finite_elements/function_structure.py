@@ -6,16 +6,15 @@ import hashlib
 import inspect
 from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
-from copy import copy
+from collections.abc import Callable, Mapping
 from numbers import Integral
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import checked, require
+from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.parameters.parameters import (
@@ -27,44 +26,39 @@ from bayes_ssi.parameters.parameters import (
     collect_parameters,
 )
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
-from bayes_ssi.structures.finite_elements.model_arguments import Sensors, sensor_rows
+from bayes_ssi.structures.finite_elements.model_arguments import (
+    Sensors,
+    checked_matrix,
+    sensor_rows,
+)
 from bayes_ssi.structures.finite_elements.sparse_modes import (
     fill_reducing_order,
     is_semidefinite,
     lowest_modes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError, frequencies_hz
-from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 
 class PointwiseStructure(Structure):
-    """A structure that is solved at one row of values at a time, with sensors of any motion.
+    """A structure that is solved at one row of values at a time.
 
     Recent solutions and errors are cached: a batch that failed in one row is evaluated again in
     parts, and the modes of stored draws are computed more than once.
     """
 
     is_solved_by_rows = True
-    _combined: tuple[Sensor, ...] = ()
 
     @abstractmethod
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies (n_modes,) and shapes (n_dof, n_modes) at ``values`` (n_parameters,).
 
-        Further results of the same solution may follow.
-
-        Raises:
-            Exception: there are no modes; :meth:`solution` adds the values to the message.
+        Further results of the same solution may follow. Where there are no modes, it raises, and
+        :meth:`solution` adds the values to the message.
         """
 
     def modes(self, values: FloatArray) -> Modes:
-        """See :meth:`Structure.modes`.
-
-        Raises:
-            ValueError: a row has no modes; the message gives its values, and why.
-        """
+        """See :meth:`Structure.modes`; what it raises names the values without modes, and why."""
         solutions = [self.solution(row) for row in values]
         n, n_dof, n_modes = len(values), len(self.degrees_of_freedom), self.n_modes
         return Modes(
@@ -73,11 +67,7 @@ class PointwiseStructure(Structure):
         )
 
     def solution(self, row: FloatArray) -> tuple[FloatArray, ...]:
-        """:meth:`solved_at` for one row of values, cached.
-
-        Raises:
-            ValueError: :meth:`solved_at` raised; its message is completed by the values.
-        """
+        """:meth:`solved_at` for one row of values, cached; ValueError where that raises."""
         cache: OrderedDict[bytes, tuple[FloatArray, ...] | str]
         cache = self.__dict__.setdefault("_cache", OrderedDict())
         key = np.ascontiguousarray(row).tobytes()
@@ -98,37 +88,14 @@ class PointwiseStructure(Structure):
             raise ValueError(answer)
         return answer
 
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return self._combined
-
-    @checked
-    def with_sensors(self, sensors: Iterable[Sensor]) -> Self:
-        """This structure with more sensors.
-
-        Args:
-            sensors: their motions are in terms of :attr:`degrees_of_freedom`, for instance 0.5 each
-                of two for a point halfway, or cosines for a direction.
-
-        Raises:
-            ValueError: a label is that of another sensor or of a degree of freedom, or a sensor
-                measures a degree of freedom that the structure does not have.
-        """
-        whole = copy(self)
-        whole._combined = (*self._combined, *sensors)
-        whole._check_sensors()
-        return whole
-
     def _described_sensors(self) -> dict[str, str]:
-        """A line of a description; none where there are no such sensors."""
         texts = [
             f"{sensor.label} = " + " + ".join(f"{share:g} {dof}" for dof, share in sensor.motion)
-            for sensor in self._combined
+            for sensor in self.sensors
         ]
         return {"combined sensors": "; ".join(texts)} if texts else {}
 
     def _named(self, row: FloatArray) -> str:
-        """One row of values with the parameters' names."""
         each = zip(self.parameters, row, strict=True)
         return ", ".join(f"{p.name} = {value:.6g}" for p, value in each) or "no parameters"
 
@@ -152,6 +119,10 @@ class FunctionStructure(PointwiseStructure):
     Errors that it raises, and invalid answers, are reported with the arguments of the call; the
     likelihood of such values is zero.
     """
+
+    parameters: tuple[Parameter, ...] = ()
+    degrees_of_freedom: tuple[str, ...] = ()
+    n_modes: int = 0
 
     def __init__(
         self,
@@ -186,11 +157,11 @@ class FunctionStructure(PointwiseStructure):
             for name, value in arguments.items()
         }
         products = tuple(self._arguments.values())
-        self._parameters = collect_parameters(p for each in products for p in each.parameters)
-        self._table = ProductTable(products, self._parameters)
+        self.parameters = collect_parameters(p for each in products for p in each.parameters)
+        self._table = ProductTable(products, self.parameters)
         if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
             raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")
-        self._n_modes: int = int(n_modes)
+        self.n_modes = int(n_modes)
         try:
             inspect.signature(function).bind(**dict.fromkeys(arguments, 1.0))
         except TypeError as error:
@@ -198,24 +169,11 @@ class FunctionStructure(PointwiseStructure):
         except ValueError:  # a function of C, perhaps, without a signature
             pass
         self._numbered: bool = isinstance(sensors, Mapping)
-        self._names: tuple[str, ...]
         self._rows: NDArray[np.intp]
         try:
-            self._names, self._rows = _names_and_rows(sensors)
+            self.degrees_of_freedom, self._rows = _names_and_rows(sensors)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{where}: {error}") from None
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self._parameters
-
-    @property
-    def degrees_of_freedom(self) -> tuple[str, ...]:
-        return self._names
-
-    @property
-    def n_modes(self) -> int:
-        return self._n_modes
 
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         first, second = self._called(values)
@@ -227,7 +185,7 @@ class FunctionStructure(PointwiseStructure):
         return {
             "function": _name(self.function),
             "arguments": self._arguments,
-            "modes": f"the lowest {self._n_modes}",
+            "modes": f"the lowest {self.n_modes}",
             **self._described_sensors(),
         }
 
@@ -274,7 +232,7 @@ class FunctionStructure(PointwiseStructure):
             raise ValueError(
                 f"{name} must return at least {self.n_modes} frequencies, got shape {f.shape}"
             )
-        n_sensors = len(self._names)
+        n_sensors = len(self.degrees_of_freedom)
         if shapes is None and not n_sensors:
             shapes = np.empty((0, len(f)))
         phi = np.asarray(shapes)
@@ -296,8 +254,8 @@ class FunctionStructure(PointwiseStructure):
         arguments = ", ".join(f"{name}={each!r}" for name, each in self._arguments.items())
         return (
             f"FunctionStructure({_name(self.function)} <{_digest(self.function)}>, {arguments}, "
-            f"sensors={dict(zip(self._names, self._rows.tolist(), strict=True))}, "
-            f"n_modes={self._n_modes})"
+            f"sensors={dict(zip(self.degrees_of_freedom, self._rows.tolist(), strict=True))}, "
+            f"n_modes={self.n_modes})"
         )
 
 

@@ -10,17 +10,17 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.affine_array import AffineArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure, Projection
+from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import (
     Bounds,
     ReducedBasis,
     Reference,
 )
 from bayes_ssi.structures.geometry import Place, SinglePlace
+from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import (
     SOLVER,
     ModalModel,
@@ -87,22 +87,16 @@ class ReducedStructure(ApproximateStructure):
         return basis.carrying(self.full.system.carried, negligible, self._reference)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
-        """Motions of places in the modes (n_places, n_modes), at one row of ``values``.
-
-        At unit modal mass; by a full solution where the structure carries elements.
-        """
+        """See :meth:`Structure.place_shapes`; by a full solution where it carries elements."""
         if self.full.elements:
             return self.full.place_shapes(places, values)
         in_basis: FloatArray = self.full.motions(places) @ self.basis.vectors
         return in_basis @ self._modes_in_basis(values).shapes[0]
 
     def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
-        """The model in the few combinations of the basis that its modes at some values consist of.
+        """In the few combinations of the basis that its modes at ``values`` consist of.
 
-        Args:
-            values: (B, n_parameters), where it is to be accurate: frequencies to a hundredth
-                of ``FEM.frequency_error`` on average.
-            places: degrees of freedom and sensors on which elements may be put.
+        There, frequencies are accurate to a hundredth of ``FEM.frequency_error`` on average.
         """
         if self.full.elements:
             return self
@@ -111,17 +105,13 @@ class ReducedStructure(ApproximateStructure):
         neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * FEM.frequency_error
         n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self.basis.combined(directions[:, -n_kept:])
-        return ProjectedStructure(Projection.of(basis, self.full, places, self._reference))
+        return ProjectedStructure.of(basis, self.full, places, self._reference)
 
     def compact(self, values: FloatArray) -> Self:
         """This structure in fewer combinations of the basis, certified as before.
 
         They are as many as a batch of small matrices is solved with at once, less those that two
-        elements need.
-
-        Args:
-            values: (B, n_parameters), where it is to be accurate. Where that is not enough,
-                :meth:`accurate_at` adds full solutions as to any basis.
+        elements need. Where they do not suffice, :meth:`accurate_at` adds full solutions.
         """
         if self.full.elements:
             return self
@@ -131,10 +121,7 @@ class ReducedStructure(ApproximateStructure):
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Combinations (N, N) of the basis, and their mean shares (N,) in the modes at ``values``.
-
-        In ascending order; shares of the modes' energy.
-        """
+        """Combinations (N, N) of the basis, by ascending mean shares (N,) in the modes' energy."""
         shapes = self._shifted_modes_in_basis(values).shapes
         modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
         modes = modes.reshape(len(modes), -1)
@@ -147,7 +134,6 @@ class ReducedStructure(ApproximateStructure):
         return FEM.negligible * min(math.sqrt(frequency_error), shape_error)
 
     def modes(self, values: FloatArray) -> Modes:
-        """See :meth:`Structure.modes`; rows without modes are NaN."""
         in_basis = self._modes_in_basis(values)
         shapes = self.basis.at_sensors @ in_basis.shapes
         # What basis the vectors are is a matter of rounding, too.
@@ -197,10 +183,7 @@ class ReducedStructure(ApproximateStructure):
         shape_error: float,
         n_modes: int | None = None,
     ) -> Self:
-        """This structure if it is accurate enough at all ``values``, or one with a larger basis.
-
-        ``FEM.most_full_solutions`` limits the total of both.
-        """
+        """See :meth:`Structure.accurate_at`; at most ``FEM.most_full_solutions`` in all."""
         n = n_modes or self.n_modes
         bounds = self.bounds(values, n)
         if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
@@ -275,7 +258,6 @@ class ReducedStructure(ApproximateStructure):
 
     @cached_property
     def _in_basis(self) -> tuple[AffineArray, AffineArray]:
-        """Stiffness and mass of the small problem."""
         system, basis = self.full.system, self.basis
         return (
             system.stiffness.projected(basis.stiffness, self.parameters),
@@ -325,7 +307,6 @@ class MatrixStructure(AssembledStructure):
 
     @property
     def performance_hint(self) -> str:
-        """Advice on sampling it much faster, as a sentence; empty where it is fast enough."""
         if self.size <= FEM.dense_up_to:
             return ""
         return (

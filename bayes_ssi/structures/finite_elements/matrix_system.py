@@ -15,22 +15,19 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
-from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, Value, as_product
-from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements
-from bayes_ssi.structures.finite_elements.matrix_files import Matrix, checked_matrix
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, as_product
+from bayes_ssi.structures.finite_elements.model_arguments import Matrix, checked_matrix
 from bayes_ssi.structures.finite_elements.sparse_modes import (
     fill_reducing_order,
     is_semidefinite,
     rigid_body_modes,
 )
+from bayes_ssi.structures.matrix_terms import AddedTerm, AffineArray, CarriedElements
 from bayes_ssi.structures.modal import FreeBody, NoModesError
 
 
 @dataclass(frozen=True, eq=False)
 class AffineMatrix:
-    """A matrix that depends on parameters."""
-
     products: tuple[Product, ...]
     matrices: tuple[Matrix, ...]
 
@@ -44,11 +41,16 @@ class AffineMatrix:
         merged: dict[tuple[tuple[Parameter, float], ...], Matrix] = {}
         for number, term in enumerate(terms, start=1):
             where = name if len(terms) == 1 else f"{name}, term {number}"
-            coefficient, given_matrix = _coefficient_and_matrix(term, where)
-            product = as_product(coefficient, f"{where}: the coefficient")
+            pair = term if isinstance(term, (tuple, list)) else (1.0, term)
+            if len(pair) != 2:
+                raise TypeError(
+                    f"{where} must be a matrix or a pair (coefficient, matrix), got {len(pair)} "
+                    "items"
+                )
+            product = as_product(pair[0], f"{where}: the coefficient")
             if not np.isfinite(product.scale):
                 raise ValueError(f"{where}: the coefficient must be finite, got {product.scale!r}")
-            matrix = checked_matrix(given_matrix, f"{where}: the matrix", size)
+            matrix = checked_matrix(pair[1], f"{where}: the matrix", size)
             size = matrix.shape[0]
             matrix = sp.csc_array(product.scale * matrix)
             if product.powers in merged:
@@ -72,7 +74,6 @@ class AffineMatrix:
         return ProductTable(self.products, parameters).evaluate(values)
 
     def dense(self, parameters: tuple[Parameter, ...]) -> AffineArray:
-        """The sum of dense matrices, for a batch of values with columns ``parameters``."""
         return self.projected(np.array([m.toarray() for m in self.matrices]), parameters)
 
     def projected(self, arrays: FloatArray, parameters: tuple[Parameter, ...]) -> AffineArray:
@@ -90,7 +91,6 @@ class AffineMatrix:
         return sp.csc_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def ordered(self, order: NDArray[np.intp]) -> AffineMatrix:
-        """This matrix with its rows and columns in another order."""
         matrices = tuple(sp.csc_array(matrix[order][:, order]) for matrix in self.matrices)
         for matrix in matrices:
             matrix.sort_indices()
@@ -149,16 +149,6 @@ def _enlarged(matrix: Matrix, size: int) -> Matrix:
     return sp.csc_array((matrix.data, matrix.indices, whole), shape=(size, size))
 
 
-def _coefficient_and_matrix(term: Any, where: str) -> tuple[Value, Any]:
-    if not isinstance(term, (tuple, list)):
-        return 1.0, term
-    if len(term) == 2:
-        return term[0], term[1]
-    raise TypeError(
-        f"{where} must be a matrix or a pair (coefficient, matrix), got {len(term)} items"
-    )
-
-
 def _positions(matrix: Matrix) -> NDArray[np.int64]:
     """Position of every entry, counted column by column; ascending."""
     n = matrix.shape[0]
@@ -208,11 +198,7 @@ class System:
         influence: FloatArray | None,
         n_modes: int,
     ) -> System:
-        """Order and check the matrices at the prior medians (1, n_parameters).
-
-        Raises:
-            NoModesError: M is not positive semi-definite, or gives fewer modes than ``n_modes``.
-        """
+        """Order and check the matrices at the prior medians (1, n_parameters)."""
         pattern = stiffness.pattern + mass.pattern
         # From a diagonally dominant matrix with this pattern, which is positive definite.
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
@@ -265,11 +251,7 @@ class System:
         return list(map(Coefficients, of_stiffness, of_mass))
 
     def shifted_matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
-        """K + shift·M and M at ``values`` (n_parameters,).
-
-        Raises:
-            NoModesError: a coefficient is not finite, or a mass on the diagonal is negative.
-        """
+        """K + shift·M and M at ``values`` (n_parameters,)."""
         (coefficients,) = self.coefficients(values[None])
         for name, numbers in coefficients._asdict().items():
             if not np.isfinite(numbers).all():

@@ -20,32 +20,40 @@ longer than a large one of all.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
-from bayes_ssi.structures.affine_array import AffineArray
-from bayes_ssi.structures.carried_elements import CarriedElements, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.reduced_basis import ReducedBasis, Reference
-from bayes_ssi.structures.geometry import Place, SinglePlace, motion_of
+from bayes_ssi.structures.geometry import Place, Sensor, SinglePlace, motion_of
+from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
 from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
-from bayes_ssi.structures.sensors import Sensor
 from bayes_ssi.structures.structure import Structure
 
 
+class ElementVectors(NamedTuple):
+    """The places of elements, for a batch of structures."""
+
+    springs: FloatArray  # (B, n_springs, N + p), elongations by all coordinates
+    flexibilities: FloatArray  # (B, n_springs), ρ at their places
+    # (B, n_springs, d + p), displacements under a unit force, as far as V lacks them.
+    at_sensors: FloatArray
+    masses: FloatArray  # (B, n_masses, N + p), motions of the masses by all coordinates
+
+
 @dataclass(frozen=True, eq=False)
-class Projection:
-    """The model without elements in the basis of N vectors, and answers to forces on it.
+class ProjectedStructure(Structure):
+    """The model in a basis of N vectors, its answers to forces at some places, and elements there.
 
     Attributes:
         stiffness, mass: coefficients and matrices (N, N), term by term; of the mass only the
@@ -54,17 +62,18 @@ class Projection:
 
     stiffness: tuple[tuple[Product, FloatArray], ...]
     mass: tuple[tuple[Product, FloatArray], ...]
-    at_sensors: FloatArray  # (d, N), motions of the sensors
+    at_sensors: FloatArray  # (d, N), motions of the measured degrees of freedom
     places: tuple[SinglePlace, ...]  # P single places on which elements may be put
     motions: FloatArray  # (P, N), their rows of V
     # (P, sketch_size), rows of what the basis lacks of S, whose squares are ρ.
     flexibilities: FloatArray
     # (P, d), displacements of the sensors under a unit force, as far as V lacks them.
     moved_sensors: FloatArray
-    sensors: tuple[str, ...]
-    combined_sensors: tuple[Sensor, ...]
-    n_modes: int
+    measured: tuple[str, ...]
+    n_main_modes: int
     free_body: FreeBody  # by whose shift the stiffness is raised
+    sensors: Sequence[Sensor] = ()
+    elements: tuple[Element, ...] = ()
 
     @classmethod
     def of(
@@ -74,12 +83,11 @@ class Projection:
         places: Iterable[SinglePlace],
         reference: Reference,
     ) -> Self:
-        """The model in a basis, in coordinates of unit mass where the mass is known."""
+        """The model without elements, in coordinates of unit mass where the mass is known."""
         vectors, system = basis.vectors, full.system
         # What the basis lacks of K_r⁻¹ times forces; the vectors are orthonormal in K_r.
         lacking = vectors.T @ (reference.matrix @ reference.sketch)
-        rows = {place: full.row_of(place, "place") for place in places}
-        moving = {place: row for place, row in rows.items() if row is not None}
+        moving = {place: row for place in places for row, _ in full.rows_of(place, "place")}
         at = system.rows[list(moving.values())]
         motions = vectors[at]
         flexibilities, moved = np.split(
@@ -104,44 +112,20 @@ class Projection:
             flexibilities,
             moved,
             full.degrees_of_freedom,
-            full.sensors,
             full.n_modes,
             system.free_body,
+            full.sensors,
         )
 
-    def at(self, places: Iterable[SinglePlace]) -> Self:
-        """The same for some of the places alone."""
-        wanted = set(places)
-        kept = [i for i, place in enumerate(self.places) if place in wanted]
-        return replace(
-            self,
-            places=tuple(self.places[i] for i in kept),
-            motions=self.motions[kept],
-            flexibilities=self.flexibilities[kept],
-            moved_sensors=self.moved_sensors[kept],
-        )
+    def with_element(self, element: Element) -> Self:
+        whole = replace(self, elements=(*self.elements, element))
+        _ = whole._carried  # refuses elements on other places
+        return whole
 
-
-class ElementVectors(NamedTuple):
-    """The places of elements, for a batch of structures."""
-
-    springs: FloatArray  # (B, n_springs, N + p), elongations by all coordinates
-    flexibilities: FloatArray  # (B, n_springs), ρ at their places
-    # (B, n_springs, d + p), displacements under a unit force, as far as V lacks them.
-    at_sensors: FloatArray
-    masses: FloatArray  # (B, n_masses, N + p), motions of the masses by all coordinates
-
-
-class ProjectedStructure(Structure):
-    """A model in a small basis, with elements on it."""
-
-    def __init__(self, main: Projection, elements: tuple[Element, ...] = ()) -> None:
-        self.main, self.elements = main, elements
-        size, shift = len(main.places), main.free_body.shift
-        self._carried = CarriedElements.of(elements, self._rows_of, size, shift)
-
-    def with_element(self, element: Element) -> ProjectedStructure:
-        return ProjectedStructure(self.main, (*self.elements, element))
+    @cached_property
+    def _carried(self) -> CarriedElements:
+        size, shift = len(self.places), self.free_body.shift
+        return CarriedElements.of(self.elements, self._rows_of, size, shift)
 
     def require_place(self, place: Place, label: str) -> None:
         for single, _ in motion_of(place):
@@ -151,31 +135,28 @@ class ProjectedStructure(Structure):
     def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
         if place == 0:
             return []
-        require_known(f"{label}: no place", [place], self.main.places)
-        return [(self.main.places.index(place), 1.0)]
+        require_known(f"{label}: no place", [place], self.places)
+        return [(self.places.index(place), 1.0)]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Without the places of the model on which it has no element.
-
-        Those of a search are hundreds, and each of its hypotheses goes to another process.
-        """
-        acted_on = (self.main.places[row] for row in self._carried.acted_on)
-        return type(self), (self.main.at(acted_on), self.elements)
+    def __getstate__(self) -> dict[str, Any]:
+        """Without places that bear no element: each of a search's hypotheses goes to a process."""
+        kept = self._carried.acted_on
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        state["places"] = tuple(self.places[row] for row in kept.tolist())
+        for name in ("motions", "flexibilities", "moved_sensors"):
+            state[name] = state[name][kept]
+        return state
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        of_stiffness = [p for coefficient, _ in self.main.stiffness for p in coefficient.parameters]
+        of_stiffness = [p for coefficient, _ in self.stiffness for p in coefficient.parameters]
         of_stiffness += parameters_of(self._carried.springs)
-        of_mass = [p for coefficient, _ in self.main.mass for p in coefficient.parameters]
+        of_mass = [p for coefficient, _ in self.mass for p in coefficient.parameters]
         return collect_parameters([*of_stiffness, *of_mass, *parameters_of(self._carried.masses)])
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
-        return (*self.main.sensors, *self.appendages)
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        return self.main.combined_sensors
+        return (*self.measured, *self.appendages)
 
     @property
     def appendages(self) -> tuple[str, ...]:
@@ -183,17 +164,13 @@ class ProjectedStructure(Structure):
 
     @property
     def n_modes(self) -> int:
-        return self.main.n_modes + len(self.appendages)
+        return self.n_main_modes + len(self.appendages)
 
     def modes(self, values: FloatArray) -> Modes:
         return self.modes_with(values, self.vectors)
 
     def modes_with(self, values: FloatArray, vectors: ElementVectors) -> Modes:
-        """The modes (B, ...) with the elements at other places, which may differ row by row.
-
-        Args:
-            values: (B, n_parameters).
-        """
+        """The modes (B, ...) with the elements at other places, which may differ row by row."""
         springs, masses = (table.evaluate(values) for table in self._tables)
         stiffness, mass = (matrix.evaluate(values) for matrix in self._main_matrices)
         # In series with the residual flexibility at their places.
@@ -205,7 +182,7 @@ class ProjectedStructure(Structure):
         else:
             whole = mass[:, :, None] * np.eye(mass.shape[1]) if mass.ndim == 2 else mass
             mass = whole + _sum_of_squares(masses, vectors.masses)
-        free = self.main.free_body
+        free = self.free_body
         modes = solve_modes(stiffness, mass, self.n_modes + free.number).repeated(len(values))
         # One product for each row of the batch, of one layout in memory, so that no other row
         # changes its last digit.
@@ -220,20 +197,19 @@ class ProjectedStructure(Structure):
     @cached_property
     def vectors(self) -> ElementVectors:
         """The elements where they are, (1, ...)."""
-        main, rows = self.main, self._carried.acted_on
+        rows = self._carried.acted_on
         by_places, own = self._carried.components(self._carried.springs)
-        moved = by_places @ main.moved_sensors[rows]
+        moved = by_places @ self.moved_sensors[rows]
         masses, masses_own = self._carried.components(self._carried.masses)
         return ElementVectors(
-            springs=np.hstack([by_places @ main.motions[rows], own])[None],
-            flexibilities=((by_places @ main.flexibilities[rows]) ** 2).sum(axis=1)[None],
+            springs=np.hstack([by_places @ self.motions[rows], own])[None],
+            flexibilities=((by_places @ self.flexibilities[rows]) ** 2).sum(axis=1)[None],
             at_sensors=np.hstack([moved, 0.0 * own])[None],
-            masses=np.hstack([masses @ main.motions[rows], masses_own])[None],
+            masses=np.hstack([masses @ self.motions[rows], masses_own])[None],
         )
 
     @cached_property
     def _tables(self) -> tuple[ProductTable, ProductTable]:
-        """Coefficients of springs and of masses."""
         springs, masses = (
             ProductTable(tuple(term.coefficient for term in terms), self.parameters)
             for terms in (self._carried.springs, self._carried.masses)
@@ -249,13 +225,13 @@ class ProjectedStructure(Structure):
             arrays = [(coefficient, np.pad(array, (0, p))) for coefficient, array in terms]
             return AffineArray.of(arrays, self.parameters, arrays[0][1].shape)
 
-        return padded(self.main.stiffness), padded(self.main.mass)
+        return padded(self.stiffness), padded(self.mass)
 
     @cached_property
     def _at_sensors(self) -> FloatArray:
         """(d + p, N + p), of sensors and own degrees of freedom."""
         p = len(self.appendages)
-        whole = np.pad(self.main.at_sensors, (0, p))
+        whole = np.pad(self.at_sensors, (0, p))
         whole[whole.shape[0] - p :, whole.shape[1] - p :] = np.eye(p)
         return whole
 
@@ -266,30 +242,22 @@ def _sum_of_squares(coefficients: FloatArray, vectors: FloatArray) -> FloatArray
     return total
 
 
-@dataclass(frozen=True, eq=False)
-class AlternativePlaces:
-    """P structures that differ in nothing but the places of their elements."""
+def modes_at_places(
+    structures: Sequence[Structure],
+) -> Callable[[FloatArray, NDArray[np.intp]], Modes]:
+    """The modes (B, ...) of structures ``which`` (B,) at values (B, n_parameters), row by row.
 
-    first: ProjectedStructure
-    vectors: ElementVectors
+    The structures are projected ones of one model, with elements of the same kinds each, and
+    differ in nothing but their places; values are in the order of each one's own parameters.
+    """
+    projected = [each for each in structures if isinstance(each, ProjectedStructure)]
+    vectors = joined([each.vectors for each in projected])
 
-    @classmethod
-    def of(cls, structures: Sequence[Structure]) -> Self:
-        """Join projected structures of one model, with elements of the same kinds each."""
-        projected = [each for each in structures if isinstance(each, ProjectedStructure)]
-        vectors = [each.vectors for each in projected]
-        joined = ElementVectors(*(np.concatenate(rows) for rows in zip(*vectors, strict=True)))
-        return cls(projected[0], joined)
+    def modes(values: FloatArray, which: NDArray[np.intp]) -> Modes:
+        rows = ElementVectors(*(array[which] for array in vectors))
+        return projected[0].modes_with(values, rows)
 
-    def modes(self, values: FloatArray, which: NDArray[np.intp]) -> Modes:
-        """The modes (B, ...) of structures ``which`` (B,), one for each row of values.
-
-        Args:
-            values: (B, n_parameters), columns in the order of each structure's own parameters.
-            which: numbers of structures, from 0.
-        """
-        rows = ElementVectors(*(array[which] for array in self.vectors))
-        return self.first.modes_with(values, rows)
+    return modes
 
 
 def kinds_of_elements(structure: Structure) -> tuple[type[Element], ...] | None:

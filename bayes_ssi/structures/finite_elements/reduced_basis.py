@@ -38,13 +38,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.carried_elements import AddedTerm, CarriedElements
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
 from bayes_ssi.structures.finite_elements.sparse_modes import (
     Factor,
     is_semidefinite,
 )
+from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,
     SOLVER,
@@ -71,7 +71,6 @@ class Reference:
     def __init__(
         self, system: System, sensor_rows: NDArray[np.intp], coefficients: Coefficients
     ) -> None:
-        """Factorise the stiffness at the reference."""
         self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, sensor_rows
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.matrix_files import Matrix
+from bayes_ssi.structures.finite_elements.model_arguments import Matrix
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,
     SOLVER,
@@ -97,10 +97,7 @@ def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
 
 
 def _envelope(matrix: Matrix, order: NDArray[np.intp]) -> int:
-    """Number of entries from the first one to the diagonal, over all rows in an ``order``.
-
-    A factor L has entries nowhere else (George and Liu 1981, section 4.2).
-    """
+    """Number of entries from the first to the diagonal (George and Liu 1981, section 4.2)."""
     place = np.argsort(order)
     first = np.minimum.reduceat(place[matrix.indices], matrix.indptr[:-1])
     return int((place - first + 1).sum())
@@ -133,9 +130,7 @@ def is_semidefinite(matrix: Matrix) -> bool:
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:
     """The ``n_modes`` lowest modes, and perhaps a few more, verified by a count.
 
-    Args:
-        stiffness: (n, n), positive definite, its rows in an order that keeps factors sparse.
-        mass: (n, n), positive semi-definite.
+    K is positive definite, its rows in an order that keeps factors sparse; M is semi-definite.
     """
     n = stiffness.shape[0]
     # With many modes, Lanczos vectors (twice as many) would span half of the space.

@@ -81,9 +81,7 @@ class GroundMotion:
     @cached_property
     def times(self) -> FloatArray:
         """Times of the samples (n_samples,), in s, from 0."""
-        times: FloatArray = np.arange(len(self.acceleration), dtype=np.float64)
-        times *= self.dt
-        return times
+        return np.arange(len(self.acceleration), dtype=np.float64) * self.dt
 
     @property
     def nyquist_hz(self) -> float:

@@ -22,18 +22,141 @@ denominator times 1 - E* q make it a filter of second order, whose coefficients 
 imaginary part of a multiple of s.
 """
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.structures.modal import ModalModel
 from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.output import Damping, Output, damping_ratios
 from bayes_ssi.structures.structure import Structure
 
 ComplexArray = NDArray[np.complex128]
+
+
+GROUND = "ground"
+Quantity = Literal["displacement", "acceleration", "drift"]
+# One ratio for all modes, or one for each.
+Damping = float | Sequence[float]
+# Modes of structures that are damped by more than a fifth of critical are not identified.
+HEAVY_DAMPING = 0.2
+
+
+@dataclass(frozen=True)
+class Output:
+    """A response quantity at one or more places.
+
+    Attributes:
+        quantity: "displacement" (relative to the ground), "acceleration" (absolute), or "drift"
+            (the displacement of one place minus that of another).
+        places: labels of degrees of freedom, or of the structure's sensors; for drift pairs of
+            them, (lower, upper), of which the lower may be "ground".
+
+    Raises:
+        ValueError: the quantity is unknown, there is no place, or a place has the wrong form for
+            the quantity.
+    """
+
+    quantity: Quantity
+    places: tuple[str, ...] | tuple[tuple[str, str], ...]
+
+    def __post_init__(self) -> None:
+        require_one_of("output: quantity", self.quantity, get_args(Quantity))
+        if isinstance(self.places, str) or not len(self.places):
+            raise ValueError(f"output: places must be a list of one or more, got {self.places!r}")
+        pairs = self.quantity == "drift"
+        for place in self.places:
+            if not (_is_pair(place) if pairs else isinstance(place, str)):
+                form = "a pair such as ('ground', 'floor 1')" if pairs else "a label"
+                raise ValueError(
+                    f"output: a place of {self.quantity!r} must be {form}, got {place!r}"
+                )
+        places = tuple(tuple(place) if pairs else place for place in self.places)
+        object.__setattr__(self, "places", places)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """A name for every place."""
+        return tuple(
+            place if isinstance(place, str) else f"{place[0]} to {place[1]}"
+            for place in self.places
+        )
+
+    def require_on(self, structure: Structure) -> None:
+        """Refuse places that the structure does not have.
+
+        Raises:
+            ValueError: a place is no degree of freedom or sensor of the structure.
+        """
+        self.at_places(structure, np.zeros(len(structure.degrees_of_freedom)), axis=0)
+
+    def at_places(self, structure: Structure, displacements: FloatArray, axis: int) -> FloatArray:
+        """Displacements at the places, or their differences for drift.
+
+        Args:
+            structure: the structure that has the places.
+            displacements: displacements of all its degrees of freedom, along ``axis``.
+            axis: axis of ``displacements``; in the result, the places lie along it.
+
+        Raises:
+            ValueError: a place is no degree of freedom or sensor of the structure.
+        """
+
+        def at(labels: Sequence[str]) -> FloatArray:
+            moving = [label for label in labels if label != GROUND]
+            result = structure.sensor_matrix(moving, "place").apply(displacements, axis)
+            for i, label in enumerate(labels):
+                if label == GROUND:
+                    result = np.insert(result, i, 0.0, axis)
+            return result
+
+        if self.quantity != "drift":
+            labels = list(map(str, self.places))
+            return structure.sensor_matrix(labels, "place").apply(displacements, axis)
+        lower, upper = zip(*self.places, strict=True)
+        return at(upper) - at(lower)
+
+
+def _is_pair(place: object) -> bool:
+    return (
+        isinstance(place, (tuple, list))
+        and len(place) == 2
+        and all(isinstance(label, str) for label in place)
+        and place[0] != place[1]
+    )
+
+
+def heavy_damping_warning(ratio: float) -> str:
+    """What to say of a damping ratio above :data:`HEAVY_DAMPING`."""
+    return (
+        f"damping is {ratio:g}, a fraction: {100 * ratio:.3g} % of critical damping; "
+        "is it a percentage?"
+    )
+
+
+def damping_ratios(damping: Damping, n_modes: int) -> FloatArray:
+    """Modal damping ratios (n_modes,), as fractions of critical damping."""
+    try:
+        ratios = np.array(damping, dtype=float)
+    except (TypeError, ValueError):
+        ratios = np.array(np.nan)
+    if not ((ratios > 0.0) & (ratios < 1.0)).all():
+        raise ValueError(
+            "damping must be a fraction of critical damping strictly between 0 and 1, "
+            f"got {damping!r}"
+        )
+    if ratios.shape not in ((), (n_modes,)):
+        raise ValueError(
+            f"damping must be one ratio or one for each of the {n_modes} modes, got "
+            f"{ratios.size} ratios"
+        )
+    return np.broadcast_to(ratios, (n_modes,))
 
 
 def modal_histories(
@@ -42,8 +165,7 @@ def modal_histories(
     """Im(factor · s) of every mode, from rest (s = 0 at the first sample).
 
     Args:
-        poles: (B, n_modes), λ of every mode.
-        factors: (B, n_modes).
+        poles: (B, n_modes), λ, as are the factors.
         record: (n_samples,), f.
 
     Yields:
@@ -99,10 +221,7 @@ def modal_model_of(structure: Structure, values: FloatArray) -> ModalModel:
 
 
 def ground_influence(structure: Structure) -> FloatArray | None:
-    """Displacements (n_dof,) when the ground moves by 1 and nothing deforms.
-
-    None where the structure does not know them.
-    """
+    """Displacements (n_dof,) when the ground moves by 1 and nothing deforms; None if not known."""
     try:
         return modal_model_of(structure, structure.prior_medians()).influence
     except TypeError:
@@ -118,17 +237,16 @@ def transfer_functions(
     *,
     force_at: str | None = None,
 ) -> NDArray[np.complex128]:
-    """Response to a harmonic ground acceleration, or force, of amplitude 1 (e^{iωt}).
+    """Response (B, n_places, F) to a harmonic ground acceleration or force of amplitude 1, e^{iωt}.
+
+    For ground acceleration, accelerations have the unit 1 and displacements s²; for a force, these
+    units are divided by the structure's unit of mass.
 
     Args:
-        values: (B, n_parameters), values of its parameters.
-        frequencies_hz: (F,), frequencies of the input.
+        values: (B, n_parameters).
+        frequencies_hz: (F,), of the input.
         force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
             ground acceleration if None.
-
-    Returns:
-        (B, n_places, F). For ground acceleration, accelerations have the unit 1 and displacements
-        s²; for a force, these units are divided by the structure's unit of mass.
     """
     omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
     output.require_on(structure)
@@ -150,7 +268,6 @@ def transfer_functions(
 
 
 def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
-    """Frequencies as an array (F,)."""
     frequencies = np.asarray(frequencies_hz, dtype=float)
     if frequencies.ndim != 1 or not len(frequencies):
         raise ValueError(f"frequencies_hz must be a row of numbers, got shape {frequencies.shape}")
@@ -170,13 +287,9 @@ def time_histories(
     output: Output,
     damping: Damping,
 ) -> FloatArray:
-    """Response to a ground motion from rest, exact if the motion is linear between samples.
+    """Response (B, n_places, n_samples) to a ground motion from rest, in m/s² or m.
 
-    Args:
-        values: (B, n_parameters), values of its parameters.
-
-    Returns:
-        (B, n_places, n_samples), in m/s² for an acceleration and m for a displacement.
+    Exact if the motion is linear between samples; ``values`` are (B, n_parameters).
     """
     histories = np.empty((len(values), len(output.places), len(motion)))
     each = _each_history(structure, values, motion, output, damping)
@@ -192,10 +305,7 @@ def peak_responses(
     output: Output,
     damping: Damping,
 ) -> FloatArray:
-    """The largest amplitude of each time history, (B, n_places), without storing the histories.
-
-    Arguments, units and errors are as in :func:`time_histories`.
-    """
+    """The largest amplitudes (B, n_places) of :func:`time_histories`, which are not stored."""
     peaks = np.empty((len(values), len(output.places)))
     each = _each_history(structure, values, motion, output, damping)
     for own, history in zip(peaks, each, strict=True):

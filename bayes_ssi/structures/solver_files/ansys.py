@@ -48,10 +48,8 @@ def read_full(source: Source) -> Matrices:
         raise ValueError(f"{path}: holds no stiffness or no mass; was the analysis modal?")
     row_of = {tuple(place): row for row, place in enumerate(places.tolist())}
     return Matrices(
-        from_triangle(sp.csc_array(stiffness)),
-        from_triangle(sp.csc_array(mass)),
-        f"{path}: stiffness",
-        f"{path}: mass",
+        [from_triangle(sp.csc_array(matrix)) for matrix in (stiffness, mass)],
+        (f"{path}: stiffness", f"{path}: mass"),
         # The program numbers UX to ROTZ from 1 to 6; pressure, temperature and more follow.
         labels=[numbered_label(node, int(freedoms[number])) for node, number in places.tolist()],
         removed=[row_of[tuple(place)] for place in restrained if tuple(place) in row_of],
@@ -70,13 +68,11 @@ def recognises_harwell_boeing(head: bytes) -> bool:
 
 def read_harwell_boeing(source: Source) -> Matrices:
     """Stiffness and mass of two files, and labels of the mapping if it stands there."""
-    mass = source.needed_mass()
+    files = (source.path, source.needed_mass())
     mapping = source.with_ending(".mapping")
     return Matrices(
-        _matrix(source.path),
-        _matrix(mass),
-        str(source.path),
-        str(mass),
+        list(map(_matrix, files)),
+        files,
         labels=_labels(mapping) if mapping else None,
         notes=("rows are in the order of the solver, without restrained degrees of freedom",),
     )

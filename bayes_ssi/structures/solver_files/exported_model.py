@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.choices import listed_choices
-from bayes_ssi.structures.finite_elements.matrix_files import checked_matrix
+from bayes_ssi.structures.finite_elements.model_arguments import checked_matrix
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS, direction_of
 
@@ -28,10 +28,8 @@ _MASS = re.compile(r"(?:mass|m)(.*)", re.IGNORECASE)
 class Matrices:
     """What a reader returns."""
 
-    stiffness: Any
-    mass: Any
-    stiffness_from: str  # what messages call the stiffness, and ``mass_from`` the mass
-    mass_from: str
+    pair: Sequence[Any]  # stiffness and mass
+    called: Sequence[object]  # their files, and what messages call them
     # "node direction" of every row, or None where the files do not state them.
     labels: Sequence[str] | None = None
     geometry: Geometry | None = None
@@ -204,19 +202,18 @@ def exported_model(
     program: str, matrices: Matrices, labels: Sequence[str] | None = None
 ) -> ExportedModel:
     """The checked model, in the units of the files, without rows that are restrained or empty."""
+    stiffness, mass = map(sp.csc_array, matrices.pair)
+    of_stiffness, of_mass = map(str, matrices.called)
     if matrices.labels is not None and labels is not None:
+        raise ValueError(f"{of_stiffness}: labels are given, but the files state their own")
+    names, size = matrices.labels if labels is None else labels, stiffness.shape[0]
+    if mass.shape[0] != size:
         raise ValueError(
-            f"{matrices.stiffness_from}: labels are given, but the files state their own"
-        )
-    names = matrices.labels if labels is None else labels
-    size = matrices.stiffness.shape[0]
-    if matrices.mass.shape[0] != size:
-        raise ValueError(
-            f"{matrices.mass_from} has {matrices.mass.shape[0]} rows, {matrices.stiffness_from} "
-            f"has {size}; they are not of one model"
+            f"{of_mass} has {mass.shape[0]} rows, {of_stiffness} has {size}; they are not of one "
+            "model"
         )
     if names is not None and len(names) != size:
-        raise ValueError(f"{matrices.stiffness_from}: {len(names)} labels for {size} rows")
+        raise ValueError(f"{of_stiffness}: {len(names)} labels for {size} rows")
     notes = list(matrices.notes)
     dependent = {
         name: {names[row]: factor for row, factor in of.items()}
@@ -226,12 +223,12 @@ def exported_model(
     # Restrained rows go first: a huge stiffness there would hide what is wrong elsewhere.
     restrained = np.zeros(size, dtype=bool)
     restrained[np.asarray(matrices.removed, dtype=np.intp)] = True
-    parts = (sp.csc_array(matrices.stiffness), sp.csc_array(matrices.mass), names)
+    parts: Parts = (stiffness, mass, names)
     stiffness, mass, names = _without(restrained, "that are restrained", parts, notes)
-    stiffness = _checked(stiffness, matrices.stiffness_from, "stiffness")
-    mass = _checked(mass, matrices.mass_from, "mass")
+    stiffness = _checked(stiffness, of_stiffness, "stiffness")
+    mass = _checked(mass, of_mass, "mass")
     if not mass.diagonal().any():
-        raise ValueError(f"{matrices.mass_from}: there is no mass; does the model state a density?")
+        raise ValueError(f"{of_mass}: there is no mass; does the model state a density?")
     empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0
     stiffness, mass, names = _without(
         empty, "without stiffness and mass", (stiffness, mass, names), notes

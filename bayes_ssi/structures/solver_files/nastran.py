@@ -42,8 +42,6 @@ Place = tuple[int, int]
 
 @dataclass
 class _Entries:
-    """The entries of one matrix while the file is read."""
-
     form: int
     kind: int
     stated: list[tuple[Place, Place, float]] = field(default_factory=list)  # row, column, value
@@ -64,12 +62,9 @@ def read_punch(source: Source) -> Matrices:
     where = [f"{source.path}: {name}" for name in pair]
     places = sorted({place for each in chosen for one in each.stated for place in one[:2]})
     position = {place: i for i, place in enumerate(places)}
-    assembled = [_assembled(each, position, name) for each, name in zip(chosen, where, strict=True)]
     return Matrices(
-        assembled[0],
-        assembled[1],
-        where[0],
-        where[1],
+        [_assembled(each, position, name) for each, name in zip(chosen, where, strict=True)],
+        where,
         labels=[_label(*place) for place in places],
         geometry=Geometry(nodes) if nodes else None,
         notes=("restrained and condensed degrees of freedom have no rows", *notes),
@@ -191,10 +186,8 @@ def read_op4(source: Source) -> Matrices:
         source.refuse_keys()
         pair = [*names, *of_mass]
     return Matrices(
-        _op4_matrix(path, pair[0]),
-        _op4_matrix(mass_path, pair[1]),
-        f"{path}: {pair[0]}",
-        f"{mass_path}: {pair[1]}",
+        (_op4_matrix(path, pair[0]), _op4_matrix(mass_path, pair[1])),
+        (f"{path}: {pair[0]}", f"{mass_path}: {pair[1]}"),
         notes=(f"{pair[0]} and {pair[1]}; OUTPUT4 does not label rows",),
     )
 

@@ -19,9 +19,9 @@ alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import chain, combinations, product
 
 import numpy as np
 import scipy.sparse as sp
@@ -157,9 +157,9 @@ def parameter_matrices(
             if len(names) == 2:
                 first, second = (fits[(name,)] for name in names)
                 possible = [(*a.powers, *b.powers) for a, b in product(first, second)]
-            known = _joined(fits.values()) if len(names) == 2 else ()
+            known = tuple(chain.from_iterable(fits.values())) if len(names) == 2 else ()
             fits[names] = changes.fitted(by_properties[names], possible, known)
-        chosen = _joined(fits.values())
+        chosen = tuple(chain.from_iterable(fits.values()))
         for check in checks:
             errors[check.file] = max(errors[check.file], changes.missed(chosen, check))
         terms.append(changes.multiplied_out(chosen))
@@ -208,10 +208,6 @@ def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.
 Fit = tuple[Term, ...]
 
 
-def _joined(fits: Iterable[Fit]) -> Fit:
-    return tuple(term for fit in fits for term in fit)
-
-
 def _change(powers: Powers, factors: Mapping[str, float]) -> float:
     return math.prod(factors.get(name, 1.0) ** exponent - 1.0 for name, exponent in powers)
 
@@ -225,8 +221,6 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
 
 @dataclass(frozen=True, eq=False)
 class _Changes:
-    """What exports change of the stiffness or mass."""
-
     which: str
     nominal: sp.csc_array
     scale: sp.dia_array  # the diagonal that makes entries (i, j) relative to √(K_ii K_jj)

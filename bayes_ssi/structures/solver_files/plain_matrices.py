@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from bayes_ssi.structures.finite_elements.matrix_files import matrix_keys, read_matrix
+from bayes_ssi.structures.finite_elements.model_arguments import matrix_keys, read_matrix
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
 from bayes_ssi.structures.solver_files.solver_text import from_triangle, read_number_lines
 
@@ -49,7 +49,7 @@ def read_containers(source: Source) -> Matrices:
         for name, part, matrix in zip(called, stated, whole, strict=True)
         if matrix.nnz > part.nnz
     )
-    return Matrices(whole[0], whole[1], called[0], called[1], labels=labels, notes=notes)
+    return Matrices(whole, called, labels=labels, notes=notes)
 
 
 def _sparse(array: Any, name: str) -> sp.csc_array:
@@ -73,15 +73,15 @@ def recognises_rows(head: bytes) -> bool:
 
 def read_printed(source: Source) -> Matrices:
     """Stiffness and mass of two files, and how well the printed digits state them."""
-    mass = source.needed_mass()
-    (stiffness, k_digits), (inertia, m_digits) = (_printed(each) for each in (source.path, mass))
-    digits = max(k_digits, m_digits)  # numbers that end in zeros show fewer
+    files = (source.path, source.needed_mass())
+    (stiffness, mass), counts = zip(*map(_printed, files), strict=True)
+    digits = max(counts)  # numbers that end in zeros show fewer
     notes = (
-        f"{digits} digits are printed, {_what_they_leave(stiffness, inertia, digits)}; OpenSees "
+        f"{digits} digits are printed, {_what_they_leave(stiffness, mass, digits)}; OpenSees "
         "prints more after setPrecision 15",
         "the rows are the equations of the numberer",
     )
-    return Matrices(stiffness, inertia, str(source.path), str(mass), notes=notes)
+    return Matrices((stiffness, mass), files, notes=notes)
 
 
 def _what_they_leave(stiffness: sp.csc_array, mass: sp.csc_array, digits: int) -> str:

@@ -63,10 +63,11 @@ def read_sap2000(source: Source) -> Matrices:
         for path in (stiffness, mass)
     ]
     return Matrices(
-        matrix_of_lines(stiffness, entries[0], size, first_line=2, to_the_last="row"),
-        matrix_of_lines(mass, entries[1], size, first_line=2),
-        str(stiffness),
-        str(mass),
+        (
+            matrix_of_lines(stiffness, entries[0], size, first_line=2, to_the_last="row"),
+            matrix_of_lines(mass, entries[1], size, first_line=2),
+        ),
+        (stiffness, mass),
         labels=[labels[i] for i in range(size)],
         dependent=dependent,
         notes=tuple(notes),

@@ -41,8 +41,7 @@ def read_sensor_points(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint,
     """Where sensors are: by a table, or by the nodes of the test's own universal file.
 
     Args:
-        path: a CSV file with columns sensor, x_coord, y_coord, z_coord and direction, or a
-            universal file that states nodes (data sets 15, 2411).
+        path: a CSV file with :data:`COLUMNS`, or a universal file that states nodes.
         sensors: names "node direction" of those at the nodes of a universal file.
     """
     if begins_universal(first_bytes(path)):
@@ -135,7 +134,6 @@ def _mapped(
 
 
 def _nodes(model: ExportedModel, direction: str) -> tuple[list[str], FloatArray]:
-    """Nodes with coordinates that move in a direction."""
     if model.geometry is None or model.labels is None:
         raise ValueError("sensors are given by coordinates, but the model's files state none")
     labels = set(model.labels)

@@ -6,8 +6,6 @@ and names that programs give directions.
 
 import re
 import warnings
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -105,28 +103,35 @@ def read_number_lines(
     """
     require_whole_lines(path)
     width = width or columns.count(",") + 1
-    load = partial(
-        np.loadtxt, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
-    )
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="loadtxt: input contained no data")
         try:
-            try:
-                numbers = load(path)
-            except ValueError:  # Fortran's exponents, as in 1.0D+06
-                with path.open(encoding="ascii") as file:
-                    numbers = load(line.replace("D", "E").replace("d", "e") for line in file)
+            numbers = np.loadtxt(
+                path, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
+            )
         except ValueError:
             numbers = np.empty((0, 0))
     if numbers.shape[1] == width and np.isfinite(numbers).all():
         return numbers
-    for number, fields in _fields(path, delimiter, skip, comment):
-        if len(fields) != width or not all(map(_is_finite, fields)):
-            shown = " ".join(" ".join(fields).split())
-            raise ValueError(
-                f"{path}: line {number}: expected {columns}, got {shown:.60}"
-            ) from None
-    raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
+    # A line is wrong, or exponents are Fortran's, as in 1.0D+06.
+    rows = []
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.strip()
+            if number <= skip or not text or (comment and text.startswith(comment)):
+                continue
+            fields = text.split(delimiter)
+            try:
+                row = [float(field.replace("D", "E").replace("d", "e")) for field in fields]
+            except ValueError:
+                row = []
+            if len(row) != width or not np.isfinite(row).all():
+                shown = " ".join(" ".join(fields).split())
+                raise ValueError(f"{path}: line {number}: expected {columns}, got {shown:.60}")
+            rows.append(row)
+    if not rows:
+        raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
+    return np.array(rows)
 
 
 def require_whole_lines(path: Path) -> None:
@@ -142,31 +147,12 @@ def require_whole_lines(path: Path) -> None:
     raise ValueError(f"{path}: ends within a line, whose last number may be cut off: truncated?")
 
 
-def _fields(
-    path: Path, delimiter: str | None, skip: int, comment: str
-) -> Iterator[tuple[int, list[str]]]:
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.strip()
-            if number > skip and text and not (comment and text.startswith(comment)):
-                yield number, text.split(delimiter)
-
-
-def _is_finite(field: str) -> bool:
-    try:
-        return bool(np.isfinite(float(field.replace("D", "E").replace("d", "e"))))
-    except ValueError:
-        return False
-
-
 def matrix_of_lines(
     path: Path, entries: FloatArray, size: int, first_line: int = 1, *, to_the_last: str = ""
 ) -> sp.csc_array:
-    """The matrix (size, size) of lines row, column, value; rows are counted from 1.
+    """The matrix (size, size) of lines row, column, value (n, 3), counted from ``first_line``.
 
     Args:
-        entries: (n, 3).
-        first_line: of the file, that has the first entry.
         to_the_last: "row" or "column" if the last one must have an entry, as of a stiffness.
     """
     places = rows_from_one(path, entries[:, :2], size, first_line)
@@ -207,9 +193,7 @@ def matrix_of_entries(
 ) -> sp.csc_array:
     """The matrix (size, size), of which one triangle alone may be stated unless it ``is_whole``.
 
-    Args:
-        name: what messages call it.
-        places: (n, 2), rows and columns of the entries, counted from 0.
+    ``places`` (n, 2) are rows and columns of the entries, counted from 0.
     """
     matrix = sp.coo_array((values, tuple(places.T)), shape=(size, size)).tocsc()
     if matrix.nnz != len(values):

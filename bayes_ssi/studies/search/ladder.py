@@ -31,8 +31,8 @@ from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.structures.finite_elements.projected_structure import (
-    AlternativePlaces,
     kinds_of_elements,
+    modes_at_places,
 )
 from bayes_ssi.studies.search.approximate_evidence import (
     Screened,
@@ -156,13 +156,13 @@ def _joint_log_likelihood(classes: Sequence[ModelClass]) -> Callable[[FloatArray
     """That of :class:`_AllPlaces`, for classes that differ in nothing but places."""
     first = classes[0]
     tests = zip(*(each.configurations for each in classes), strict=True)
-    of_tests = [AlternativePlaces.of([test.structure for test in of_test]) for of_test in tests]
+    of_tests = [modes_at_places([test.structure for test in of_test]) for of_test in tests]
 
     def of_rows(z: FloatArray) -> FloatArray:
         values, which = first.values(z[:, :-1]), _numbers(z)
         modes = [
-            places.modes(own[:, : len(test.structure.parameters)], which)
-            for places, (test, _, own) in zip(of_tests, first.parts(values), strict=True)
+            modes_of(own[:, : len(test.structure.parameters)], which)
+            for modes_of, (test, _, own) in zip(of_tests, first.parts(values), strict=True)
         ]
         return first.log_density_of_modes(values, modes)
 

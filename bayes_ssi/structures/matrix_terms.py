@@ -1,22 +1,83 @@
-"""How elements are put on a structure, whatever carries them: matrices or a reduced basis.
+"""Stiffness and mass as sums of terms: matrices times products of parameters, and elements.
 
-An element adds springs k w wᵀ and masses m w wᵀ. A motion w·x combines rows of the structure, which
-says what rows a place has, and the elements' own degrees of freedom, whose rows follow.
+An element adds springs k w wᵀ and masses m w wᵀ, in one way whatever carries it: matrices or a
+reduced basis. A motion w·x combines rows of the structure, which says what rows a place has, and
+the elements' own degrees of freedom, whose rows follow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import Parameter, Product
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable
 from bayes_ssi.structures.elements import Contribution, Element
 from bayes_ssi.structures.geometry import SinglePlace
+
+
+@dataclass(frozen=True)
+class AffineArray:
+    """``Σ c_t(θ) A_t``: coefficients (products of parameters) times fixed arrays."""
+
+    table: ProductTable
+    arrays: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        terms: Iterable[tuple[Product, FloatArray]],
+        parameters: tuple[Parameter, ...],
+        shape: tuple[int, ...],
+    ) -> AffineArray:
+        """Merge terms with the same powers of parameters: all fixed ones become one array."""
+        merged: dict[tuple[tuple[Parameter, float], ...], FloatArray] = {}
+        for coefficient, array in terms:
+            total = merged.setdefault(coefficient.powers, np.zeros(shape))
+            total += coefficient.scale * array
+        merged = merged or {(): np.zeros(shape)}
+        table = ProductTable(tuple(Product(1.0, powers) for powers in merged), parameters)
+        arrays = np.array(list(merged.values()))
+        arrays.setflags(write=False)
+        return cls(table, arrays)
+
+    def evaluate(self, values: FloatArray) -> FloatArray:
+        """The sum, (B, *shape); (1, *shape) where nothing depends on the parameters."""
+        if self._fixed is not None:
+            return self._fixed
+        if len(values) == 1:  # numpy would add in another order than in a batch
+            return self.evaluate(np.repeat(values, 2, axis=0))[:1]
+        entries, arrays = self._not_zero
+        coefficients = self.table.evaluate(values)
+        total = np.zeros((self.arrays[0].size, len(values)))
+        with np.errstate(invalid="ignore"):  # inf · 0 of a value that is not finite
+            # A matrix product would round a row differently in a batch of another size.
+            total[entries] = np.einsum("bt,tk->kb", coefficients, arrays)
+        # A matrix's entries are far apart, and those of the batch next to each other.
+        shape = self.arrays.shape[1:]
+        return total.reshape(*shape, -1).transpose(-1, *range(len(shape)))
+
+    @cached_property
+    def _fixed(self) -> FloatArray | None:
+        """The sum, (1, *shape), where nothing depends on the parameters; None elsewhere."""
+        if any(product.powers for product in self.table.products):
+            return None
+        return self.arrays.sum(axis=0, keepdims=True)
+
+    @cached_property
+    def _not_zero(self) -> tuple[NDArray[np.intp] | slice, FloatArray]:
+        """Which entries of the sum are not always zero, and those of the arrays (T, n_entries)."""
+        flat = self.arrays.reshape(len(self.arrays), -1)
+        entries = np.flatnonzero(flat.any(axis=0))
+        if len(entries) == flat.shape[1]:
+            return slice(None), flat
+        return entries, flat[:, entries]
+
 
 # The rows of a place, and their shares, as pairs: none of the ground. Other places are refused with
 # a message that begins with the element's label.
@@ -53,14 +114,22 @@ class CarriedElements:
 
     @classmethod
     def of(
-        cls, elements: Sequence[Element], rows_of: RowsOf, size: int, shift: float = 0.0
+        cls,
+        elements: Sequence[Element],
+        rows_of: RowsOf,
+        size: int,
+        shift: float = 0.0,
+        taken: Iterable[str] = (),
     ) -> CarriedElements:
-        """Find the rows of elements.
-
-        Args:
-            shift: that of :class:`~bayes_ssi.structures.modal.FreeBody`, for the springs.
-        """
-        labels = own_labels(elements)
+        """Find the rows of elements; ``shift`` is that of a free body, for the springs."""
+        labels, known = own_labels(elements), set(taken)
+        for label in labels:
+            if label in known:
+                raise ValueError(
+                    f"element {label!r}: the structure has a degree of freedom of that label "
+                    "already; give the element a label of its own"
+                )
+            known.add(label)
         added = {label: size + i for i, label in enumerate(labels)}
 
         def rows(place: SinglePlace, label: str) -> Iterable[tuple[int, float]]:
@@ -112,12 +181,10 @@ class CarriedElements:
         return tuple(self.springs[last.index(self.size + i)] for i in range(len(self.labels)))
 
     def influence(self, influence: FloatArray) -> FloatArray:
-        """Displacements (whole_size,) when the ground moves by 1; own springs do not deform.
+        """Displacements (whole_size,) when the ground moves by 1, from those (size,) without them.
 
-        Where such a spring ends on the ground, that moves as its other ends do; by 1 without any.
-
-        Args:
-            influence: (size,), of the structure without elements.
+        Own springs do not deform: where one ends on the ground, that moves as its other ends do;
+        by 1 without any.
         """
         whole = np.append(influence, np.zeros(len(self.labels)))
         for row, (_, vector, on_ground) in enumerate(self.own_springs, self.size):
