@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -31,11 +31,15 @@ from bayes_ssi.commands.terminal import (
     say_in_paragraphs,
     say_warnings,
 )
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_ssi.inference.calibration.calibration import Calibration
+    from bayes_ssi.inference.model_class.model_class import ModelClass
+
+T = TypeVar("T")
 
 
 # Of the columns and titles of the tables.
@@ -69,38 +73,45 @@ def calibrate(
     The exit code is 3 where the modes are of an identification that failed a check.
     """
     from bayes_ssi.inference.calibration.calibration import calibrate as calibrate_class
-    from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
     from bayes_ssi.inference.model_class.configuration import failed_data_checks
     from bayes_ssi.results.wording import data_warnings
 
-    where, calibrations = console(), []
+    where = console()
     candidates = load(study, only).model_classes
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
-    for candidate in candidates:
-        try:
-            with progress_bars() as progress:
-                report = partial(progress, candidate.name)
-                calibrations.append(
-                    calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
-                )
-        except NothingToCalibrateError as error:
-            if len(candidates) == 1:
-                raise
-            say(where, f"(!) {error}")
+
+    def calibrated(candidate: ModelClass) -> Calibration:
+        with progress_bars() as progress:
+            report = partial(progress, candidate.name)
+            return calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
+
+    calibrations = _of_each(candidates, calibrated, where)
     for group in _same_to_the_reader(calibrations):
         _show(where, group)
     if calibrations:
         say(where, LEGEND)
         say_in_paragraphs(where, *map(_conclusion, calibrations))
     say_warnings(where, data_warnings(failed))
-    print_record(
-        lambda: {
-            "calibrations": [asdict(each) for each in calibrations],
-            "failed_checks": failed,
-        }
-    )
+    print_record(lambda: {"calibrations": calibrations, "failed_checks": failed})
     exit_if_failed(failed)
+
+
+def _of_each(
+    candidates: Sequence[ModelClass], function: Callable[[ModelClass], T], where: Console
+) -> list[T]:
+    """A function of each class; those of several that have nothing to calibrate are named."""
+    from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
+
+    results = []
+    for candidate in candidates:
+        try:
+            results.append(function(candidate))
+        except NothingToCalibrateError as error:
+            if len(candidates) == 1:
+                raise
+            say(where, f"(!) {error}")
+    return results
 
 
 def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibration]]:
@@ -179,7 +190,6 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
     more than the prior does, beside one another.
     """
     from bayes_ssi.foundations.text_files import file_names
-    from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
     from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
     from bayes_ssi.report.tables.calibration_tables import sensitivities_table
     from bayes_ssi.results.result_files import require_new_files
@@ -187,15 +197,8 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
 
     if figures is not None:
         require_new_files(figures)
-    where, found = console(), []
-    candidates = load(study, only).model_classes
-    for candidate in candidates:
-        try:
-            found.append(modal_sensitivities(candidate))
-        except NothingToCalibrateError as error:
-            if len(candidates) == 1:
-                raise
-            say(where, f"(!) {error}")
+    where = console()
+    found = _of_each(load(study, only).model_classes, modal_sensitivities, where)
     for each in found:
         where.print(sensitivities_table(each))
         signals = [
@@ -218,15 +221,5 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
                 save_figure(plot_modal_sensitivities(each), figures / names[each.name])
         say(where, f"Wrote {len(found)} figures in {figures}.")
     print_record(
-        lambda: {
-            "sensitivities": [
-                asdict(each)
-                | {
-                    "of_frequencies": each.of_frequencies.tolist(),
-                    "of_shapes": each.of_shapes.tolist(),
-                    "proposed": each.proposed,
-                }
-                for each in found
-            ]
-        }
+        lambda: {"sensitivities": [columns(each) | {"proposed": each.proposed} for each in found]}
     )

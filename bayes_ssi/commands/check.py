@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
 )  # fmt: skip
+RECORD_FIELDS = ("source", "quantity", "unit", "rate_hz", "n_samples", "sensors")
 
 
 @click.command()
@@ -71,17 +72,7 @@ def _check_record(record: Record) -> None:
         f"Sensors: {', '.join(record.sensors)}.",
         *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
     )
-    print_record(
-        lambda: {
-            "source": record.source,
-            "quantity": record.quantity,
-            "unit": record.unit,
-            "rate_hz": record.rate_hz,
-            "n_samples": record.n_samples,
-            "sensors": record.sensors,
-            "remarks": remarks,
-        }
-    )
+    print_record(lambda: columns(record, RECORD_FIELDS) | {"remarks": remarks})
 
 
 def _check_modes(path: Path) -> None:
@@ -108,12 +99,7 @@ def _check_modes(path: Path) -> None:
 
 
 def _record(data: ModalData) -> dict[str, Any]:
-    return {
-        "source": data.source,
-        "band_hz": data.band_hz,
-        "sensors": data.sensors,
-        "digest": data.digest,
-        "covariance_digest": data.covariance_digest,
+    return columns(data, ("source", "band_hz", "sensors", "digest", "covariance_digest")) | {
         "modes": [columns(mode, MODE_FIELDS) for mode in data.modes],
         "remarks": data.warnings()[len(data.all_failed_checks) :],
         "failed_checks": data.all_failed_checks,

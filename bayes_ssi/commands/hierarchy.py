@@ -12,6 +12,7 @@ from bayes_ssi.commands.options import (
     default_option,
     flag,
     named_paths,
+    number_option,
     path_option,
     seed_option,
 )
@@ -45,8 +46,7 @@ if TYPE_CHECKING:
                 "test to test, in standard deviations of the parameter's prior.")  # fmt: skip
 @default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by one "
                 "standard deviation of the covariate, in the same unit.")  # fmt: skip
-@click.option("--at", type=float, metavar="VALUE",
-              help="Covariate of the next test.  [default: mean of the tests]")  # fmt: skip
+@number_option("--at", "VALUE", "Covariate of the next test.  [default: mean of the tests]")
 @seed_option("The result follows from it.")
 @path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
 @flag("--overwrite", text="Replace a result that exists.")

@@ -14,6 +14,7 @@ from bayes_ssi.commands.options import (
     flag,
     modes_option,
     path_option,
+    range_option,
     record_options,
 )
 from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
@@ -31,13 +32,7 @@ MODE_FIELDS = (
 
 @click.command()
 @files_argument
-@click.option(
-    "--band",
-    type=(float, float),
-    metavar="LOW HIGH",
-    required=True,
-    help="Frequencies of the search in Hz.",
-)
+@range_option("--band", "Frequencies of the search in Hz.", required=True)
 @click.option(
     "--at",
     type=float,
@@ -142,11 +137,7 @@ def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
         "covariance_of_log_frequencies_and_unit_shapes": found.quoted.covariance,
         "loads": found.loads,
         "bands": [
-            {
-                "band_hz": band.band_hz,
-                "whiteness": band.fit.whiteness,
-                "allowed_whiteness": band.fit.allowed_whiteness,
-            }
+            {"band_hz": band.band_hz, **columns(band.fit, ("whiteness", "allowed_whiteness"))}
             for band in found.bands
             if band.is_wanted
         ],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import PATH, named_values, path_option
+from bayes_ssi.commands.options import PATH, named_values, number_option, path_option, range_option
 from bayes_ssi.commands.terminal import command_line, console, say
 
 if TYPE_CHECKING:
@@ -52,15 +52,13 @@ if TYPE_CHECKING:
     "--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
     help="Factor of these coordinates, to those of the model after --units.",
 )  # fmt: skip
-@click.option("--band", type=(float, float), metavar="LOW HIGH",
-              help="Band of the search in Hz, where the data are a universal file.")  # fmt: skip
+@range_option("--band", "Band of the search in Hz, where the data are a universal file.")
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
-@click.option(
-    "--mass-kg", type=float, metavar="KG",
-    help="The structure's mass, known to a factor of 2: refuses other units.",
-)  # fmt: skip
+@number_option(
+    "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
+)
 def import_model(
     name: Path,
     nominal: str,

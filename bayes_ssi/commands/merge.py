@@ -58,10 +58,7 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
 
 
 def _record(merged: MergedModes) -> dict[str, Any]:
-    return {
-        "source": merged.data.source,
-        "band_hz": merged.data.band_hz,
-        "sensors": merged.data.sensors,
+    return columns(merged.data, ("source", "band_hz", "sensors")) | {
         "modes": [
             {
                 "label": row.label,

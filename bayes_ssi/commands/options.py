@@ -30,6 +30,16 @@ def default_option(name: str, default: Any, text: str, kind: Any = None) -> Deco
     return click.option(name, type=kind, default=default, show_default=True, help=text)
 
 
+def number_option(name: str, metavar: str, text: str) -> Decorator:
+    """An option whose value is a number."""
+    return click.option(name, type=float, metavar=metavar, help=text)
+
+
+def range_option(name: str, text: str, **more: Any) -> Decorator:
+    """An option whose value is the ends of a range."""
+    return click.option(name, type=(float, float), metavar="LOW HIGH", help=text, **more)
+
+
 def flag(*names: str, text: str) -> Decorator:
     """An option without a value."""
     return click.option(*names, is_flag=True, help=text)

@@ -12,6 +12,7 @@ from bayes_ssi.commands.options import (
     default_option,
     flag,
     path_option,
+    range_option,
     repeated_option,
     result_argument,
     study_option,
@@ -73,12 +74,7 @@ if TYPE_CHECKING:
     help="Input of transfer functions: acceleration of the 'ground', a force at a degree of "
     "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
 )
-@click.option(
-    "--band",
-    type=(float, float),
-    metavar="LOW HIGH",
-    help="Frequencies of transfer functions in Hz.  [default: band of the data]",
-)
+@range_option("--band", "Frequencies of transfer functions in Hz.  [default: band of the data]")
 @path_option(
     "--record",
     "records",

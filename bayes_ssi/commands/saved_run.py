@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,7 @@ from bayes_ssi.commands.terminal import (
     say_in_paragraphs,
     say_warnings,
 )
+from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -257,17 +258,11 @@ def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, 
         "directory": str(result.directory),
         "study": result.record.study,
         "answer": answer(result).paragraphs,
-        **asdict(result.comparison),
+        **columns(result.comparison),
         "failed_checks": list(result.comparison.failed_checks),
         "not_distinguishable": list(result.comparison.not_distinguishable),
-        "parameters": {
-            posterior.name: [asdict(row) for row in posterior.summary]
-            for posterior in result.ranked_posteriors
-        },
-        "adequacy": {
-            posterior.name: posterior.adequacy and asdict(posterior.adequacy)
-            for posterior in result.ranked_posteriors
-        },
+        "parameters": {posterior.name: posterior.summary for posterior in result.ranked_posteriors},
+        "adequacy": {posterior.name: posterior.adequacy for posterior in result.ranked_posteriors},
         "pairings": {
             posterior.name: {modes.name: dict(modes.pairing) for modes in posterior.configurations}
             for posterior in result.ranked_posteriors

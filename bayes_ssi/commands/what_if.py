@@ -11,6 +11,7 @@ import click
 from bayes_ssi.commands.options import (
     flag,
     named_values,
+    number_option,
     repeated_option,
     result_argument,
     study_option,
@@ -43,25 +44,10 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
     "NAME=PRIOR",
     'New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
 )
-@click.option(
-    "--frequency-cov",
-    type=float,
-    metavar="COV",
-    help="Prediction error of frequencies, a fraction.",
-)
-@click.option("--shape-sd", type=float, metavar="SD", help="Prediction error of shapes.")
-@click.option(
-    "--detection",
-    type=float,
-    metavar="PROBABILITY",
-    help="Probability that a mode in the band is identified.",
-)
-@click.option(
-    "--spurious",
-    type=float,
-    metavar="NUMBER",
-    help="Expected number of spurious modes in the band.",
-)
+@number_option("--frequency-cov", "COV", "Prediction error of frequencies, a fraction.")
+@number_option("--shape-sd", "SD", "Prediction error of shapes.")
+@number_option("--detection", "PROBABILITY", "Probability that a mode in the band is identified.")
+@number_option("--spurious", "NUMBER", "Expected number of spurious modes in the band.")
 @repeated_option(
     "--band",
     "bands",
@@ -137,9 +123,9 @@ def what_if(
             "their probability together was at most "
             f"{probability_text(stored.search.most_probability_unsampled)}.",
         )
-    shown = dict.fromkeys(each for each in (answer.best_before, answer.best_after) if each)
-    for row in shown:
-        where.print(changed_parameters_table(row))
+    for row in dict.fromkeys((answer.best_before, answer.best_after)):
+        if row is not None:
+            where.print(changed_parameters_table(row))
     say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
     print_record(lambda: {"directory": str(result), "answer": answer})
     of_data = () if accepted else answer.failed_data_checks
