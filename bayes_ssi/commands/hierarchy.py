@@ -114,7 +114,6 @@ def hierarchy(
 
 
 def _record(ranked: Hierarchy, directory: Path) -> dict[str, Any]:
-    """The record that ``--json`` prints."""
     return {
         "directory": str(directory),
         "model_class": ranked.model_class,

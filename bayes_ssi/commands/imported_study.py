@@ -164,7 +164,6 @@ def _study(
     places: Mapping[str, str],
     command: str,
 ) -> str:
-    """The text of the study."""
     import jinja2
 
     from bayes_ssi.structures.modal import SOLVER

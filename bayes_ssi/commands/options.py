@@ -21,7 +21,6 @@ Decorator = Callable[[Command], Command]
 
 
 def path_option(*names: str, text: str, **more: Any) -> Decorator:
-    """An option whose value is the path of a file or directory."""
     return click.option(*names, type=PATH, help=text, **more)
 
 
@@ -31,22 +30,18 @@ def default_option(name: str, default: Any, text: str, kind: Any = None) -> Deco
 
 
 def number_option(name: str, metavar: str, text: str) -> Decorator:
-    """An option whose value is a number."""
     return click.option(name, type=float, metavar=metavar, help=text)
 
 
 def range_option(name: str, text: str, **more: Any) -> Decorator:
-    """An option whose value is the ends of a range."""
     return click.option(name, type=(float, float), metavar="LOW HIGH", help=text, **more)
 
 
 def flag(*names: str, text: str) -> Decorator:
-    """An option without a value."""
     return click.option(*names, is_flag=True, help=text)
 
 
 def repeated_option(name: str, argument: str, metavar: str, text: str) -> Decorator:
-    """An option that may be given several times."""
     return click.option(name, argument, metavar=metavar, multiple=True, help=text)
 
 
@@ -66,12 +61,10 @@ modes_option = path_option("--out", text="CSV file for the modes, a new one.")
 
 
 def only_option(text: str) -> Decorator:
-    """The model classes of a study."""
     return click.option("--only", metavar="NAME,…", help=text)
 
 
 def seed_option(text: str) -> Decorator:
-    """The seed of random numbers."""
     return default_option("--seed", 0, text, click.IntRange(min=0))
 
 

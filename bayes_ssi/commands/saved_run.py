@@ -279,7 +279,6 @@ def say_misfit(where: Console, result: StoredResult) -> None:
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
-    """Notes below the tables of a ranking."""
     from bayes_ssi.report.tables.ranking_tables import comparison_notes, pairing_notes, region_notes
 
     notes = comparison_notes(result.comparison, with_scales=result.search is None)

@@ -123,7 +123,6 @@ def command_line() -> str:
 
 
 def is_quiet() -> bool:
-    """Whether to print errors only."""
     return bool(_meta().get(QUIET, False))
 
 
@@ -177,7 +176,6 @@ def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def console() -> Console:
-    """The console for tables."""
     from rich.console import Console
 
     if is_quiet() or _meta().get(JSON, False):
@@ -188,7 +186,6 @@ def console() -> Console:
 
 
 def exit_if_failed(checks: Sequence[str]) -> None:
-    """End the command where checks of a result failed."""
     if not checks:
         return
     if is_quiet():

@@ -79,7 +79,6 @@ class EmbeddedFigure:
 
     @property
     def is_wide(self) -> bool:
-        """Whether it needs the width of the page."""
         return self.width > LIMITS.column_width
 
 
@@ -136,7 +135,6 @@ def draw_figures(
     sensitivity: Sensitivity | None = None,
     plan: Plan | None = None,
 ) -> ReportFigures:
-    """Every figure of a report."""
     from matplotlib import rc_context
 
     figures = ReportFigures()

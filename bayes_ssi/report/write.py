@@ -1,7 +1,5 @@
 """Writing the report of a stored result."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked

@@ -38,7 +38,6 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
 
 
 def calibration_modes_table(calibration: Calibration) -> Table:
-    """Frequencies and MAC before calibration and at the best minimum."""
     headings = ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"]
     rows = [
         (

@@ -15,7 +15,6 @@ ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
 
 
 def modes_table(data: ModalData) -> Table:
-    """The identified modes as they were read."""
     headings = ["frequency Hz", "c.o.v. %", "damping %", "shape at", "shape ±", "phases °"]
     rows = [
         (
@@ -33,7 +32,6 @@ def modes_table(data: ModalData) -> Table:
 
 
 def estimates_table(modes: ModalData, method: str) -> Table:
-    """Modes identified from a record, with standard deviations."""
     rows = [(mode.label, *_estimates(mode)) for mode in modes.modes]
     return new_table(f"Modes by {method}", ["mode"], ESTIMATES, rows)
 

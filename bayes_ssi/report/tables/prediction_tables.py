@@ -63,7 +63,6 @@ def peak_table(responses: Sequence[ResponseBands]) -> Table:
 
 
 def populations_table(hierarchy: Hierarchy) -> Table:
-    """Populations ranked by log evidence, the best first."""
     title = f"{hierarchy.model_class!r} in {len(hierarchy.tests)} tests: its parameters are or vary"
     numbers = ["log evidence", "ln B", "probability"]
     rows = [
@@ -99,7 +98,6 @@ def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Ta
 
 
 def hierarchy_notes(hierarchy: Hierarchy, covariate: float | None = None) -> list[str]:
-    """Notes below the tables: the scale, the covariate, remarks, failed checks."""
     notes = [f"Evidence against: scale of {SCALE_NAME}."]
     scale = hierarchy.covariate
     if scale is not None:

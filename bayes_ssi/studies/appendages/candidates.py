@@ -1,7 +1,5 @@
 """Candidates of a search: where they are, which ones sensors see, and what can hang on them."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -206,7 +204,6 @@ class AppendagePlace(ABC):
 
     @property
     def name(self) -> str:
-        """Name, unique among all places of a search."""
         return f"{self.word} {self.candidate.name}"
 
     @property
@@ -221,7 +218,6 @@ class AppendagePlace(ABC):
 
     @property
     def coordinates(self) -> Point | None:
-        """(x, y, z), where they are known."""
         return self.candidate.coordinates
 
     @property

@@ -6,8 +6,6 @@ that are wrong. So the most probable class is compared with itself plus an appen
 screening of a search.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The findings of a search: places, appendages, baselines and averaged parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What an appendage may be: the settings of a search, and what counts as seen, near or apart."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from bayes_ssi.parameters.families import LogUniform

@@ -4,8 +4,6 @@ All posteriors are reweighted to the changed settings, and ranked again. Where t
 do not cover the change, nothing is said of it: it must be sampled again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -200,8 +198,6 @@ class ChangedClass:
 
 @dataclass(frozen=True)
 class WhatIf:
-    """A ranking before and after a change of settings."""
-
     changes: tuple[str, ...]
     classes: tuple[ChangedClass, ...]
     failed_data_checks: tuple[str, ...] = ()
@@ -311,8 +307,6 @@ def _adequacy(answer: Varied) -> Adequacy:
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """The ranking under one setting."""
-
     name: str
     probabilities: Mapping[str, float]  # of every model class; none where the draws do not say
     problem: str = ""  # why the draws do not say, class by class
@@ -321,7 +315,6 @@ class SensitivityRow:
 
     @property
     def ranked(self) -> tuple[str, ...]:
-        """Model classes, the most probable first."""
         return tuple(sorted(self.probabilities, key=lambda name: -self.probabilities[name]))
 
     @property
@@ -350,12 +343,10 @@ class Sensitivity:
 
     @property
     def known(self) -> tuple[SensitivityRow, ...]:
-        """The rows of which the draws say something."""
         return tuple(row for row in self.rows if row.probabilities)
 
     @property
     def turning(self) -> tuple[SensitivityRow, ...]:
-        """The settings under which another class is the most probable."""
         return tuple(row for row in self.known if row.best != self.rows[0].best)
 
     @property

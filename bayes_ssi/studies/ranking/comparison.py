@@ -176,7 +176,6 @@ class Comparison(Displayed):
 
     @property
     def has_equal_priors(self) -> bool:
-        """Whether all classes are equally probable a priori."""
         return len({row.prior_probability for row in self.classes}) == 1
 
     @property
@@ -227,7 +226,6 @@ class Comparison(Displayed):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Every remark on every class, with the class's name."""
         return tuple(f"{row.name!r}: {remark}" for row in self.classes for remark in row.remarks)
 
     def _line(self) -> str:

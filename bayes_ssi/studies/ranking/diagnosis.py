@@ -63,8 +63,6 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """A model class with one mistake undone."""
-
     mistake: str  # what seems to be wrong, in words; empty for a pairing, which the fit shows
     original: ModelClass
     configurations: tuple[Configuration, ...]
@@ -274,7 +272,6 @@ class _Points:
 
     @classmethod
     def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> _Points:
-        """Points at coordinates ``z`` of a class, with its ``modes`` there."""
         parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
         densities = {
             test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))

@@ -31,8 +31,6 @@ from bayes_ssi.studies.ranking.comparison import RANKING
 
 @dataclass(frozen=True)
 class Variation:
-    """One setting changed."""
-
     name: str
     change: Callable[[ModelClass], ModelClass]
 
@@ -60,7 +58,6 @@ def with_missed(factor: float, candidate: ModelClass) -> ModelClass:
 
 
 def with_spurious(factor: float, candidate: ModelClass) -> ModelClass:
-    """The class with ``factor`` times the expected number of spurious modes."""
     expected = factor * candidate.identification.expected_spurious_modes
     changed = replace(candidate.identification, expected_spurious_modes=expected)
     return replace(candidate, identification=changed)
@@ -93,7 +90,6 @@ def with_priors(priors: Mapping[str, Prior], candidate: ModelClass) -> ModelClas
 
 
 def with_bands(bands_hz: Mapping[str, tuple[float, float]], candidate: ModelClass) -> ModelClass:
-    """The class with other bands, by name of the configuration."""
     tests = tuple(
         replace(test, data=replace(test.data, band_hz=bands_hz[test.name]))
         if test.name in bands_hz
@@ -105,8 +101,6 @@ def with_bands(bands_hz: Mapping[str, tuple[float, float]], candidate: ModelClas
 
 @dataclass(frozen=True)
 class ParameterSpread(Summary):
-    """Summary of a parameter with the standard error of the mean."""
-
     mean_error: float
 
 

@@ -39,8 +39,6 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """A hypothesis's approximate evidence and posterior."""
-
     parameter_names: tuple[str, ...]  # columns of ``z``
     log_evidence: float  # in nats, from importance draws
     error: float

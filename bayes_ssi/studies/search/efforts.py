@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Effort:
-    """What one hypothesis may cost."""
-
     n_draws: int  # draws that scan the prior of what the hypothesis adds
     # From the best of these, and of the prior's; without any, importance draws are of the simpler
     # hypothesis alone.

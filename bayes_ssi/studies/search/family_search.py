@@ -50,12 +50,10 @@ class FamilySearch(Generic[Feature]):
 
     @cached_property
     def posteriors(self) -> dict[str, Posterior]:
-        """Name of a hypothesis that was sampled → its posterior."""
         return {posterior.name: posterior for posterior in self.ranking.posteriors}
 
     @cached_property
     def log_masses(self) -> dict[str, float]:
-        """Name of a hypothesis → log of prior weight times evidence."""
         names = [each.model_class.name for each in self.hypotheses]
         return {
             name: each.log_mass(self.posteriors.get(name))
@@ -64,7 +62,6 @@ class FamilySearch(Generic[Feature]):
 
     @property
     def probabilities(self) -> dict[str, float]:
-        """Name of a hypothesis → its probability among all."""
         log_total = float(logsumexp(list(self.log_masses.values())))
         return {name: math.exp(mass - log_total) for name, mass in self.log_masses.items()}
 

@@ -35,8 +35,6 @@ def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ..
 
 @dataclass(frozen=True)
 class HypothesisRecord:
-    """One hypothesis of a search."""
-
     name: str
     baseline: str
     prior_probability: float  # among all hypotheses, and ``probability`` likewise
@@ -77,7 +75,6 @@ class FamilyRecord(Displayed):
 
     @property
     def place_probabilities(self) -> dict[Any, float]:
-        """Every place → the probability that something is there."""
         return {each.place: each.probability for each in self.places}
 
     @property
