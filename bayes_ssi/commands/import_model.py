@@ -1,22 +1,34 @@
-"""``bayes-ssi import``: a study from exports of a finite-element program."""
+"""``bayes-ssi import``: a study from exports of a finite-element program.
+
+Its sensors are found by label, by the data's names, or by coordinates.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
 from bayes_ssi.commands.options import PATH, named_values, number_option, path_option, range_option
 from bayes_ssi.commands.terminal import command_line, console, say
+from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
         AlteredModel,
         ParameterMatrices,
         Powers,
+        Term,
     )
 
 
@@ -79,8 +91,6 @@ def import_model(
     Stiffness and mass become sums of matrices times powers of factors of the altered properties,
     by differences of the exports. Nothing is overwritten.
     """
-    from bayes_ssi.commands.imported_study import ENDINGS, imported_sensors, write_imported_study
-    from bayes_ssi.commands.new import new_paths
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.structures.solver_files.model_files import read_model
     from bayes_ssi.structures.solver_files.parameter_matrices import (
@@ -88,7 +98,7 @@ def import_model(
         parameter_matrices,
     )
 
-    new_paths(name, *ENDINGS)  # refused before large files are read
+    study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = named_values(
@@ -118,9 +128,11 @@ def import_model(
         [read(text, "--changed") for text in changed],
         [read(text, "--check") for text in checks],
     )
-    places, said = imported_sensors(model, tests, of_sensors, points, points_scale)
-    study, modes_files = write_imported_study(name, matrices, data, band, places, command_line())
-    to_come = "" if data else f" Put the modes into {modes_files[0]}."
+    places, said = _sensors(model, tests, of_sensors, points, points_scale)
+    to_come = "" if data else f" Put the modes into {study.with_suffix('.csv')}."
+    data = data or {"": study.with_suffix(".csv")}
+    arguments = {test: _read(path, study, band) for test, path in data.items()}
+    _write_study(study, folder, matrices, arguments, places)
     say(
         console(),
         str(model),
@@ -130,7 +142,7 @@ def import_model(
         "Next:",
         *(
             f"  {shlex.join(['bayes-ssi', 'check', str(file)])}"
-            for file in modes_files
+            for file in data.values()
             if band is None
         ),
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
@@ -195,3 +207,166 @@ def _shown(symbol: str, powers: Powers) -> str:
     factors = " ".join(name if e == 1 else f"{name}^{e}" for name, e in powers)
     names = "_".join(name if e == 1 else f"{name}{e}" for name, e in powers)
     return f"{factors} {symbol}_{names}"
+
+
+def _sensors(
+    model: ExportedModel,
+    tests: Sequence[ModalData],
+    labels: Mapping[str, str],
+    points_file: Path | None,
+    scale: float,
+) -> tuple[dict[str, str], list[str]]:
+    """Sensors of the data, or those given where there are no data yet.
+
+    Sensor → label of the degree of freedom that it measures; and what is to be said of them.
+    """
+    from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
+    from bayes_ssi.structures.solver_files.sensor_points import (
+        exchanged,
+        nearest_degrees_of_freedom,
+        read_sensor_points,
+    )
+
+    if model.labels is None:
+        raise ValueError("the nominal export has no labels, by which sensors are named")
+    known = set(model.labels)
+    measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
+    points = () if points_file is None else read_sensor_points(points_file, measured)
+    mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
+    by_point = {each.name: each.label for each in mapped}
+    names = list(measured or {**by_point, **labels})
+    require_known("--sensor: the data have no sensor", labels, names)
+    places = {name: labels.get(name, by_point.get(name, name)) for name in names}
+    for name, label in places.items():
+        if label not in known:
+            raise ValueError(
+                f"sensor {name!r}: no degree of freedom is labelled {label!r}; name it by --sensor "
+                f"{name!r}=LABEL, with a label such as {model.labels[0]!r}"
+            )
+    lines = [
+        f"{each.name}: {each.label}, {each.distance:.3g} away"
+        for each in mapped
+        if places.get(each.name) == each.label
+    ]
+
+    def with_axes(axes: Mapping[str, str]) -> Mapping[str, str] | None:
+        moved = {}
+        if points:
+            try:
+                moved = {
+                    each.name: each.label
+                    for each in nearest_degrees_of_freedom(exchanged(points, axes), model, scale)
+                }
+            except ValueError:
+                return None
+        turned = {}
+        for name, label in places.items():
+            node, _, direction = label.rpartition(" ")
+            turned[name] = moved.get(name, f"{node} {axes.get(direction, direction)}")
+        return turned if known >= set(turned.values()) else None
+
+    for modes in tests:
+        lines += compared_with_nominal(model, modes, with_axes)[0]
+    return places, lines
+
+
+LABELS = "labels.txt"
+
+
+def _write_study(
+    study: Path,
+    folder: Path,
+    matrices: ParameterMatrices,
+    tests: Mapping[str, str],
+    places: Mapping[str, str],
+) -> None:
+    """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
+    from bayes_ssi.results.result_files import new_directory
+
+    files = file_names(_named(matrices), "npz")
+    text = _study(folder, tests, matrices, files, places)
+    with new_directory(folder, marker=LABELS) as partial:
+        _write_matrices(partial, matrices, files)
+        with study.open("x", encoding="utf-8") as file:
+            file.write(text)
+
+
+def _named(matrices: ParameterMatrices) -> dict[str, Term]:
+    """Every term of stiffness and mass by a name, from which that of its file is made."""
+    terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
+    return {_name(symbol, term): term for symbol, term in terms}
+
+
+def _name(symbol: str, term: Term) -> str:
+    parts = (name if exponent == 1 else f"{name}_{exponent}" for name, exponent in term.powers)
+    return "_".join([symbol, *parts])
+
+
+def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
+    import scipy.sparse as sp
+
+    for name, term in _named(matrices).items():
+        sp.save_npz(folder / files[name], term.matrix)
+    model = matrices.nominal
+    (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
+    if model.geometry is not None:
+        nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
+        _write_csv(folder / "nodes.csv", nodes)
+        _write_csv(folder / "lines.csv", model.geometry.lines)
+        _write_csv(folder / "faces.csv", model.geometry.faces)
+
+
+def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _study(
+    folder: Path,
+    tests: Mapping[str, str],
+    matrices: ParameterMatrices,
+    files: Mapping[str, str],
+    places: Mapping[str, str],
+) -> str:
+    import jinja2
+
+    from bayes_ssi.structures.modal import SOLVER
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
+    terms = (*matrices.stiffness, *matrices.mass)
+    model = matrices.nominal
+    in_si = model.units == "N, m, kg"
+    return environment.get_template("imported.py.txt").render(
+        model=model,
+        command=command_line(),
+        folder=folder.name,
+        tests=tests,
+        sensors={name: label for name, label in places.items() if name != label},
+        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        unit="m" if in_si else "",
+        mass_unit="kg" if in_si else "",
+        is_large=model.size > SOLVER.batched_up_to,
+    )
+
+
+def _quoted(value: Any) -> str:
+    """Text or a list of texts as Python writes it, in double quotes."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _read(data: Path, study: Path, band_hz: tuple[float, float] | None) -> str:
+    """The arguments by which the study reads its data, relative to it in the same folder."""
+    path = f"Path({_quoted(str(data.resolve()))})"
+    if data.resolve().parent == study.resolve().parent:
+        path = f"here.with_name({_quoted(data.name)})"
+    return path if band_hz is None else f"{path}, band_hz={band_hz}"

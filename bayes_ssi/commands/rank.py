@@ -23,7 +23,7 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
     they share the evaluations of one class.
     """
     from bayes_ssi.studies.appendages.ranked_study import rank as rank_study
-    from bayes_ssi.studies.ranking.averages import averaged_parameters
+    from bayes_ssi.studies.ranking.study import averaged_parameters
 
     loaded = load(study, only)
     if any_pairing:

@@ -45,9 +45,9 @@ from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.planning.plan_record import Plan
-from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import RankedClass, probability_text
+from bayes_ssi.studies.ranking.study import averaged_parameters
 
 MISSING = "-"
 # Endings of a column's name in a CSV file, and other columns that hold numbers.

@@ -33,9 +33,8 @@ from bayes_ssi.results.wording import (
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
-from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
-from bayes_ssi.studies.ranking.study import Ranking
+from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
 from bayes_ssi.studies.search.search_record import SearchResult
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 import bayes_ssi as bs
 from bayes_ssi.report.tables.ranking_tables import averages_table
-from bayes_ssi.studies.ranking.averages import averaged_parameters
+from bayes_ssi.studies.ranking.study import averaged_parameters
 
 
 def draws(seed, centre, n):

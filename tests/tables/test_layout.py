@@ -19,8 +19,8 @@ from bayes_ssi.report.tables.ranking_tables import (
     sensitivity_table,
 )
 from bayes_ssi.report.tables.search_tables import averaged_table, place_table, search_table
-from bayes_ssi.studies.ranking.averages import averaged_parameters
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
+from bayes_ssi.studies.ranking.study import averaged_parameters
 
 NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwerk 3", "壁のモデル")
 

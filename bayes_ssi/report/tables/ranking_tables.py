@@ -9,9 +9,9 @@ from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
-from bayes_ssi.studies.ranking.averages import AveragedParameter
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+from bayes_ssi.studies.ranking.study import AveragedParameter
 
 # A heading and the items of the list below it.
 Note = tuple[str, list[str]]

@@ -17,6 +17,7 @@ from bayes_ssi.foundations.argument_types import checked, require
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.error_places import own_lines
+from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.criticism.adequacy import Hint
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
@@ -334,3 +335,58 @@ def _remedy(error: BaseException) -> str:
 
 def _one_line(message: object) -> str:
     return " ".join(str(message).split())
+
+
+@dataclass(frozen=True)
+class AveragedParameter(Summary):
+    """A parameter averaged over the model classes that infer it, weighted by their probabilities.
+
+    Classes in which it has a fixed value, or does not occur, are left out.
+    """
+
+    n_classes: int  # number of classes that infer it
+    probability: float  # of these classes together
+
+
+@dataclass(frozen=True)
+class AveragedAndNaive(AveragedParameter):
+    """A parameter of the baseline, averaged over all hypotheses by their probability."""
+
+    naive_mean: float  # under the most probable hypothesis of no appendage that infers it
+    naive_sd: float
+
+
+def averaged_parameters(
+    posteriors: Sequence[Posterior], comparison: Comparison
+) -> tuple[AveragedParameter, ...]:
+    """Every parameter that several classes infer, in the order in which they first appear.
+
+    Parameters with the same name are the same. One whose classes all have probability zero is
+    left out.
+    """
+    probabilities = {row.name: row.probability for row in comparison.classes}
+    holders: dict[str, list[Posterior]] = {}
+    for posterior in posteriors:
+        for name in posterior.parameter_names:
+            holders.setdefault(name, []).append(posterior)
+    return tuple(
+        averaged_parameter(name, own, [probabilities[posterior.name] for posterior in own])
+        for name, own in holders.items()
+        if len(own) > 1 and sum(probabilities[posterior.name] for posterior in own) > 0.0
+    )
+
+
+def averaged_parameter(
+    name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
+) -> AveragedParameter:
+    """A parameter over the classes that infer it, which have these probabilities."""
+    total = sum(probabilities)
+    draws, weights = [], []
+    for posterior, probability in zip(posteriors, probabilities, strict=True):
+        own = posterior.values[:, posterior.parameter_names.index(name)]
+        draws.append(own)
+        weights.append(np.full(len(own), probability / total / len(own)))
+    x, w = np.concatenate(draws), np.concatenate(weights)
+    return AveragedParameter.weighted(
+        name, x, w, n_classes=len(posteriors), probability=min(total, 1.0)
+    )

@@ -22,9 +22,14 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.ranking.averages import AveragedAndNaive, averaged_parameter
 from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
+from bayes_ssi.studies.ranking.study import (
+    AveragedAndNaive,
+    Ranking,
+    Study,
+    averaged_parameter,
+    compare_and_diagnose,
+)
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
 from bayes_ssi.studies.search.efforts import EFFORTS, Efforts
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws

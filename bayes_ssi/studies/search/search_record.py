@@ -15,8 +15,7 @@ from bayes_ssi.foundations.displayed import Displayed, InWords, columns
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.structures.geometry import Geometry
-from bayes_ssi.studies.ranking.averages import AveragedAndNaive
-from bayes_ssi.studies.ranking.study import Ranking, Study
+from bayes_ssi.studies.ranking.study import AveragedAndNaive, Ranking, Study
 from bayes_ssi.studies.search.efforts import EFFORTS
 from bayes_ssi.studies.search.family import Feature, Hypothesis
 from bayes_ssi.studies.search.family_search import FamilySearch
