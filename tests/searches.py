@@ -1,5 +1,7 @@
 """For tests of searches: places, settings, and evidences that were not sampled."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 import bayes_ssi as bs
@@ -43,6 +45,15 @@ def place_record(place, probability):
     """A place with this probability of an appendage, of an arbitrary mass and frequency."""
     summary = AppendageSummary(place, (0.04, 0.05, 0.06), (0.4, 0.5, 0.6), (1.0, 2.0, 3.0))
     return PlaceRecord(summary, probability, is_observed=True)
+
+
+def search_of(places, geometry=None):
+    """What drawings take of a search that found these places."""
+    ordered = tuple(sorted(places, key=lambda each: -each.probability))
+    return SimpleNamespace(
+        places=tuple(places), places_by_probability=ordered, geometry=geometry,
+        a_feature="an appendage",
+    )  # fmt: skip
 
 
 def places_in_space(probabilities, directions=(None,), **options):

@@ -6,7 +6,7 @@ Places are drawn as it suits what is known of the structure.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from bayes_ssi.plots.figure_style import (
     wrapped,
 )
 from bayes_ssi.plots.space import axes_in_space, longest_side
-from bayes_ssi.structures.geometry import Geometry, Point, direction_name
+from bayes_ssi.structures.geometry import Point, direction_name
 from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -32,21 +32,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_place_map(
-    places: Sequence[Any],
-    geometry: Geometry | None = None,
-    ax: Axes | None = None,
-    what: str = "an appendage",
-) -> Axes:
-    """Places in space, the probability of ``what`` in colour, and directions as arrows.
+def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+    """Places in space, their probabilities in colour, and directions as arrows.
 
     Places that are improbable by comparison are dots without directions.
     """
+    geometry = search.geometry
     # The most probable is the last, and so drawn above the others.
-    located = [each for each in places if each.place.coordinates]
+    located = [each for each in search.places if each.place.coordinates]
     located.sort(key=lambda each: each.probability)
-    if not located:
-        raise ValueError("a map needs places with coordinates")
     best = located[-1]
     least = STYLE.least_share * best.probability
     shown = [each for each in located if each.probability >= least]
@@ -89,7 +83,7 @@ def plot_place_map(
             hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
         else:
             artist.set_rasterized(True)
-    _colour_bar(drawn, scale, bar, what)
+    _colour_bar(drawn, scale, search.a_feature, bar)
     legend_of_figure(drawn.figure, [drawn])
     return drawn
 
@@ -98,17 +92,13 @@ def plot_place_map(
 Kind = tuple[type[AppendagePlace], Point | None]
 
 
-def plot_places_on_building(
-    places: Sequence[Any],
-    ax: Axes | None = None,
-    what: str = "an appendage",
-    highest: float | None = None,
-) -> Axes:
-    """The building, and in colour the probability of ``what`` at each place of a search.
+def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+    """The building, and in colour the probability of each place of a search.
 
     Each kind of place has its own marker, next to its floor or in its storey, and the
-    probability is written next to it. Colours reach to the ``highest``, of all places if None.
+    probability is written next to it.
     """
+    places = _places(search)
     heights = [each.place.height or 0.0 for each in places]
     n_floors = math.ceil(max(heights))
     columns, width = _columns(each.place for each in places)
@@ -121,7 +111,9 @@ def plot_places_on_building(
     for floor in range(1, n_floors + 1):
         ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
         ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=STYLE.small)
-    scale = _colour_scale(highest or max(each.probability for each in places))
+    # A change is there or not; an appendage that is there may be anywhere.
+    is_change = isinstance(search, ChangeRecord)
+    scale = _colour_scale(1.0 if is_change else max(each.probability for each in places))
     for each, y in zip(places, heights, strict=True):
         place, text = each.place, probability_text(each.probability)
         x = columns[_kind(place)]
@@ -147,7 +139,7 @@ def plot_places_on_building(
         ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
                 markerfacecolor="none", label=kind.title)  # fmt: skip
     legend_below(ax, 2)
-    _colour_bar(ax, scale, what=what)
+    _colour_bar(ax, scale, search.a_feature)
     return ax
 
 
@@ -167,10 +159,9 @@ def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float
     return columns, width
 
 
-def plot_place_bars(
-    places: Sequence[Any], ax: Axes | None = None, what: str = "an appendage"
-) -> Axes:
-    """The probability of ``what`` at the most probable places, and at all others together."""
+def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+    """The probabilities of the most probable places, and of all others together."""
+    places = search.places_by_probability
     first, others = places[: STYLE.most_bars], places[STYLE.most_bars :]
     bars = [(each.place.name, each.probability, STYLE.blue) for each in first]
     if others:
@@ -186,8 +177,13 @@ def plot_place_bars(
                     va="center", fontsize=STYLE.small)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
-    ax.set_xlabel(f"probability of {what}")
+    ax.set_xlabel(f"probability of {search.a_feature}")
     return ax
+
+
+def _places(search: FamilyRecord) -> list[Any]:
+    """The places of a search, without what all places have in common."""
+    return [each for each in search.places if not getattr(each.place, "is_common", False)]
 
 
 def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
@@ -196,18 +192,16 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     Places on floors are drawn on the building, places with coordinates in space, and others as
     bars. Axes that are given must have three dimensions for a drawing in space.
     """
-    places = [each for each in search.places if not getattr(each.place, "is_common", False)]
+    places = _places(search)
     heights = [each.place.height for each in places]
     drawn = {(_kind(each.place), each.place.height) for each in places}
     if len(drawn) == len(places) and all(
         height is not None and height <= STYLE.most_floors for height in heights
     ):
-        # A change is there or not; an appendage that is there may be anywhere.
-        highest = 1.0 if isinstance(search, ChangeRecord) else None
-        return plot_places_on_building(places, ax, search.a_feature, highest)
+        return plot_places_on_building(search, ax)
     if any(each.place.coordinates is not None for each in search.places):
-        return plot_place_map(search.places, search.geometry, ax, search.a_feature)
-    return plot_place_bars(search.places_by_probability, ax, search.a_feature)
+        return plot_place_map(search, ax)
+    return plot_place_bars(search, ax)
 
 
 def _colour_scale(highest: float) -> Any:
@@ -220,7 +214,7 @@ def _colour_scale(highest: float) -> Any:
     return ScalarMappable(Normalize(0.0, highest or 1.0), "YlOrRd")
 
 
-def _colour_bar(ax: Axes, scale: Any, cax: Axes | None = None, what: str = "an appendage") -> None:
+def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> None:
     """A colour bar, below ``ax`` or in axes of its own."""
     from matplotlib.ticker import MaxNLocator
 

@@ -6,7 +6,7 @@ throughout.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.class_record import ClassRecord
@@ -66,9 +66,7 @@ def answer(result: StoredResult) -> Answer:
 def first_screen(result: StoredResult | Ranking | SearchResult) -> str:
     """Warnings, then the answer, a paragraph each."""
     if isinstance(result, SearchResult):
-        stored = as_stored(result.ranking)
-        vars(stored)["search"] = result.record
-        result = stored
+        result = replace(as_stored(result.ranking), search=result.record)
     words = answer(as_stored(result))
     warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
     return "\n\n".join([*warnings, *words.paragraphs])

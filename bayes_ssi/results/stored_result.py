@@ -13,7 +13,6 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +98,7 @@ class StoredResult(InWords):
         tests: name of a configuration → the modes identified in it.
         posteriors: the posteriors, in the study's order.
         comparison: the ranking.
+        search: the search, for appendages or for changes, that gave the ranking; None if none did.
     """
 
     directory: Path
@@ -106,26 +106,12 @@ class StoredResult(InWords):
     tests: Mapping[str, ModalData]
     posteriors: tuple[Posterior, ...]
     comparison: Comparison
+    search: FamilyRecord | None = None
 
     @property
     def data(self) -> ModalData:
         """The identified modes of the only configuration; ValueError where there are several."""
         return choose_configuration(self.tests, None, str(self.directory))
-
-    @cached_property
-    def search(self) -> FamilyRecord | None:
-        """The search, for appendages or for changes, that gave the ranking; None if none did.
-
-        Raises:
-            ValueError: its file is damaged.
-        """
-        path = self.directory / SEARCH
-        if not path.is_file():
-            return None
-        check_digests(self.directory, SEARCH)
-        kind: Any = FamilyRecord  # its record says which
-        found: FamilyRecord = read_record(kind, path)
-        return found
 
     @property
     def ranked_posteriors(self) -> tuple[Posterior, ...]:
@@ -167,13 +153,18 @@ def load_result(directory: str | Path) -> StoredResult:
     )
     check_digests(directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values())
     comparison = read_record(Comparison, directory / COMPARISON)
+    search = None
+    if (directory / SEARCH).is_file():
+        check_digests(directory, SEARCH)
+        kind: Any = FamilyRecord  # its record says which
+        search = read_record(kind, directory / SEARCH)
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     comparison = comparison.with_common("data", failed_data_checks(tests))
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
     not_here |= {"datum_terms": None, "emulators": ()}
     posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
-    return StoredResult(directory, record, tests, with_draws, comparison)
+    return StoredResult(directory, record, tests, with_draws, comparison, search)
 
 
 def as_stored(result: AnyResult) -> StoredResult:
@@ -184,9 +175,7 @@ def as_stored(result: AnyResult) -> StoredResult:
         return load_result(Path(result))
     tests = {test.name: test.data for test in result.study.model_classes[0].configurations}
     record = result_record(result, {}, {}, "", "", accept_failed_checks=False)
-    made = StoredResult(Path(), record, tests, result.posteriors, result.comparison)
-    vars(made)["search"] = None
-    return made
+    return StoredResult(Path(), record, tests, result.posteriors, result.comparison)
 
 
 @checked

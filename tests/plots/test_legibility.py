@@ -6,7 +6,14 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from searches import INFILL_01, PENDULUM_3, place_record, places_in_space, places_of_building
+from searches import (
+    INFILL_01,
+    PENDULUM_3,
+    place_record,
+    places_in_space,
+    places_of_building,
+    search_of,
+)
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
@@ -72,15 +79,15 @@ def plots(posteriors, updated, case_c, make_posterior):
         "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
         "building": lambda: plot_places_on_building(
-            [place_record(PENDULUM_3, 0.9), place_record(INFILL_01, 0.1)]
+            search_of([place_record(PENDULUM_3, 0.9), place_record(INFILL_01, 0.1)])
         ),
         "tall building": lambda: plot_places_on_building(
-            [place_record(place, 0.01) for place in places_of_building(tall)]
+            search_of([place_record(place, 0.01) for place in places_of_building(tall)])
         ),
         "floors in space": lambda: plot_places_on_building(
-            [place_record(place, 0.08) for place in places_of_building(in_space)]
+            search_of([place_record(place, 0.08) for place in places_of_building(in_space)])
         ),
-        "bars": lambda: plot_place_bars(places_in_space([0.2] + 20 * [0.01])),
+        "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
     }

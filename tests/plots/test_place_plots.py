@@ -1,12 +1,10 @@
 """Places of a search: on the building, in space, and as bars."""
 
-from types import SimpleNamespace
-
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from searches import place_record, places_in_space, places_of_building
+from searches import place_record, places_in_space, places_of_building, search_of
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import STYLE, figures_for_files
@@ -21,13 +19,8 @@ def draw():
     """Draws places, as a search would, and lays the figure out."""
 
     def drawn(places, geometry=None):
-        ordered = tuple(sorted(places, key=lambda each: -each.probability))
-        search = SimpleNamespace(
-            places=tuple(places), places_by_probability=ordered, geometry=geometry,
-            a_feature="an appendage",
-        )  # fmt: skip
         with figures_for_files():
-            ax = plot_places(search)
+            ax = plot_places(search_of(places, geometry))
             ax.figure.draw_without_rendering()
         return ax
 
@@ -77,7 +70,7 @@ def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_proba
 def test_nothing_of_a_map_is_cut_off(far):
     geometry = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": far}, (("a", "b"),), "m")
     with figures_for_files():
-        figure = plot_place_map(places_in_space((0.3, 0.6), (X, Z)), geometry).figure
+        figure = plot_place_map(search_of(places_in_space((0.3, 0.6), (X, Z)), geometry)).figure
         FigureCanvasAgg(figure).draw()
     page = np.asarray(figure.canvas.buffer_rgba())[..., :3]
     assert min(each.min() for each in (page[0], page[-1], page[:, 0], page[:, -1])) == 255
