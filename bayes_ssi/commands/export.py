@@ -55,7 +55,7 @@ def export(
         write_modes_csv,
         write_universal_file,
     )
-    from bayes_ssi.results.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.predictions.predictions import load_predictions
     from bayes_ssi.results.result_files import new_directory, require_new
 
     directory = out or result / "updated"

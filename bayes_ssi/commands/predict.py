@@ -29,12 +29,11 @@ from bayes_ssi.commands.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_ssi.results.predictions.predictions import Predictions
+    from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
     from bayes_ssi.results.predictions.requested_predictions import (
         PredictionsRecord,
         ResponseRequest,
     )
-    from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
     from bayes_ssi.structures.response.modal_response import Damping, Output, Quantity
 
 
@@ -103,12 +102,12 @@ def predict(
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
+    from bayes_ssi.results.predictions.predictions import AVERAGE, load_predictions
     from bayes_ssi.results.predictions.requested_predictions import (
         MARKER,
         predict_responses,
         save_predictions,
     )
-    from bayes_ssi.results.predictions.stored_predictions import AVERAGE, load_predictions
     from bayes_ssi.results.result_files import new_directory, require_new, write_json
 
     predicted = load_predictions(result, study, draws, configuration)
@@ -283,7 +282,7 @@ def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
 
 def _composition(predictions: Predictions) -> str:
     """Sentence on the model classes whose draws make a prediction."""
-    from bayes_ssi.results.predictions.stored_predictions import AVERAGE
+    from bayes_ssi.results.predictions.predictions import AVERAGE
 
     if predictions.name != AVERAGE:
         return f"{predictions.name}: one model class."

@@ -137,7 +137,7 @@ def _show_every_setting(
 ) -> None:
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
-    from bayes_ssi.results.predictions.stored_predictions import load_predictions
+    from bayes_ssi.results.predictions.predictions import load_predictions
     from bayes_ssi.results.stored_what_if import every_setting
 
     classes: list[ModelClass] = []

@@ -15,8 +15,7 @@ from bayes_ssi.results.predictions.posterior_draws import (
     PredictionSettings,
     thinned_draws,
 )
-from bayes_ssi.results.predictions.predictions import Predictions
-from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
+from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
 from bayes_ssi.results.stored_result import as_stored
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (

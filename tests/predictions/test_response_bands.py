@@ -12,6 +12,7 @@ from whole_tables import assert_every_cell_is_whole
 
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
+from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.predictions.requested_predictions import (
     ResponseRequest,
     default_damping,
@@ -20,7 +21,6 @@ from bayes_ssi.results.predictions.requested_predictions import (
     predict_responses,
     save_predictions,
 )
-from bayes_ssi.results.predictions.stored_predictions import load_predictions
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import Output

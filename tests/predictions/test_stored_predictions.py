@@ -12,7 +12,7 @@ from searches import INFILL_01, PENDULUM_1
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
-from bayes_ssi.results.predictions.stored_predictions import load_predictions
+from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.result_files import write_digests
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response.modal_response import Output

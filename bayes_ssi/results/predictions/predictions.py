@@ -3,14 +3,19 @@
 Nothing is sampled here. Draws of a posterior, thinned evenly, go through the structure; those of
 several classes are joined in the proportions of the classes' probabilities, so that every draw of
 a prediction has the same weight and its quantiles are those of the average over classes.
+
+The classes of a stored result are built again from the study file: those of a ranking are in it,
+with their pairings given or inferred; those of a search are hypotheses on a class of it, from the
+places and settings of the search's record.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +23,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import (
     PREDICTION_SETTINGS,
@@ -28,8 +31,8 @@ from bayes_ssi.results.predictions.posterior_draws import (
     PosteriorDraws,
     Prediction,
     thinned_draws,
-    thinned_rows,
 )
+from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.structures.modal import scaled_shapes, shape_signs
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
@@ -40,6 +43,10 @@ from bayes_ssi.structures.response.modal_response import (
     transfer_functions,
 )
 from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.ranking.study import Study, load_study
+
+# Name of predictions that are averaged over model classes.
+AVERAGE = "average"
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +199,7 @@ class Predictions:
         return [(self.classes[0], mode)]
 
 
-@contextmanager
+@contextlib.contextmanager
 def _named(each: PosteriorDraws) -> Iterator[None]:
     """Prefix error messages with the name of the model class."""
     try:
@@ -245,87 +252,131 @@ def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
     return tuple(place for place in places if place in data.sensors) or places[:most]
 
 
-@checked
-def predict_frequencies(
-    posterior: Posterior,
-    model_class: ModelClass,
-    state: Structure | str,
-    modes: Mapping[str, int],
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
-    seed: int = 0,
-) -> Prediction:
-    """Frequencies of the structure itself, in a state that was not tested or in a tested one.
+def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
+    """Name → model class, for all that were sampled, from the study of ``study_file``."""
+    names = [posterior.name for posterior in stored.posteriors]
+    search, stands_for = stored.search, stored.record.stands_for
+    try:
+        if search is not None:
+            return {name: search.model_class(study, name) for name in names}
+        return {
+            name: _only(study, stands_for[name][0]).with_any_pairing(name)
+            if name in stands_for
+            else _only(study, name)
+            for name in names
+        }
+    except ValueError as error:
+        raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
 
-    Every draw is the frequency of the model at a posterior draw with a draw of the prediction
-    error, given the errors of the identified modes: where errors are correlated, what the model
-    missed in other tests, or in other modes, is expected again. Identification errors are not part
-    of it.
+
+def _only(study: Study, name: str) -> ModelClass:
+    (model_class,) = study.only([name]).model_classes
+    return model_class
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPredictions:
+    """A stored result and its model classes.
+
+    Attributes:
+        stored: the result.
+        model_classes: name → class.
+        n_draws: number of posterior draws of every prediction.
+        configuration: the state of the structure that is predicted.
+    """
+
+    stored: StoredResult
+    model_classes: dict[str, ModelClass]
+    n_draws: int
+    configuration: str
+
+    @property
+    def data(self) -> ModalData:
+        """The modes identified in the configuration."""
+        return self.stored.tests[self.configuration]
+
+    def of(self, name: str = AVERAGE) -> Predictions:
+        """Predictions of the model class ``name``; for ``"average"``, averaged over all classes
+        or hypotheses by their probabilities.
+
+        A class gets its share of the draws, rounded; one whose share rounds to nothing gets none.
+
+        Raises:
+            ValueError: there is no class of that name, or it has changed since it was sampled.
+        """
+        shares = {name: 1.0}
+        if name == AVERAGE:
+            shares = {row.name: row.probability for row in self.stored.comparison.classes}
+        counts = _shares(list(shares.values()), self.n_draws)
+        classes = tuple(
+            thinned_draws(
+                self.stored.posterior(each), self.model_classes[each], count, self.configuration
+            )
+            for each, count in zip(shares, counts, strict=True)
+            if count
+        )
+        return Predictions(name, classes)
+
+
+def _shares(probabilities: Sequence[float], total: int) -> list[int]:
+    """Whole numbers proportional to probabilities, rounded by the largest remainder."""
+    exact = total * np.array(probabilities) / sum(probabilities)
+    counts = np.floor(exact).astype(int)
+    order = np.argsort(counts - exact, kind="stable")
+    counts[order[: total - counts.sum()]] += 1
+    return [int(count) for count in counts]
+
+
+@checked
+def load_predictions(
+    directory: str | Path,
+    study_file: str | Path | None = None,
+    n_draws: int = PREDICTION_SETTINGS.n_draws,
+    configuration: str | None = None,
+) -> StoredPredictions:
+    """What a stored result of a ranking or a search can predict.
+
+    The draws come from the result directory, the structures from the study file; that they belong
+    together is checked at stored draws.
 
     Args:
-        posterior: posterior of the class.
-        model_class: the class.
-        state: the structure in a state that was not tested, its parameters among those of the
-            class; or the name of a tested configuration, to predict further modes of it.
-        modes: label of a mode → number of the model mode in this state, from 1. A label among those
-            of the identified modes stands for the same mode.
-        n_draws: number of draws.
-        seed: seed of the draws of prediction errors.
-
-    Returns:
-        Frequencies in Hz, draws (n_draws, n_modes), in the order of ``modes``.
+        directory: the result.
+        study_file: the study; the file that the result names if None.
+        n_draws: number of posterior draws of every prediction; at most those that are stored.
+        configuration: the state of the structure that is predicted; not needed where there is
+            only one.
 
     Raises:
-        ValueError: there is no draw to take, no such configuration or no such mode, a parameter of
-            the structure is not one of the class, or the class is not the one that was sampled.
+        ValueError: the result is damaged or incomplete, the study file is missing, defines no
+            study or other model classes, or the configuration is unknown or not given.
     """
-    tests = [
-        thinned_draws(posterior, model_class, n_draws, c.name) for c in model_class.configurations
-    ]
-    columns = [posterior.parameter_names.index(name) for name in model_class.parameter_names]
-    rows = thinned_rows(len(posterior.values), n_draws)
-    values = posterior.values[rows][:, columns]
-    if isinstance(state, str):
-        test = list(model_class.configurations).index(model_class.configuration(state))
-        structure, model_hz = tests[test].structure, tests[test].frequencies_hz
+    if n_draws < 1:
+        raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
+    stored = load_result(directory)
+    if study_file is None:
+        path, study = _recorded_study(stored)
     else:
-        test, structure, known = len(tests), state, model_class.parameter_names
-        wanted = [parameter.name for parameter in state.parameters]
-        what = f"predict_frequencies: model class {model_class.name!r} has no parameter"
-        require_known(what, wanted, known)
-        own = values[:, [known.index(name) for name in wanted]]
-        model_hz = replace(tests[0], structure=state, values=own).frequencies_hz
-    for label, number in modes.items():
-        if not 1 <= number <= structure.n_modes:
-            raise ValueError(
-                f"predict_frequencies: mode {label!r} is model mode {number!r}; the structure has "
-                f"modes 1 to {structure.n_modes}"
-            )
-    further = [ModeOfTest(test, label, number) for label, number in modes.items()]
-    tested_hz = [each.frequencies_hz for each in tests]
-    residuals = _residuals(model_class, values, tested_hz, further, np.random.default_rng(seed))
-    # A residual is f/f_e - 1, with f the model's frequency.
-    return Prediction(model_hz[:, [mode.number - 1 for mode in further]] / (1.0 + residuals))
+        path, study = Path(study_file), load_study(study_file)
+    classes = stored_classes(stored, study, path)
+    for each in classes.values():
+        name = each.configuration(configuration).name
+        require_known(f"{directory}: it has no configuration", [name], stored.tests)
+    n_stored = max(len(posterior.values) for posterior in stored.posteriors)
+    return StoredPredictions(stored, classes, min(n_draws, n_stored), name)
 
 
-def _residuals(
-    model_class: ModelClass,
-    values: FloatArray,
-    tested_hz: list[FloatArray],
-    further: list[ModeOfTest],
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Prediction errors (n_draws, n_modes) of further modes, given those of the paired modes."""
-    errors = model_class.correlated_errors
-    n_rows = max(1, PREDICTION_SETTINGS.array_size // (len(errors.modes) + len(further)) ** 2)
-    parts = []
-    for start in range(0, len(values), n_rows):
-        part = slice(start, start + n_rows)
-        means, covariance = errors.conditional(
-            values[part], [each[part] for each in tested_hz], further
-        )
-        variances, axes = np.linalg.eigh(covariance)
-        # Errors that the data determine have no variance left, up to rounding.
-        spread = axes * np.sqrt(np.maximum(variances, 0.0))[..., None, :]
-        normals = rng.standard_normal(means.shape)
-        parts.append(means + (spread * normals[:, None, :]).sum(axis=2))
-    return np.concatenate(parts)
+def _recorded_study(stored: StoredResult) -> tuple[Path, Study]:
+    """The study file that a result names, and its study, whatever the working directory is now.
+
+    A relative path started in a directory above the result, which was the working directory then;
+    the study may read other files from there.
+    """
+    recorded = stored.record.study_file
+    for start in (*stored.directory.absolute().parents, Path.cwd()):
+        if recorded and (start / recorded).is_file():
+            with contextlib.chdir(start):
+                return start / recorded, load_study(recorded)
+    raise ValueError(
+        f"{stored.directory}: its study file {recorded!r} is not there; say where it is "
+        "(--study FILE)"
+    )

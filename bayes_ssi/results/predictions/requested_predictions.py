@@ -20,10 +20,10 @@ from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS, B
 from bayes_ssi.results.predictions.predictions import (
     PredictedMode,
     Predictions,
+    StoredPredictions,
     predicted_modes,
     shown_places,
 )
-from bayes_ssi.results.predictions.stored_predictions import StoredPredictions
 from bayes_ssi.results.result_files import read_record, write_csv
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
