@@ -104,6 +104,14 @@ def test_hundreds_of_equal_places_are_one_picture(draw):
     assert all(each.get_rasterized() for each in ax.collections)
 
 
+def test_a_map_says_of_what_the_probability_is():
+    search = search_of(places_in_space((0.3, 0.6)), GEOMETRY)
+    search.a_feature = "a change"
+    with figures_for_files():
+        figure = plot_places(search).figure
+    assert "probability of a change" in {each.get_xlabel() for each in figure.axes}
+
+
 def test_without_coordinates_the_most_probable_places_are_bars(draw):
     probabilities = np.array([0.5, 0.2, *np.full(30, 0.01)])
     places = [
