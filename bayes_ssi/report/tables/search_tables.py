@@ -4,34 +4,33 @@ from typing import Any
 
 from rich.table import Table
 
-from bayes_ssi.report.tables.layout import TABLES, add_row, marked, new_table
+from bayes_ssi.foundations.displayed import columns
+from bayes_ssi.report.tables.layout import TABLES, add_row, digits, marked, new_table
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.search_result import AppendageSearch, SearchRecord
 from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord, SearchResult
 
 APPROXIMATELY = "≈ "
+# Of baselines and of hypotheses.
+NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
 
 def baseline_table(record: SearchRecord) -> Table:
     """The baselines by the probability of all hypotheses on each; a dash where none was tried."""
-    table = new_table(
-        "Baselines, and classes to compare them with: log evidence without any appendage",
-        ["baseline"],
-        ["prior probability", "probability", "log evidence", "ln B"],
-    )
     best = record.best_without_appendages.log_evidence
-    for each in record.baselines:
-        tried = each.prior_probability > 0.0
-        add_row(
-            table,
+    rows = [
+        (
             marked(each.name, each in record.beaten),
-            probability_text(each.prior_probability) if tried else "-",
-            probability_text(each.probability) if tried else "-",
+            probability_text(each.prior_probability) if each.prior_probability > 0.0 else "-",
+            probability_text(each.probability) if each.prior_probability > 0.0 else "-",
             f"{each.log_evidence:.2f}",
             f"{each.log_evidence - best:.2f}",
         )
-    return table
+        for each in record.baselines
+    ]
+    title = "Baselines, and classes to compare them with: log evidence without any appendage"
+    return new_table(title, ["baseline"], NUMBERS, rows)
 
 
 def baseline_notes(record: SearchRecord) -> list[str]:
@@ -47,24 +46,19 @@ def baseline_notes(record: SearchRecord) -> list[str]:
 
 def search_table(search: SearchResult) -> Table:
     """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
-    table = new_table(
-        search.ranking.study.name,
-        ["hypothesis"],
-        ["prior probability", "probability", "log evidence", "ln B"],
-    )
     best = search.ranking.comparison.best.log_evidence
     failed = {row.name for row in search.ranking.comparison.classes if row.failed_checks}
+    rows = []
     for row in _shown(search):
         sign = "" if row.is_sampled else APPROXIMATELY
-        add_row(
-            table,
+        rows.append((
             marked(row.name, row.name in failed),
             probability_text(row.prior_probability),
             f"{sign}{probability_text(row.probability)}".replace(f"{sign}<", "<"),
             f"{sign}{row.log_evidence:.2f}",
             f"{sign}{row.log_evidence - best:.2f}",
-        )
-    return table
+        ))  # fmt: skip
+    return new_table(search.ranking.study.name, ["hypothesis"], NUMBERS, rows)
 
 
 def place_table(record: SearchRecord) -> Table:
@@ -100,25 +94,24 @@ def place_table(record: SearchRecord) -> Table:
 
 
 def appendage_table(search: AppendageSearch) -> Table | None:
-    """The appendages of the probable hypotheses with several of them; None if there are none.
-
-    Medians and 90 % intervals.
-    """
+    """The appendages of the probable hypotheses with several of them; None if there are none."""
     rows = [row for row in _shown(search) if len(row.appendages) > 1]
     rows = [row for row in rows if row.probability >= RANKING.probable]
     if not rows:
         return None
-    table = new_table(
-        "Appendages of hypotheses with several: medians and 90 % intervals",
-        ["hypothesis", "appendage"],
-        [search.record.mass_heading, "frequency (Hz)"],
-    )
-    for row in rows:
-        for i, each in enumerate(row.appendages):
-            name = row.name if i == 0 else ""
-            mass, frequency = quantity(*each.mass), quantity(*each.frequency_hz)
-            add_row(table, name, each.place.name, mass, frequency)
-    return table
+    cells = [
+        (
+            "" if i else row.name,
+            each.place.name,
+            quantity(*each.mass),
+            quantity(*each.frequency_hz),
+        )
+        for row in rows
+        for i, each in enumerate(row.appendages)
+    ]
+    numbers = [search.record.mass_heading, "frequency (Hz)"]
+    title = "Appendages of hypotheses with several: medians and 90 % intervals"
+    return new_table(title, ["hypothesis", "appendage"], numbers, cells)
 
 
 def _shown(search: SearchResult) -> list[Any]:
@@ -129,17 +122,14 @@ def _shown(search: SearchResult) -> list[Any]:
 
 def averaged_table(search: SearchResult) -> Table:
     """The baseline's parameters averaged over all hypotheses, and of the simplest one."""
-    table = new_table(
-        f"Parameters averaged over the hypotheses; naive: {search.record.nothing}",
-        ["parameter"],
-        ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"],
-    )
-    for row in search.record.averaged_parameters:
-        numbers = (
-            row.mean, row.sd, row.quantile_05, row.quantile_95, row.naive_mean, row.naive_sd
-        )  # fmt: skip
-        add_row(table, row.name, *(f"{number:.4g}" for number in numbers))
-    return table
+    fields = ("mean", "sd", "quantile_05", "quantile_95", "naive_mean", "naive_sd")
+    rows = [
+        [row.name, *digits(*columns(row, fields).values())]
+        for row in search.record.averaged_parameters
+    ]
+    title = f"Parameters averaged over the hypotheses; naive: {search.record.nothing}"
+    headings = ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"]
+    return new_table(title, ["parameter"], headings, rows)
 
 
 def search_notes(search: AppendageSearch) -> list[str]:

@@ -227,9 +227,6 @@ def diagnose(
     The gain of a hint must be one that a right class gives less than one time in a hundred, the
     class without the mistake must be adequate, and no other hint may be a hundred times as
     probable.
-
-    Args:
-        workers: where the model is evaluated; in this process if None.
     """
     if posterior.emulators:
         model_class, workers = emulated_again(model_class, posterior), None

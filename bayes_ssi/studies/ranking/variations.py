@@ -146,10 +146,7 @@ class SampledClasses:
     def varied(
         self, variation: Variation, must_sample: Callable[[Varied], bool] = lambda _: False
     ) -> dict[str, Varied]:
-        """Every class under a variation of anything but its structures.
-
-        ``must_sample`` says which ones are sampled again.
-        """
+        """Every class under a variation of anything but its structures."""
         answers = {
             name: reweighted(self.posteriors[name], known, variation.change(known))
             for name, known in self.known.items()
@@ -179,9 +176,7 @@ def _sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varie
 def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> Varied:
     """The posterior of a class that differs from the sampled one in priors or likelihood.
 
-    Args:
-        known: the sampled class, with modes known at draws.
-        changed: ``known`` with something changed.
+    ``known`` is the sampled class, with modes known at draws, and ``changed`` follows from it.
     """
     draws = draws_with_shapes(len(posterior.values))
     values = posterior.values[draws]
@@ -275,12 +270,9 @@ def _problem(
 
 
 def reaches_bound(x: FloatArray, bound: float, end: int, weights: FloatArray | None = None) -> bool:
-    """Whether a posterior has not died out at a bound of its prior.
+    """Whether a posterior, of draws ``x`` (m,), has not died out at a bound of its prior.
 
-    Args:
-        x: (m,), draws of the parameter.
-        bound: may be infinite.
-        weights: (m,), of the draws, which add up to one; equal if None.
+    The bound may be infinite; ``weights`` (m,) add up to one, and are equal if None.
     """
     w = np.full(len(x), 1.0 / len(x)) if weights is None else weights
     sd = math.sqrt(float((w * (x - (w * x).sum()) ** 2).sum()))

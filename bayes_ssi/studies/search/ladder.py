@@ -75,11 +75,10 @@ class Look(NamedTuple):
 
 
 def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, Look]:
-    """Look at those hypotheses that can be computed together.
+    """Look at those hypotheses that can be computed together, by number.
 
-    Returns:
-        By the number of the hypothesis. Others are not on finite-element models in a small basis,
-        or the likelihood is zero wherever they were looked at.
+    Others are not on finite-element models in a small basis, or the likelihood is zero wherever
+    they were looked at.
     """
     groups: dict[Hashable, list[int]] = {}
     for i, hypothesis in enumerate(hypotheses):
@@ -258,10 +257,8 @@ def unsampled_bounds(
 ) -> dict[H, float]:
     """Upper bounds on the log masses of hypotheses that were not sampled.
 
-    An approximation is at most its errors too low, or as much as the worst of those sampled.
-
-    Args:
-        approximate: log of prior weight times evidence, approximately, of all hypotheses.
+    An approximation, of which there is one for each hypothesis, is at most its errors too low, or
+    as much as the worst of those sampled.
     """
     excess = max((sampled[h] - approximate[h].log_evidence for h in sampled), default=0.0)
     bounds = {}
@@ -292,13 +289,8 @@ def to_sample(
 
     Those with the lowest bounds are left out, as long as their bounds exceed what they have
     approximately by less than the permitted share of what all hypotheses have. The most probable
-    one is sampled.
-
-    Args:
-        approximate: as in :func:`unsampled_bounds`, and ``sampled``.
-        most: largest number of hypotheses that are sampled, if limited. Then only such are as have
-            more than the permitted probability each: where it rests on many, sampling a few of
-            them decides nothing.
+    one is sampled. If ``most`` limits their number, only such are as have more than the permitted
+    probability each: where it rests on many, sampling a few of them decides nothing.
     """
     bounds = unsampled_bounds(approximate, sampled)
     total = logsumexp([sampled.get(h, each.log_evidence) for h, each in approximate.items()])

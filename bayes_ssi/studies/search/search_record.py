@@ -131,11 +131,7 @@ class SearchResult(InWords):
 
 
 def records_by_probability(found: FamilySearch[Feature], record: Callable[..., T]) -> tuple[T, ...]:
-    """All hypotheses, the most probable first.
-
-    Args:
-        record: called with the fields of :class:`HypothesisRecord` by name.
-    """
+    """All hypotheses, the most probable first; fields are given to ``record`` by name."""
     total_weight = sum(each.prior_weight for each in found.hypotheses)
     probabilities = found.probabilities
     rows = []
@@ -195,10 +191,8 @@ def averaged_features(
 ) -> Iterator[tuple[F, float, T]]:
     """Every feature, its probability, and its draws over all hypotheses that have it.
 
-    Args:
-        draws: name of a hypothesis → feature → a named tuple of arrays (n, ...), of which the
-            ``weights`` add up to one.
-        probabilities: of the hypotheses, by name.
+    Draws of a hypothesis, by name, are for each feature a named tuple of arrays (n, ...), of which
+    the ``weights`` add up to one.
     """
     of_feature: dict[F, list[tuple[float, Any]]] = {}
     for name, features in draws.items():
