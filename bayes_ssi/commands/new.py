@@ -19,15 +19,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
-    """Write a study and its data.
-
-    Args:
-        name: name of the files, with or without ``.py``; its directory must exist.
-        kind: one of ``KINDS``.
-
-    Returns:
-        The paths of the study and of the data.
-    """
+    """Write a study and its data, named with or without ``.py``; the paths of both."""
     study, data = new_paths(Path(name), ".py", ".csv")
     template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
     for own in (study, data):

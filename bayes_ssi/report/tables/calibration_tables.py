@@ -14,8 +14,6 @@ from bayes_ssi.report.tables.layout import TABLES, digits, new_table, number
 def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
     """Every distinct minimum: parameter values, objective and distance.
 
-    The title names the model class, and those of the ``same`` calibration.
-
     A few parameters are columns; many are rows, and the best minima are columns.
     """
     names = (*calibration.parameter_names, "f_ob (%)", "d (%)")

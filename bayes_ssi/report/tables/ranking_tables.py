@@ -70,11 +70,7 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
 
 
 def parameter_table(posterior: Posterior) -> Table:
-    """Posterior mean, standard deviation and 90 % interval of every parameter.
-
-    The last column is the standard deviation of the posterior over that of the prior: 1 where the
-    data say nothing.
-    """
+    """Posterior mean, standard deviation and 90 % interval of every parameter."""
     headings = ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"]
     rows = [
         (
@@ -88,10 +84,7 @@ def parameter_table(posterior: Posterior) -> Table:
 
 
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
-    """Parameters that several classes infer, averaged over these classes by their probability.
-
-    The column of probabilities gives the total probability of these classes.
-    """
+    """Parameters that several classes infer, averaged over these, with their total probability."""
     rows = [
         (
             row.name,

@@ -208,10 +208,7 @@ def _effective(
     places: Sequence[AppendagePlace],
     motions: Sequence[Motions | None],
 ) -> tuple[int, FloatArray | None, FloatArray | None]:
-    """The mode next to a frequency; (n,), effective masses over the modal mass, and themselves.
-
-    None where motions are not known.
-    """
+    """The mode next to a frequency; (n,), effective masses over the modal mass, and themselves."""
     present = np.unique(group.hypothesis).tolist()
     first = motions[present[0]]
     if first is None:

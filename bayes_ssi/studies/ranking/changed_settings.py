@@ -242,11 +242,7 @@ def with_changed_settings(
     prior_weights: Mapping[str, float] | None,
     settings: ChangedSettings,
 ) -> WhatIf:
-    """Rank model classes again, with other settings, by reweighting their draws.
-
-    Args:
-        prior_weights: name → prior weight before; equal if None.
-    """
+    """Rank model classes again, with other settings, by reweighting their draws."""
     by_name = {posterior.name: posterior for posterior in posteriors}
     names = list(by_name)
     settings.check([known[name] for name in names])
@@ -361,9 +357,6 @@ def sensitivity(sampled: SampledClasses, prior_weights: Mapping[str, float] | No
     """Rank model classes again under every setting, by reweighting their draws.
 
     Where these do not cover it, a class is sampled again if it is known as it was sampled.
-
-    Args:
-        prior_weights: name → prior weight; equal if None.
     """
     log_evidences = {name: p.evidence.log_evidence for name, p in sampled.posteriors.items()}
     shares = class_probabilities(log_evidences, prior_weights)

@@ -339,12 +339,9 @@ def _one_line(message: object) -> str:
 
 @dataclass(frozen=True)
 class AveragedParameter(Summary):
-    """A parameter averaged over the model classes that infer it, weighted by their probabilities.
+    """A parameter averaged over the model classes that infer it, by their probabilities."""
 
-    Classes in which it has a fixed value, or does not occur, are left out.
-    """
-
-    n_classes: int  # number of classes that infer it
+    n_classes: int  # that infer it
     probability: float  # of these classes together
 
 
@@ -361,8 +358,7 @@ def averaged_parameters(
 ) -> tuple[AveragedParameter, ...]:
     """Every parameter that several classes infer, in the order in which they first appear.
 
-    Parameters with the same name are the same. One whose classes all have probability zero is
-    left out.
+    One whose classes all have probability zero is left out.
     """
     probabilities = {row.name: row.probability for row in comparison.classes}
     holders: dict[str, list[Posterior]] = {}
@@ -379,7 +375,6 @@ def averaged_parameters(
 def averaged_parameter(
     name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
 ) -> AveragedParameter:
-    """A parameter over the classes that infer it, which have these probabilities."""
     total = sum(probabilities)
     draws, weights = [], []
     for posterior, probability in zip(posteriors, probabilities, strict=True):
