@@ -6,6 +6,7 @@ and names that programs give directions.
 
 import re
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -103,18 +104,21 @@ def read_number_lines(
     """
     require_whole_lines(path)
     width = width or columns.count(",") + 1
+    load = partial(
+        np.loadtxt, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
+    )
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="loadtxt: input contained no data")
         try:
-            numbers = np.loadtxt(
-                path, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
-            )
+            try:
+                numbers = load(path)
+            except ValueError:  # Fortran's exponents, as in 1.0D+06
+                with path.open(encoding="ascii") as file:
+                    numbers = load(line.replace("D", "E").replace("d", "e") for line in file)
         except ValueError:
             numbers = np.empty((0, 0))
     if numbers.shape[1] == width and np.isfinite(numbers).all():
         return numbers
-    # A line is wrong, or exponents are Fortran's, as in 1.0D+06.
-    rows = []
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.strip()
@@ -128,10 +132,7 @@ def read_number_lines(
             if len(row) != width or not np.isfinite(row).all():
                 shown = " ".join(" ".join(fields).split())
                 raise ValueError(f"{path}: line {number}: expected {columns}, got {shown:.60}")
-            rows.append(row)
-    if not rows:
-        raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
-    return np.array(rows)
+    raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
 
 
 def require_whole_lines(path: Path) -> None:
