@@ -21,9 +21,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 class PartOfTest:
     """What one test says of shapes of some of the merged modes, and of their frequencies.
 
-    Args:
-        places: label of a mode → the merged mode.
-        sensors: N names of all tests' sensors.
+    ``places`` are those of modes, by label, among the merged ones; N ``sensors`` are of all tests.
     """
 
     def __init__(
@@ -79,10 +77,7 @@ class PartOfTest:
     ) -> tuple[FloatArray, FloatArray]:
         """Whitened residuals (k,), and their derivatives (k, unknowns) with respect to the merged.
 
-        Args:
-            log_frequencies: (m,), merged.
-            shapes: (m, N), merged.
-            planes: for each merged mode, (N, K_j), directions in which its shape may move.
+        The shape (N,) of each of the m merged modes may move in the directions (N, K_j) of a plane.
         """
         first = np.cumsum([len(log_frequencies), *(plane.shape[1] for plane in planes)])
         places = self.frequency_places
@@ -122,12 +117,10 @@ def weighted_least_squares(
     shapes: FloatArray,
     measured: NDArray[np.bool_],
 ) -> Merged:
-    """The merged modes, from first estimates.
+    """The merged modes, from first estimates of log frequencies (m,) and unit shapes (m, N).
 
-    Args:
-        log_frequencies: (m,); without frequencies in the parts they remain, with no variance.
-        shapes: (m, N), at unit length, zero where not measured.
-        measured: (m, N), whether any test measured that component.
+    Without frequencies in the parts they remain, with no variance; components that no test
+    measured, as ``measured`` (m, N) says, are zero.
     """
     m = len(shapes)
     counted = m if any(part.frequency_places for part in parts) else 0

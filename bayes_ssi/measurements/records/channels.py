@@ -99,12 +99,7 @@ def _number(stated: Mapping[str, Any], key: str) -> float:
 
 
 def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
-    """The channels of a file of arrays.
-
-    Args:
-        keys: names of the arrays that hold samples; the only one with more than one number if
-            empty.
-    """
+    """The channels of the arrays named ``keys``; if empty, of all with more than one number."""
     read = read_arrays(path, attributes=(*STATED, "sensors"))
     arrays = {name: _plain(value) for name, value in read.items()}
     samples = {

@@ -29,10 +29,6 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
 
     They are right to some hundredths of a line (1 / duration) for the weakest, and better for
     stronger ones. Modes with ζ f T below 1, T the duration, look the same.
-
-    Args:
-        samples: (n, N).
-        rate_hz: samples per second.
     """
     n_samples = samples.shape[1]
     found: list[tuple[float, float]] = []
@@ -115,12 +111,8 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
 
     Sine and cosine of a frequency may each grow linearly over the record: so little do amplitude
     and phase of a machine drift where all is in one line, and what a frequency misses is removed,
-    too. Where a sine is taken out, up to two lines of the rest go with it.
-
-    Args:
-        samples: (n, N).
-        rate_hz: samples per second.
-        frequencies_hz: (L,), two lines (2 rate / N) apart or more.
+    too. Where a sine is taken out, up to two lines (2 rate / N) of the rest go with it: frequencies
+    must be as far apart, or more.
     """
     if not len(frequencies_hz):
         return samples

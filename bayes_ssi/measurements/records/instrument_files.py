@@ -103,9 +103,6 @@ def read_strong_motion(path: Path, quantity: str) -> Channels:
 
     Sensors are named by their number at the station, or else at the recorder, and direction:
     ``6 Long``, ``1 90 Deg``.
-
-    Args:
-        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
     """
     units_of(quantity)
     require_regular_file(path)

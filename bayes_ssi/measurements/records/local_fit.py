@@ -80,12 +80,8 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
     """1.1, where claimed deviations are too small by a twentieth, and three times the scatter.
 
     The mean W of w independent Gaussian vectors of n complex components with unit covariance has
-    w |W - I|² with the mean n² and the variance 2n² + (4n³ + 2n) / w.
-
-    Args:
-        weights: (K,), w of each block.
-        sizes: (K,), n of each block.
-        n_degrees: degrees of freedom of all blocks.
+    w |W - I|² with the mean n² and the variance 2n² + (4n³ + 2n) / w. Weights are w and sizes n
+    of each block, (K,).
     """
     variances = 2.0 * sizes**2 + (4.0 * sizes**3 + 2.0 * sizes) / weights
     return 1.1 + 3.0 * math.sqrt(float(variances.sum())) / n_degrees

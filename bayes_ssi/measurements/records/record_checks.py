@@ -27,12 +27,7 @@ def moving(samples: FloatArray) -> NDArray[np.bool_]:
 
 
 def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
-    """What looks wrong, a sentence each; empty for a sound record.
-
-    Args:
-        samples: (n, N).
-        rate_hz: samples per second.
-    """
+    """What looks wrong with samples (n, N), a sentence each; empty for a sound record."""
     moves = moving(samples)
     remarks = [
         f"sensor {name!r}: dead, all samples are {row[0]:g}"
@@ -161,9 +156,7 @@ def _drift(row: FloatArray) -> float:
 def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
     """A sentence for each sensor that seems late or early, or whose clock runs at another rate.
 
-    Args:
-        samples: (n, N), of sensors that all move.
-        rate_hz: samples per second.
+    All sensors of the samples (n, N) move.
     """
     n_window = 2 * samples.shape[1] // (CHECKS.windows + 1)
     if len(samples) < 2 or n_window < CHECKS.windows:
@@ -244,15 +237,9 @@ def common_delays(
 ) -> tuple[FloatArray, ComplexArray]:
     """Delays (n,) in s that the phases of modes have in common; the median sensor is on time.
 
-    Least squares of the phases of modes and of sensors, in turn.
-
-    Args:
-        squares: (L, n), of the shapes' components, whose phases are twice theirs.
-        omega: (L, 1), angular frequencies.
-        n_sought: delays that are tried, over half a period of the root mean square frequency.
-
-    Returns:
-        The delays, and the squares turned by the phases of the modes.
+    Least squares of the phases of modes and of sensors, in turn, from the squares (L, n) of the
+    shapes' components, whose phases are twice theirs; the squares turned by the phases of the modes
+    are returned, too. Delays are tried over half a period of the root mean square frequency.
     """
     sought = np.linspace(-0.5, 0.5, n_sought) * np.pi / np.sqrt((omega**2).mean())
     seconds = np.zeros(squares.shape[1])

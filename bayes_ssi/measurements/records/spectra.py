@@ -101,11 +101,7 @@ class Transforms(NamedTuple):
 def transforms_of(
     record: Record, band_hz: tuple[float, float], mask: FloatArray | None = None
 ) -> Transforms:
-    """The lines of a band.
-
-    Args:
-        mask: (N,) factors of the samples, from 0 to 1; all 1 if None.
-    """
+    """The lines of a band; the samples have factors from 0 to 1, ``mask`` (N,), if it is given."""
     from scipy.fft import rfft
     from scipy.signal import detrend
 
