@@ -7,14 +7,9 @@ from itertools import islice
 def require_known(
     what: str, names: Iterable[object], choices: Collection[object], besides: str = ""
 ) -> None:
-    """Refuse the first of ``names`` that is not one of ``choices``.
+    """Refuse the first of ``names`` that is not one of ``choices``, or of what is ``besides``.
 
-    Args:
-        what: where the name stands and what is missing, such as "study 'A': no model class".
-        besides: what may be chosen, too, in words that follow the choices.
-
-    Raises:
-        ValueError: with the name and the choices.
+    ``what`` says where the name stands and what is missing: "study 'A': no model class".
     """
     for name in names:
         if name not in choices:

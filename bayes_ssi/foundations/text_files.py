@@ -73,11 +73,9 @@ def first_bytes(path: Path) -> bytes:
 
 
 def read_columns(path: Path) -> tuple[str, str | None]:
-    """The text of a file of columns, and the delimiter that it states.
+    """The text of a file of columns, and the delimiter that it states, None where it states none.
 
-    Returns:
-        The text, in which a first line such as ``sep=;`` is blank, so that the numbers of the
-        others stay the same; and the delimiter, None where the file states none.
+    A first line such as ``sep=;`` is blank, so that the numbers of the others stay the same.
     """
     require_regular_file(path)
     try:
