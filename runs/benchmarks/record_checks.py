@@ -13,8 +13,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from simulated_records import FRAME, simulated_record, with_infill
 
-from bayes_ssi.measurements.records.disturbances import machine_lines
-from bayes_ssi.measurements.records.record_checks import remarks_on
+from bayes_ssi.measurements.records.record_checks import machine_lines, remarks_on
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 KINDS: tuple[dict, ...] = (

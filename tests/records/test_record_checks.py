@@ -10,8 +10,7 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.measurements.records.disturbances import machine_lines, without_lines
-from bayes_ssi.measurements.records.record_checks import remarks_on
+from bayes_ssi.measurements.records.record_checks import machine_lines, remarks_on, without_lines
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 RATE = 50.0

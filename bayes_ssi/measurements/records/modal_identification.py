@@ -20,17 +20,17 @@ from bayes_ssi.measurements.modes.identification_summary import (
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
-from bayes_ssi.measurements.records.disturbances import (
-    Stationary,
-    machine_lines,
-    stationary_part,
-    without_lines,
-)
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.record_checks import common_delays
+from bayes_ssi.measurements.records.record_checks import (
+    Stationary,
+    common_delays,
+    machine_lines,
+    stationary_part,
+    without_lines,
+)
 from bayes_ssi.measurements.records.spectra import (
     Resonances,
     Spectra,
