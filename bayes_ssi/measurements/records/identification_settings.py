@@ -147,7 +147,10 @@ class ModeSelectionSettings:
 
 @dataclass(frozen=True)
 class RecordCheckSettings:
-    """What is remarked of the samples of a record. A sound record gives no remark."""
+    """What is remarked of the samples of a record, and taken out of it.
+
+    A sound record gives no remark.
+    """
 
     straight_samples: int = 10  # for which no sensor in motion is on one value or straight line
     drift_parts: int = 20  # whose means are compared
@@ -168,17 +171,13 @@ class RecordCheckSettings:
     decayed_power: float = 4.0  # down to which those beside it are
     most_left_out: float = 0.5  # of a record; where it would be more, it is no ambient record
 
-
-@dataclass(frozen=True)
-class MachineLineSettings:
-    """Which lines of the spectra are those of machines."""
-
+    # Which lines of the spectra are those of machines.
     lines_around: int = 22  # to either side, with which a line is compared
     sensors_together: int = 3  # as many as so few lines can have a spectral matrix of
     records_per_chance_line: float = 1e4  # in one of which a line shows by chance
     # Over some sensor's rms value: in the stop band of a filter any line may stand out.
     least_amplitude: float = 0.01
-    parts: int = 8  # of the record, through all of which a sine has one phase
+    parts_of_a_sine: int = 8  # of the record, through all of which a sine has one phase
     # The coherent power of the parts over their power: 1 for a sine, one over their number for
     # noise or a shock; a decay over half the record has 0.76.
     coherent_share: float = 0.78
@@ -208,5 +207,4 @@ BANDS = BandSettings()
 FIT = BandFitSettings()
 SELECTION = ModeSelectionSettings()
 CHECKS = RecordCheckSettings()
-MACHINE_LINES = MachineLineSettings()
 METHODS = OtherMethodSettings()

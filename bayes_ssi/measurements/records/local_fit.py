@@ -17,7 +17,6 @@ from scipy.linalg import block_diag
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_model import (
-    ROOT_2_PI,
     Model,
     OneSource,
     Scene,
@@ -197,13 +196,11 @@ class Fitter:
 
     def _log_normalisation(self, model: Model, steps: _Steps) -> float:
         """The rest of -ln prior density, up to constants of the band."""
-        r, m = model.modes.shapes.shape
         low, high = self.data.band_hz
-        of_one = math.log(FIT.log_damping_sd * ROOT_2_PI) + math.log(math.log(high / low))
-        of_one += (r - 1) * math.log(FIT.shape_sd * ROOT_2_PI)
-        if steps.has_phases:
-            of_one += (r - 1) * math.log(FIT.phase_sd * ROOT_2_PI)
-        return m * of_one + model.drive.log_normalisation(model.modes, steps.scales)
+        n_modes = model.modes.n_modes
+        normal = steps.precisions[steps.modal][n_modes:] / (2.0 * math.pi)
+        of_modes = n_modes * math.log(math.log(high / low)) - 0.5 * float(np.log(normal).sum())
+        return of_modes + model.drive.log_normalisation(model.modes, steps.scales)
 
     def _described(self, model: Model, e: ComplexArray, steps: _Steps) -> LocalFit:
         r = self.r
@@ -314,7 +311,7 @@ class _Steps:
         model, modes = self.model, self.model.modes
         r, m = modes.shapes.shape
         of_shapes = [FIT.shape_sd**-2.0, *([FIT.phase_sd**-2.0] if self.has_phases else [])]
-        precisions = np.concatenate(
+        self.precisions = np.concatenate(
             [
                 np.repeat(BACKGROUND_SDS**-2.0, r * r),
                 # Uniform priors bend nothing; these keep the curvature positive where a mode has no
@@ -332,9 +329,9 @@ class _Steps:
                 self.turns.imag.T @ modes.shapes.imag.T.ravel(),
             ]
         )
-        n = len(precisions)
-        self.curvature[range(n), range(n)] += precisions
-        self.slope[:n] -= precisions * off
+        n = len(off)
+        self.curvature[range(n), range(n)] += self.precisions
+        self.slope[:n] -= self.precisions * off
         of_drive, slope = model.drive.prior(modes, self.scales)
         self.curvature[n:, n:] += of_drive
         self.slope[n:] += slope

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import CHECKS, MACHINE_LINES
+from bayes_ssi.measurements.records.identification_settings import CHECKS
 
 # Lines to either side over which a Hann window spreads a sine.
 HANN_SPREAD = 2
@@ -41,10 +41,8 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
     """
     n_samples = samples.shape[1]
     found: list[tuple[float, float]] = []
-    if n_samples >= 20 * MACHINE_LINES.lines_around:
-        for group in np.array_split(
-            samples, -(-len(samples) // MACHINE_LINES.sensors_together) or 1
-        ):
+    if n_samples >= 20 * CHECKS.lines_around:
+        for group in np.array_split(samples, -(-len(samples) // CHECKS.sensors_together) or 1):
             found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
     strongest: list[float] = []
     for _, line in sorted(found, reverse=True):
@@ -65,15 +63,15 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     transforms = np.fft.rfft(window * samples)
     powers = np.abs(transforms) ** 2
     # Of a sine's power in a Hann window two thirds are in its line; a drift is no machine.
-    around = MACHINE_LINES.lines_around
+    around = CHECKS.lines_around
     shares = (1.5 * powers / powers[:, around:].sum(1, keepdims=True)).max(0)
-    lines = np.flatnonzero(shares > 0.5 * MACHINE_LINES.least_amplitude**2)
+    lines = np.flatnonzero(shares > 0.5 * CHECKS.least_amplitude**2)
     lines = lines[(lines >= around) & (lines < len(shares) - around)]
     if not len(lines):
         return []
     ratios, directions = _standing_out(transforms, lines)
     m = around - HANN_SPREAD  # windowed neighbours are alike: half of the lines count
-    one_in = MACHINE_LINES.records_per_chance_line * len(lines)
+    one_in = CHECKS.records_per_chance_line * len(lines)
     chance = fisher.isf(1.0 / one_in, 2 * n, 2 * (m - n + 1))
     found = []
     for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
@@ -84,7 +82,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
         # Exact for a sine in a Hann window.
         beside = max(before, after) / here
         refined = line + (2.0 * beside - 1.0) / (1.0 + beside) * (1 if after > before else -1)
-        if _coherence(direction @ samples, refined) > MACHINE_LINES.coherent_share:
+        if _coherence(direction @ samples, refined) > CHECKS.coherent_share:
             found.append((float(shares[line]), refined))
     return found
 
@@ -93,7 +91,7 @@ def _standing_out(
     transforms: ComplexArray, lines: NDArray[np.intp]
 ) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
-    farthest = MACHINE_LINES.lines_around
+    farthest = CHECKS.lines_around
     nearby = np.setdiff1d(
         np.arange(-farthest, farthest + 1), np.arange(-HANN_SPREAD, HANN_SPREAD + 1)
     )
@@ -108,7 +106,7 @@ def _standing_out(
 
 def _coherence(history: ComplexArray, line: float) -> float:
     """Coherent power of the parts of a history at a frequency in lines, over their whole power."""
-    n = MACHINE_LINES.parts
+    n = CHECKS.parts_of_a_sine
     n_part = len(history) // n
     steady = np.exp(-2j * np.pi * line / len(history) * np.arange(n * n_part))
     parts = (history[: len(steady)] * steady).reshape(n, n_part) @ np.hanning(n_part)
@@ -127,7 +125,7 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
         return samples
     n_samples = samples.shape[1]
     left = samples - samples.mean(1, keepdims=True)
-    length = MACHINE_LINES.samples_at_a_time
+    length = CHECKS.samples_at_a_time
     starts = range(0, n_samples, length)
     blocks = [slice(start, min(start + length, n_samples)) for start in starts]
 
