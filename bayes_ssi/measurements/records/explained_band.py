@@ -88,8 +88,8 @@ class Explained:
     ) -> tuple[Resonances, FloatArray]:
         """Some of its modes in some channels, with real shapes, and the covariance of their errors.
 
-        It is that of (ln f, ln ζ, shapes), shapes mode by mode. Errors grow by the root of
-        chi-square where that is more than is allowed.
+        It is that of (ln f, ln ζ, shapes), shapes mode by mode, whose largest components are
+        positive. Errors grow by the root of chi-square where that is more than is allowed.
         """
         fit, data = self.fit, self.fit.data
         rest, variances = rest_of_shapes(fit)
@@ -104,6 +104,8 @@ class Explained:
             full = data.to_channels @ fit.modes.shapes[:, i] + data.rest_to_channels @ rest[:, i]
             turn = np.exp(-0.5j * np.angle((full**2).sum()))
             real = (turn * full).real[channels]
+            sign = np.sign(real[np.abs(real).argmax()])
+            turn, real = sign * turn, sign * real
             length = np.linalg.norm(real)
             shape = shapes[:, k] = real / length
             across = (np.eye(n) - np.outer(shape, shape)) / length

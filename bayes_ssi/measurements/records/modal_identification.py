@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import (
     EstimatedMode,
@@ -36,7 +36,6 @@ from bayes_ssi.measurements.records.spectra import (
     Spectra,
     Transforms,
     transforms_of,
-    with_positive_largest,
 )
 
 
@@ -407,16 +406,11 @@ def _quoted(
             places = tuple(first + i for i in members)
             peaks.append(Peak(frequencies, places, two, phases, resolved * width, resolved))
         first = end
-    frequencies_hz, dampings, shapes = (
-        np.concatenate(of_parts, axis=-1) for of_parts in zip(*parts, strict=True)
-    )
-    signed, signs = with_positive_largest(shapes)
-    turns = np.r_[np.ones(2 * m), np.repeat(signs, n)]
-    covariance *= turns * turns[:, None]
+    frequencies_hz, dampings, shapes = joined(parts, axis=-1)
     of_data = np.r_[:m, 2 * m : len(covariance)]  # not the dampings
     data = ModalData.from_arrays(
         frequencies_hz,
-        signed,
+        shapes,
         band,
         tuple(record.sensors[i] for i in channels),
         covariance=covariance[np.ix_(of_data, of_data)],

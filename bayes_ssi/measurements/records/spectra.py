@@ -325,11 +325,6 @@ def turned(shapes: ComplexArray) -> ComplexArray:
 def real_shapes(shapes: NDArray[Any]) -> FloatArray:
     """The real parts of turned shapes (n, m), at unit length, the largest component positive."""
     real = turned(shapes).real
-    return with_positive_largest(real / np.sqrt((real**2).sum(0)))[0]
-
-
-def with_positive_largest(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shapes (n, m) with the largest component positive, and the signs (m,) that they took."""
-    largest = np.abs(shapes).argmax(0)
-    signs = np.sign(shapes[largest, np.arange(shapes.shape[1])])
-    return shapes * signs, signs
+    real = real / np.sqrt((real**2).sum(0))
+    largest = np.abs(real).argmax(0)
+    return np.asarray(real * np.sign(real[largest, np.arange(real.shape[1])]))
