@@ -11,6 +11,7 @@ from bayes_ssi.measurements.records.local_model import (
     OneSource,
     basis,
     coordinates,
+    scene,
 )
 from bayes_ssi.measurements.records.spectra import (
     LocalSpectra,
@@ -57,12 +58,12 @@ def random_model(rng, drive_kind, m=2, p=1):
 def fitter_and_model(drive_kind, seed=0):
     rng = np.random.default_rng(seed)
     model, neighbour = random_model(rng, drive_kind)
-    plain = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour, False)
+    plain = Fitter(scene(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), False)
     e = model.covariances(plain.scene)
     normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
     transforms = np.linalg.cholesky(e) @ normal
     drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
-    return Fitter(data_of(drawn), neighbour, drive_kind != "loads"), model
+    return Fitter(scene(data_of(drawn), neighbour), drive_kind != "loads"), model
 
 
 def test_a_block_sees_the_mean_response_over_its_width():
@@ -131,7 +132,7 @@ def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
     fitter, model = fitter_and_model(drive_kind)
     e = model.covariances(fitter.scene)
     exact = data_of(e)._replace(floor=np.zeros(R))
-    fitter = Fitter(exact, fitter.scene.neighbours, fitter.one_source)
+    fitter = Fitter(scene(exact, fitter.scene.neighbours), fitter.one_source)
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
     steps = _Steps(fitter, model, e, True, usual)
     rng = np.random.default_rng(5)
@@ -167,7 +168,7 @@ def test_modes_are_recovered_with_their_errors(coherence):
         transforms = np.linalg.cholesky(e - np.diag(plain.floor)) @ normal
         drawn = transforms @ transforms.conj().swapaxes(1, 2) / 20.0
         data = data_of(drawn)._replace(weights=np.full(K, 20.0))
-        fit = Fitter(data, neighbour, False).fit(modes, has_phases=False)
+        fit = Fitter(scene(data, neighbour), False).fit(modes, has_phases=False)
         assert fit.converged
         assert fit.are_modes.all()
         assert fit.whiteness < 1.3
@@ -189,13 +190,13 @@ def test_one_source_is_followed_where_spectra_are_all_but_singular():
     real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
     quiet = 1e-2 * model.backgrounds
     model = Model(quiet, model.modes._replace(shapes=real.astype(complex)), model.drive)
-    fitter = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour, True)
+    fitter = Fitter(scene(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), True)
     e = model.covariances(fitter.scene)
     normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
     transforms = np.linalg.cholesky(e) @ normal
     drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
     data = data_of(drawn)._replace(floor=np.full(R, 1e-4))
-    fit = Fitter(data, neighbour, True).fit(model.modes, has_phases=False)
+    fit = Fitter(scene(data, neighbour), True).fit(model.modes, has_phases=False)
     assert fit.converged
     assert fit.whiteness < fit.allowed_whiteness
     off = np.log(fit.modes.frequencies_hz / model.modes.frequencies_hz)

@@ -22,13 +22,9 @@ from bayes_ssi.measurements.records.explained_band import (
 )
 from bayes_ssi.measurements.records.identification_settings import BANDS, FIT, SELECTION
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
+from bayes_ssi.measurements.records.local_model import Scene, scene
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.spectra import (
-    LocalSpectra,
-    Resonances,
-    Transforms,
-    local_spectra,
-)
+from bayes_ssi.measurements.records.spectra import Resonances, Transforms, local_spectra
 
 
 class Group(NamedTuple):
@@ -46,10 +42,10 @@ class _Band:
     A fit is made once: of the same band it may be needed twice.
     """
 
-    def __init__(self, group: Group, data: LocalSpectra, neighbours: Resonances) -> None:
+    def __init__(self, group: Group, at: Scene) -> None:
         self.group = group
-        self.start = group.modes.in_directions(data)
-        self.fitters = {one: Fitter(data, neighbours, one_source=one) for one in (False, True)}
+        self.start = group.modes.in_directions(at.data)
+        self.fitters = {one: Fitter(at, one_source=one) for one in (False, True)}
         self._fits: dict[bool, tuple[LocalFit, LocalFit]] = {}
 
     def fits(self, one_source: bool) -> tuple[LocalFit, LocalFit]:
@@ -104,8 +100,8 @@ def _between_bands(
 
 def _bands(transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]) -> list[_Band]:
     groups = groups_of(transforms, modes, band_hz)
-    spectra = [(group, spectra_of(transforms, group, modes)) for group in groups]
-    return [_Band(group, *data) for group, data in spectra if data is not None]
+    scenes = [(group, scene_of(transforms, group, modes)) for group in groups]
+    return [_Band(group, at) for group, at in scenes if at is not None]
 
 
 def _modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
@@ -126,12 +122,11 @@ def _of_other_reach(
     same = [group for group in groups if np.array_equal(group.modes.frequencies_hz, f)]
     if not same or not band.is_wanted:
         return band
-    found = spectra_of(transforms, same[0], modes)
-    if found is None:
+    at = scene_of(transforms, same[0], modes)
+    if at is None:
         return band
-    data, neighbours = found
-    start = same[0].modes.in_directions(data)
-    fit = Fitter(data, neighbours, band.fit.one_source).fit(start, band.fit.has_phases)
+    start = same[0].modes.in_directions(at.data)
+    fit = Fitter(at, band.fit.one_source).fit(start, band.fit.has_phases)
     moves = (
         np.log(fit.modes.frequencies_hz / f),
         np.log(fit.modes.dampings / band.fit.modes.dampings),
@@ -272,9 +267,7 @@ def _between(modes: Resonances, i: int, j: int) -> float:
     return float((f[i] * w[j] + f[j] * w[i]) / (w[i] + w[j]))
 
 
-def spectra_of(
-    transforms: Transforms, group: Group, known: Resonances
-) -> tuple[LocalSpectra, Resonances] | None:
+def scene_of(transforms: Transforms, group: Group, known: Resonances) -> Scene | None:
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
     neighbours = _neighbours(group, known)
     damping = min(float(np.median(group.modes.dampings)), BANDS.most_damping_of_blocks)
@@ -292,7 +285,7 @@ def spectra_of(
         max(2, int(n_lines / BANDS.lines_of_a_direction)),
     )
     data = local_spectra(spectra, n_directions)
-    return data, neighbours.in_directions(data)
+    return scene(data, neighbours.in_directions(data))
 
 
 def _neighbours(group: Group, known: Resonances) -> Resonances:

@@ -23,7 +23,6 @@ from bayes_ssi.measurements.records.local_model import (
     basis,
     coordinates,
     information_of,
-    scene,
     started,
 )
 from bayes_ssi.measurements.records.spectra import LocalSpectra, Resonances, turned
@@ -87,10 +86,9 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
 
 
 class Fitter:
-    def __init__(self, data: LocalSpectra, neighbours: Resonances, one_source: bool) -> None:
-        self.data, self.one_source = data, one_source
-        self.scene = scene(data, neighbours)
-        self.matrices = data.matrices + np.diag(data.floor)
+    def __init__(self, at: Scene, one_source: bool) -> None:
+        self.scene, self.data, self.one_source = at, at.data, one_source
+        self.matrices = at.data.matrices + np.diag(at.data.floor)
 
     @property
     def r(self) -> int:
