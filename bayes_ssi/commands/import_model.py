@@ -266,7 +266,7 @@ def _sensors(
         return turned if known >= set(turned.values()) else None
 
     for modes in tests:
-        lines += compared_with_nominal(model, modes, with_axes)[0]
+        lines += compared_with_nominal(model, modes, with_axes)
     return places, lines
 
 

@@ -1,8 +1,7 @@
 """Whether axes and units of a test are those of the model, by the modes of the nominal model."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from itertools import permutations
+from itertools import chain, permutations
 
 import numpy as np
 
@@ -20,50 +19,26 @@ LEAST_GAIN_OF_MAC = 0.2
 # off by √1000 = 32, or √9.81 = 3.1 (kgf) to √(1000/9.81) = 10.
 MOST_RATIO_OF_FREQUENCIES = 3.0
 
-# Axis of the model → axis of the test that is taken for it.
+# Axis of the test → axis of the model that it is taken for.
 Exchange = Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class AxisExchange:
-    """Axes of the test that fit the model better than the stated ones."""
-
-    axes: Exchange
-    # MAC, or MAC times ratio of frequencies, which tells a tower's alike modes in two directions
-    # apart.
-    measure: str
-    mean: float
-    stated_mean: float
-
-    def __str__(self) -> str:
-        pairs = ", ".join(f"{a} of the test as {b}" for a, b in self.axes.items() if a != b)
-        return (
-            f"with {pairs} the identified modes would be like the nominal model's (mean "
-            f"{self.measure} {self.mean:.2f} instead of {self.stated_mean:.2f}): are the axes the "
-            "same?"
-        )
 
 
 def compared_with_nominal(
     model: ExportedModel,
     modes: ModalData,
     places: Callable[[Exchange], Mapping[str, str] | None],
-) -> tuple[list[str], AxisExchange | None]:
-    """The nominal model against the identified modes.
+) -> list[str]:
+    """The nominal model against the identified modes, in sentences for the user.
 
-    Args:
-        places: sensor → label for an exchange of axes; None where sensors then have no label.
-
-    Returns:
-        Sentences for the user, of which those that begin with (!) ask for a decision; and axes that
-        fit the test much better than the stated ones, None if none do.
+    Those that begin with (!) ask for a decision. For an exchange of axes, ``places`` gives the
+    label of every sensor; None where sensors then have no label.
     """
     mapped = {}
     for order in permutations(TRANSLATIONS):
         labels_of = places(dict(zip(TRANSLATIONS, order, strict=True)))
         if labels_of is not None and len(set(labels_of.values())) == len(labels_of):
             mapped[order] = [labels_of[name] for name in modes.sensors]
-    labels = list(dict.fromkeys(label for each in mapped.values() for label in each))
+    labels = list(dict.fromkeys(chain(*mapped.values())))
     n = len(modes.modes)
     # As many again as were identified, for those that were missed.
     n_modes = min(2 * n, int(np.count_nonzero(model.mass.diagonal())))
@@ -76,15 +51,6 @@ def compared_with_nominal(
     )
     modes_of_model = structure.modes(np.empty((1, 0)))
     frequencies, shapes = modes_of_model.frequencies_hz[0], seen_shapes(modes_of_model.shapes)[0]
-    row = {label: i for i, label in enumerate(labels)}
-    macs = {
-        order: mac(modes.unit_shapes, shapes[[row[label] for label in each]])
-        for order, each in mapped.items()
-    }
-    ratios = np.exp(-abs(np.log(modes.frequencies_hz[:, None] / frequencies)))
-    exchange = _much_better(macs, "MAC") or _much_better(
-        {order: each * ratios for order, each in macs.items()}, "MAC times ratio of frequencies"
-    )
     nominal, identified = (
         ", ".join(f"{hz:.4g}" for hz in part) for part in (frequencies[:n], modes.frequencies_hz)
     )
@@ -95,22 +61,32 @@ def compared_with_nominal(
             f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are the "
             "model's units of force, length and mass consistent?"
         )
-    return said + ([f"(!) {exchange}"] if exchange else []), exchange
+    macs = {
+        order: mac(modes.unit_shapes, shapes[[labels.index(label) for label in of_order]])
+        for order, of_order in mapped.items()
+    }
+    # The ratio of frequencies tells a tower's alike modes in two directions apart.
+    ratios = np.exp(-abs(np.log(modes.frequencies_hz[:, None] / frequencies)))
+    with_ratios = {order: of_order * ratios for order, of_order in macs.items()}
+    better = _much_better(macs, "MAC") or _much_better(
+        with_ratios, "MAC times ratio of frequencies"
+    )
+    return said + ([better] if better else [])
 
 
-def _much_better(
-    likeness: Mapping[tuple[str, ...], FloatArray], measure: str
-) -> AxisExchange | None:
-    """The axes of the largest mean likeness, where it is much larger than with the stated ones."""
-    means = {order: _mean_of_largest(each) for order, each in likeness.items()}
-    if TRANSLATIONS not in means:
+def _much_better(likeness: Mapping[tuple[str, ...], FloatArray], measure: str) -> str | None:
+    """Whether other axes than the stated ones have a much larger mean likeness, in a sentence."""
+    means = {order: _mean_of_largest(of_order) for order, of_order in likeness.items()}
+    best = max(means, key=lambda order: means[order], default=TRANSLATIONS)
+    stated = means.get(TRANSLATIONS, np.inf)
+    if best == TRANSLATIONS or means[best] < stated + LEAST_GAIN_OF_MAC:
         return None
-    stated = means[TRANSLATIONS]
-    best = max(means, key=lambda order: means[order])
-    if means[best] < stated + LEAST_GAIN_OF_MAC:
-        return None
-    axes = dict(zip(TRANSLATIONS, best, strict=True))
-    return AxisExchange(axes, measure, means[best], stated)
+    axes = zip(TRANSLATIONS, best, strict=True)
+    pairs = ", ".join(f"{axis} of the test as {taken}" for axis, taken in axes if axis != taken)
+    return (
+        f"(!) with {pairs} the identified modes would be like the nominal model's (mean {measure} "
+        f"{means[best]:.2f} instead of {stated:.2f}): are the axes the same?"
+    )
 
 
 def _mean_of_largest(macs: FloatArray) -> float:
