@@ -110,17 +110,13 @@ class BandFitSettings:
     coherence_sd: float = 0.3  # of forces coherent with the background, over the most that can be
     neighbour_sd: float = 10.0  # of forces of neighbours, over the quiet background
     direct_sds: tuple[float, float, float] = (2.0, 1.0, 0.5)  # direct motion, its change, its bend
-    range_of_forces: float = 1e4  # the largest over the smallest that a mode may have
+    # Of the largest over the smallest that a mode may have; the prior is flat in the logarithm.
+    log_range_of_forces: float = math.log(1e4)
     least_forces: float = 1e-4  # over the quiet background; priors of smaller ones stay
     flat_precision: float = 1e-8  # of flat priors: it keeps curvatures positive
     settled_gain: float = 0.01  # nats of a step with which a climb ends
     most_steps: int = 40
     arrived_gain: float = 0.5  # nats that Newton's step would gain where a climb has not arrived
-
-    @property
-    def log_range_of_forces(self) -> float:
-        """Of a prior that is flat in the logarithm."""
-        return math.log(self.range_of_forces)
 
 
 @dataclass(frozen=True)
