@@ -104,18 +104,28 @@ class _Merging:
         self.tests = tests
         self.band_hz = _joined_band(tests)
         self.sensors = tuple(dict.fromkeys(s for data in tests.values() for s in data.sensors))
+        for name, data in tests.items():
+            for mode in data.modes:
+                needed = ["frequency_cov"] + ["shape_sd"] * (mode.scored_shape is not None)
+                if lacking := [size for size in needed if getattr(mode, size) is None]:
+                    raise ValueError(
+                        f"{name}: mode {mode.label!r} has no {lacking[0]}; modes are merged by the "
+                        "weight of their errors"
+                    )
 
     def merged_modes(self) -> MergedModes:
         groups = self._matched_modes()
         independent = [self._independent(group) for group in groups]
         merged = self._merged(independent)
         modes, joined = [], []
+        remarks: list[str] = []
         for label, group, kept, log_f, shape in zip(
             _labels(groups), groups, independent, merged.log_frequencies, merged.shapes, strict=True
         ):
             labels = {name: mode.label for name, mode in group.items()}
             scatters = _scatter_of_frequencies(group), self._scatter_of_shapes(group)
             modes.append(MergedMode(label, labels, *scatters))
+            remarks += self._remarks(label, float(np.exp(log_f)), group, kept)
             _, measured = self._joined_shape(kept)
             damping, damping_sd = _damping(list(kept.values()))
             joined.append(
@@ -137,9 +147,7 @@ class _Merging:
             tuple(self._identifications(modes, joined)),
             (*failed, *(check for test in self.tests.values() for check in test.failed_checks)),
         )
-        return MergedModes(
-            data, tuple(modes), tuple(self._remarks(modes, joined, independent)), failed
-        )
+        return MergedModes(data, tuple(modes), tuple(remarks), failed)
 
     def _matched_modes(self) -> list[Group]:
         """Groups of modes that are the same, in ascending order of frequency.
@@ -254,27 +262,16 @@ class _Merging:
                 )
                 yield replace(summary, not_identified=missing)
 
-    def _remarks(
-        self,
-        modes: Sequence[MergedMode],
-        joined: Sequence[IdentifiedMode],
-        independent: Sequence[Group],
-    ) -> Iterator[str]:
+    def _remarks(self, label: str, hz: float, group: Group, kept: Group) -> Iterator[str]:
         """Which tests lack a mode in their band, and which are left out as of the same record."""
-        for row, mode, group in zip(modes, joined, independent, strict=True):
-            lacking = [
-                name
-                for name, data in self.tests.items()
-                if name not in row.labels
-                and data.band_hz[0] <= mode.frequency_hz <= data.band_hz[1]
-            ]
-            if lacking:
-                yield f"mode {row.label!r}: not in {', '.join(lacking)}"
-            if left_out := [name for name in row.labels if name not in group]:
-                yield (
-                    f"mode {row.label!r}: from {', '.join(group)} alone; {', '.join(left_out)} is "
-                    "of the same record, in a band whose edge is nearer"
-                )
+        bands = {name: data.band_hz for name, data in self.tests.items() if name not in group}
+        if lacking := [name for name, (low, high) in bands.items() if low <= hz <= high]:
+            yield f"mode {label!r}: not in {', '.join(lacking)}"
+        if left_out := [name for name in group if name not in kept]:
+            yield (
+                f"mode {label!r}: from {', '.join(kept)} alone; {', '.join(left_out)} is of the "
+                "same record, in a band whose edge is nearer"
+            )
 
 
 def _scatter(squares: float, n: int) -> Scatter | None:

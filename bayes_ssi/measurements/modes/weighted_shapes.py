@@ -37,16 +37,9 @@ class PartOfTest:
         m, n = len(data.modes), len(data.sensors)
         covariance = data.covariance
         if covariance is None:
-            sizes = [(mode.frequency_cov, mode.shape_sd) for mode in data.modes]
-            for mode in chosen:
-                needed = ["frequency_cov"] + ["shape_sd"] * (mode.scored_shape is not None)
-                if lacking := [size for size in needed if getattr(mode, size) is None]:
-                    raise ValueError(
-                        f"{name}: mode {mode.label!r} has no {lacking[0]}; modes are merged by the "
-                        "weight of their errors"
-                    )
-            variances = [f or 0.0 for f, _ in sizes], np.repeat([s or 0.0 for _, s in sizes], n)
-            covariance = np.diag(np.concatenate(variances) ** 2)
+            of_frequencies = [mode.frequency_cov or 0.0 for mode in data.modes]
+            of_shapes = np.repeat([mode.shape_sd or 0.0 for mode in data.modes], n)
+            covariance = np.diag(np.concatenate([of_frequencies, of_shapes]) ** 2)
         units = [np.array(mode.unit_shape, dtype=float) for mode in with_shape]
         self.unit_shapes = [np.nan_to_num(shape) for shape in units]  # (n,) each
         self.measured = [np.isfinite(shape) for shape in units]
