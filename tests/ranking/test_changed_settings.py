@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words
+from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
 from bayes_ssi.results.stored_result import save_result
 
 K = bs.LogNormal(1.0, 0.3)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.adequacy import AtEdge
+from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.studies.ranking.comparison import bayes_factor_scale
 
 

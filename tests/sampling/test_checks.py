@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.adequacy import edges
+from bayes_ssi.inference.criticism.misfit import edges
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.regions import Regions
 from bayes_ssi.inference.sampling.settings import ChainSettings

@@ -18,7 +18,8 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
-from bayes_ssi.inference.criticism.adequacy import Adequacy, AtEdge
+from bayes_ssi.inference.criticism.adequacy import Adequacy
+from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.model_at_draws import KEPT, ConfigurationModes, DatumTerms

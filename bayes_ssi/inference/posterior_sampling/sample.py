@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.calibration.narrow_regions import class_target
-from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy, edges
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
+from bayes_ssi.inference.criticism.misfit import CRITICISM, edges
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.model_at_draws import (
     AtDraws,

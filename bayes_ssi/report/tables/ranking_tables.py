@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
+from bayes_ssi.inference.criticism.adequacy import misfit_text
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.criticism.misfit_in_words import misfit_text
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number

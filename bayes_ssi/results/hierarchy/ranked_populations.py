@@ -18,12 +18,12 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.text_files import read_table
-from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.criticism.misfit_in_words import (
+from bayes_ssi.inference.criticism.adequacy import (
     inadequacy_in_words,
     misfit_text,
     misfits_in_words,
 )
+from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices

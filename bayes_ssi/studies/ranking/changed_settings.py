@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy
+from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy, inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior

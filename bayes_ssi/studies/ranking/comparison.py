@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
-from bayes_ssi.inference.criticism.misfit_in_words import inadequacy_in_words, misfit_text
+from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
 from bayes_ssi.inference.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from bayes_ssi.inference.criticism.adequacy import AtEdge
+from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.studies.ranking.comparison import (
