@@ -7,8 +7,6 @@ there are several configurations, files for each in ``data/``), ``comparison.jso
 commands have ``figures``. ``digests.json`` holds the digests of all these files.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace

@@ -3,8 +3,6 @@
 Model classes of a stored result without its study: their modes are known at stored draws.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -9,8 +9,6 @@ of r = likelihood/bumps over the distribution that bumps, prior and population g
 posterior draws, at which r is known, are weighted to that distribution.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 What tests that the model class does not explain say of a population means nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial

@@ -118,7 +118,8 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
             # Zero moves to the next node without drawing.
             lines = edges[start : start + most]
             entries = [n for a, b in lines for n in (number[a], number[b], 0)][:-1]
-            file.write(_data_set(82, _trace_lines(trace, entries)))
+            rows = [_whole(*entries[i : i + 8]) for i in range(0, len(entries), 8)]
+            file.write(_data_set(82, [_whole(trace, len(entries), 1), f"lines {trace}", *rows]))
         for mode in range(len(modes.frequencies_hz)):
             file.write(_data_set(55, _mode_lines(numbers, modes, mode, title)))
 
@@ -133,13 +134,6 @@ def _whole(*numbers: int) -> str:
 
 def _real(*numbers: float) -> str:
     return "".join(f"{each:13.5E}" for each in numbers)
-
-
-def _trace_lines(trace: int, entries: Sequence[int]) -> Iterator[str]:
-    yield _whole(trace, len(entries), 1)
-    yield f"lines {trace}"
-    for i in range(0, len(entries), 8):
-        yield _whole(*entries[i : i + 8])
 
 
 def _mode_lines(numbers: Sequence[int], modes: NodalModes, mode: int, title: str) -> Iterator[str]:

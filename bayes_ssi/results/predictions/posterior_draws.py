@@ -1,7 +1,5 @@
 """Posterior draws of one model class with its structure, and draws of what they predict."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -9,8 +9,6 @@ with their pairings given or inferred; those of a search are hypotheses on a cla
 places and settings of the search's record.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
