@@ -9,6 +9,7 @@ from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
+from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.search.family import Key
 from bayes_ssi.studies.search.family_search import Level
@@ -252,10 +253,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
-    differ = ["the ensembles differ"]
-    monkeypatch.setattr(
-        "bayes_ssi.inference.posterior_sampling.sample.failed_checks", lambda _: differ
-    )
+    monkeypatch.setattr(SamplingResult, "failed_checks", ["the ensembles differ"])
     result = run("search", tiny_study_file, "--error", 0.5, "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "Do not trust the ranking until" in result.stdout

@@ -12,6 +12,7 @@ import pytest
 from conftest import assert_one_line_error
 
 from bayes_ssi.cli import main
+from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 
 pytestmark = pytest.mark.usefixtures("no_figures")
@@ -26,10 +27,7 @@ def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
 
 def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
-    differ = ["the ensembles differ"]
-    monkeypatch.setattr(
-        "bayes_ssi.inference.posterior_sampling.sample.failed_checks", lambda _: differ
-    )
+    monkeypatch.setattr(SamplingResult, "failed_checks", ["the ensembles differ"])
     result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""
