@@ -22,7 +22,6 @@ from bayes_ssi.commands.options import (
     study_argument,
 )
 from bayes_ssi.commands.terminal import (
-    console,
     exit_if_failed,
     json_option,
     print_record,
@@ -30,12 +29,11 @@ from bayes_ssi.commands.terminal import (
     say,
     say_in_paragraphs,
     say_warnings,
+    show,
 )
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_ssi.inference.calibration.calibration import Calibration
     from bayes_ssi.inference.model_class.model_class import ModelClass
 
@@ -76,7 +74,6 @@ def calibrate(
     from bayes_ssi.inference.model_class.configuration import failed_data_checks
     from bayes_ssi.results.wording import data_warnings
 
-    where = console()
     candidates = load(study, only).model_classes
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
@@ -86,20 +83,18 @@ def calibrate(
             report = partial(progress, candidate.name)
             return calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
 
-    calibrations = _of_each(candidates, calibrated, where)
+    calibrations = _of_each(candidates, calibrated)
     for group in _same_to_the_reader(calibrations):
-        _show(where, group)
+        _show(group)
     if calibrations:
-        say(where, LEGEND)
-        say_in_paragraphs(where, *map(_conclusion, calibrations))
-    say_warnings(where, data_warnings(failed))
+        say(LEGEND)
+        say_in_paragraphs(*map(_conclusion, calibrations))
+    say_warnings(data_warnings(failed))
     print_record(lambda: {"calibrations": calibrations, "failed_checks": failed})
     exit_if_failed(failed)
 
 
-def _of_each(
-    candidates: Sequence[ModelClass], function: Callable[[ModelClass], T], where: Console
-) -> list[T]:
+def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], T]) -> list[T]:
     """A function of each class; those of several that have nothing to calibrate are named."""
     from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 
@@ -110,7 +105,7 @@ def _of_each(
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
-            say(where, f"(!) {error}")
+            say(f"(!) {error}")
     return results
 
 
@@ -123,7 +118,7 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
     return list(groups.values())
 
 
-def _show(where: Console, group: list[Calibration]) -> None:
+def _show(group: list[Calibration]) -> None:
     from bayes_ssi.report.tables.calibration_tables import (
         calibration_modes_table,
         calibration_table,
@@ -131,31 +126,30 @@ def _show(where: Console, group: list[Calibration]) -> None:
     )
 
     calibration, *others = group
-    where.print(calibration_table(calibration, [each.name for each in others]))
-    where.print(calibration_modes_table(calibration))
+    show(calibration_table(calibration, [each.name for each in others]))
+    show(calibration_modes_table(calibration))
     tables = determination_tables(calibration)
-    for table in tables:
-        where.print(table)
+    show(*tables)
     if calibration.errors_are_correlated and tables:
-        where.print(
+        show(
             "(!) The model class has correlated prediction errors, but a calibration takes them "
             "for independent: standard errors differ from those of a ranking."
         )
     open_ = calibration.undetermined_directions
     if open_:
-        where.print(
+        show(
             f"(!) The data leave {open_} direction(s) of the "
             "parameters undetermined: minimum 1 is, among equally good points, the one "
             "closest to the prior median."
         )
     elif calibration.determination.undetermined and not calibration.with_prior:
-        where.print(
+        show(
             "(!) The data do not determine every parameter, and their errors enter the minima "
             "where they do not; --with-prior fits the data and the prior."
         )
     elif not calibration.with_prior and _is_not_unique(calibration):
-        where.print("(!) The fit is not unique: several minima are equally good.")
-    where.print()
+        show("(!) The fit is not unique: several minima are equally good.")
+    say("")
 
 
 def _conclusion(calibration: Calibration) -> str:
@@ -197,15 +191,13 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
 
     if figures is not None:
         require_new_files(figures)
-    where = console()
-    found = _of_each(load(study, only).model_classes, modal_sensitivities, where)
+    found = _of_each(load(study, only).model_classes, modal_sensitivities)
     for each in found:
-        where.print(sensitivities_table(each))
+        show(sensitivities_table(each))
         signals = [
             f"{name} ({signal:.2g})" for name, signal in zip(each.order, each.signals, strict=True)
         ]
         say(
-            where,
             f"Signal over noise, in prior standard deviations, beside those before: "
             f"{', '.join(signals)}.",
             f"Proposed for updating: {listed(each.proposed) if each.proposed else 'none'}.",
@@ -219,7 +211,7 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
         with style():
             for each in found:
                 save_figure(plot_modal_sensitivities(each), figures / names[each.name])
-        say(where, f"Wrote {len(found)} figures in {figures}.")
+        say(f"Wrote {len(found)} figures in {figures}.")
     print_record(
         lambda: {"sensitivities": [columns(each) | {"proposed": each.proposed} for each in found]}
     )

@@ -17,7 +17,7 @@ from bayes_ssi.commands.options import (
     study_argument,
 )
 from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.terminal import say, show
 
 GROUP = "NAME=PARAMETER,…"
 
@@ -111,12 +111,9 @@ def changes(
         result = options.save(found.ranking, records, place, run)
     place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
 
-    where = console()
-    say_misfit(where, result)
-    where.print(search_table(found))
-    where.print(change_table(found.record))
-    where.print(averaged_table(found))
-    say(where, *change_notes(found), *notes_of(result, best_only=True))
+    say_misfit(result)
+    show(search_table(found), change_table(found.record), averaged_table(found))
+    say(*change_notes(found), *notes_of(result, best_only=True))
     options.end(result, records)
 
 

@@ -9,12 +9,12 @@ import click
 
 from bayes_ssi.commands.options import PATH, record_options
 from bayes_ssi.commands.terminal import (
-    console,
     exit_if_failed,
     json_option,
     print_record,
     say,
     say_warnings,
+    show,
 )
 from bayes_ssi.foundations.displayed import columns
 
@@ -63,10 +63,8 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
 
 
 def _check_record(record: Record) -> None:
-    where = console()
     remarks = record.warnings()
     say(
-        where,
         f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
         f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
         f"Sensors: {', '.join(record.sensors)}.",
@@ -83,18 +81,16 @@ def _check_modes(path: Path) -> None:
     modes = read_modal_data(path)
     failed = modes.all_failed_checks
     low, high = modes.band_hz
-    where = console()
-    where.print(modes_table(modes))
+    show(modes_table(modes))
     print_record(lambda: _record(modes))
     remarks = modes.warnings()[len(failed) :]
     say(
-        where,
         f"Band: {low:g} to {high:g} Hz. Sensors: {', '.join(modes.sensors) or 'none'}. "
         f"Digest: {modes.digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
         *([f"(!) {remark}" for remark in remarks] or ([] if failed else ["No warnings."])),
     )
-    say_warnings(where, data_warnings(failed))
+    say_warnings(data_warnings(failed))
     exit_if_failed(failed)
 
 

@@ -15,7 +15,7 @@ from bayes_ssi.commands.options import (
     result_argument,
     study_option,
 )
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.terminal import say
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
@@ -77,7 +77,6 @@ def export(
             write_modes_csv(partial / "modes.csv", modes)
             write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
     say(
-        console(),
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
         f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
@@ -87,9 +86,7 @@ def export(
         *([without] if without else []),
     )
     if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
-        say(
-            console(), "(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
-        )
+        say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")
 
 
 PARAMETERS = "parameters.csv"

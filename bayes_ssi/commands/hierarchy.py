@@ -19,12 +19,12 @@ from bayes_ssi.commands.options import (
 from bayes_ssi.commands.saved_run import RESULTS
 from bayes_ssi.commands.terminal import (
     command_line,
-    console,
     exit_if_failed,
     json_option,
     print_record,
     progress_bars,
     say,
+    show,
 )
 from bayes_ssi.foundations.displayed import columns
 
@@ -104,10 +104,8 @@ def hierarchy(
     with figures_for_files():
         save_figure(plot_population(ranked), directory / "population.png")
 
-    where = console()
-    where.print(populations_table(ranked))
-    where.print(population_table(ranked, at))
-    say(where, *hierarchy_notes(ranked, at), f"Saved in {directory}.")
+    show(populations_table(ranked), population_table(ranked, at))
+    say(*hierarchy_notes(ranked, at), f"Saved in {directory}.")
     print_record(lambda: _record(ranked, directory))
     if not accept_failed_checks:
         exit_if_failed(ranked.all_failed_checks)

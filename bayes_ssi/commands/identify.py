@@ -17,7 +17,7 @@ from bayes_ssi.commands.options import (
     range_option,
     record_options,
 )
-from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
 from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.records.identification_settings import BAYESIAN_FFT, METHOD_NAMES
 
@@ -93,16 +93,14 @@ def identify(
     if compare:
         by_others = other_methods.compared(record, found.quoted)
     chosen = other_methods.modes_by(method, record, found.quoted)
-    where = console()
-    where.print(estimates_table(found.quoted, found.method))
+    show(estimates_table(found.quoted, found.method))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
 
-        where.print(methods_table(by_others, METHOD_NAMES))
-        say(where, *(f"{METHOD_NAMES[name]}: {why}" for name, why in by_others.items()
-                     if isinstance(why, str)))  # fmt: skip
+        show(methods_table(by_others, METHOD_NAMES))
+        failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
+        say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
     say(
-        where,
         f"The record shows {found.loads}; chi-square of its spectra over degrees of freedom is up "
         f"to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}.",
         *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
@@ -114,7 +112,7 @@ def identify(
         from bayes_ssi.plots.record_plots import save_record_figures
 
         drawn = save_record_figures(figures, found)
-        say(where, f"Wrote {len(drawn)} figures in {figures}.")
+        say(f"Wrote {len(drawn)} figures in {figures}.")
     if out is not None:
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
@@ -123,7 +121,7 @@ def identify(
             data = replace(chosen, source=data.source)
             own = replace(own, method=METHOD_NAMES[method])
         data = replace(data, identifications=(own,))
-        say(where, f"Wrote {listed(write_modal_data(data, out))}.")
+        say(f"Wrote {listed(write_modal_data(data, out))}.")
     print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 

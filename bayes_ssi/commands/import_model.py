@@ -17,7 +17,7 @@ import click
 
 from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
 from bayes_ssi.commands.options import PATH, named_values, number_option, path_option, range_option
-from bayes_ssi.commands.terminal import command_line, console, say
+from bayes_ssi.commands.terminal import command_line, say
 from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.text_files import file_names
 
@@ -134,7 +134,6 @@ def import_model(
     arguments = {test: _read(path, study, band) for test, path in data.items()}
     _write_study(study, folder, matrices, arguments, places)
     say(
-        console(),
         str(model),
         *_formulas(matrices),
         *said,

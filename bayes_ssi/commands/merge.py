@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bayes_ssi.commands.options import files_argument, modes_option, named_paths
-from bayes_ssi.commands.terminal import console, exit_if_failed, json_option, print_record, say
+from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
@@ -43,16 +43,14 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     merged = merge_modal_data(
         {name: read_modal_data(file) for name, file in named_paths(files).items()}
     )
-    where = console()
-    where.print(merged_table(merged))
+    show(merged_table(merged))
     say(
-        where,
         "Band: {:g} to {:g} Hz.".format(*merged.data.band_hz),
         *(f"(!) {remark}" for remark in merged.remarks),
         *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
     if out is not None:
-        say(where, f"Wrote {listed(write_modal_data(merged.data, out))}.")
+        say(f"Wrote {listed(write_modal_data(merged.data, out))}.")
     print_record(lambda: _record(merged))
     exit_if_failed(merged.data.all_failed_checks)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from bayes_ssi.commands.options import PATH, default_option
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.terminal import say
 
 KINDS = ("shear-building", "matrices", "function")
 TEMPLATES = Path(__file__).with_name("templates")
@@ -62,7 +62,6 @@ def new(name: Path, kind: str) -> None:
     """
     study, data = write_study(name, kind)
     say(
-        console(),
         f"Wrote {study} and {data}. Next:",
         f"  {shlex.join(['bayes-ssi', 'check', str(data)])}",
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",

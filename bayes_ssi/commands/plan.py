@@ -20,7 +20,6 @@ from bayes_ssi.commands.options import (
     study_argument,
 )
 from bayes_ssi.commands.terminal import (
-    console,
     exit_if_failed,
     json_option,
     print_record,
@@ -28,6 +27,7 @@ from bayes_ssi.commands.terminal import (
     say,
     say_in_paragraphs,
     say_warnings,
+    show,
 )
 
 
@@ -129,13 +129,10 @@ def plan(
             progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
             **options,
         )
-    where = console()
-    where.print(layout_table(planned))
-    where.print(number_table(planned))
-    where.print(change_table(planned))
-    say(where, *plan_notes(planned))
-    say_in_paragraphs(where, plan_answer(planned))
-    say_warnings(where, [(f"{check}.", ()) for check in planned.failed_checks])
+    show(layout_table(planned), number_table(planned), change_table(planned))
+    say(*plan_notes(planned))
+    say_in_paragraphs(plan_answer(planned))
+    say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
         from bayes_ssi.plots.figure_style import save_figure, style
         from bayes_ssi.plots.place_plots import plot_gains, plot_layout
@@ -146,6 +143,6 @@ def plan(
         with style():
             save_figure(plot_layout(planned), out / "layout.png")
             save_figure(plot_gains(planned), out / "gains.png")
-        say(where, "", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
+        say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
     print_record(lambda: {"plan": planned})
     exit_if_failed(planned.failed_checks)

@@ -18,7 +18,6 @@ from bayes_ssi.commands.options import (
     study_option,
 )
 from bayes_ssi.commands.terminal import (
-    console,
     exit_if_failed,
     is_quiet,
     json_option,
@@ -26,6 +25,7 @@ from bayes_ssi.commands.terminal import (
     progress_bars,
     say,
     say_warnings,
+    show,
 )
 
 if TYPE_CHECKING:
@@ -137,22 +137,21 @@ def predict(
 
     from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
 
-    where = console()
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
-    say(where, f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
+    say(f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
     if predicted.n_draws < draws:
-        say(where, f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
-    say(where, *(_composition(each.predictions) for each in responses), *remarks)
-    where.print(frequency_table(responses))
+        say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
+    say(*(_composition(each.predictions) for each in responses), *remarks)
+    show(frequency_table(responses))
     shapes = shape_table(responses[0])
     if shapes is not None:
-        where.print(shapes)
+        show(shapes)
     if request.frequencies_hz is not None or request.motions:
-        where.print(peak_table(responses))
+        show(peak_table(responses))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
-    say(where, f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
-    say_warnings(where, answer(predicted.stored).warnings)
+    say(f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    say_warnings(answer(predicted.stored).warnings)
     failed = predicted.stored.comparison.failed_checks
     print_record(
         lambda: {

@@ -6,7 +6,7 @@ import click
 
 from bayes_ssi.commands.options import flag, load, only_option, study_argument
 from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.terminal import say, show
 
 
 @click.command()
@@ -43,12 +43,10 @@ def rank(study: Path, only: str | None, any_pairing: bool, options: RunOptions) 
         ranking_table,
     )
 
-    where = console()
-    say_misfit(where, result)
-    where.print(ranking_table(result.comparison, loaded.name))
-    where.print(evidence_table(result.ranked_posteriors))
-    where.print(parameter_table(result.ranked_posteriors[0]))
+    say_misfit(result)
+    show(ranking_table(result.comparison, loaded.name), evidence_table(result.ranked_posteriors))
+    show(parameter_table(result.ranked_posteriors[0]))
     if averages:
-        where.print(averages_table(averages))
-    say(where, *notes_of(result))
+        show(averages_table(averages))
+    say(*notes_of(result))
     options.end(result, records)

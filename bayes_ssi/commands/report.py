@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bayes_ssi.commands.options import flag, path_option, result_argument
-from bayes_ssi.commands.terminal import console, json_option, print_record, say
+from bayes_ssi.commands.terminal import json_option, print_record, say
 
 
 @click.command()
@@ -24,4 +24,4 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
 
     page = write_report(result, out, overwrite=overwrite)
     print_record(lambda: {"page": str(page)})
-    say(console(), f"Report saved in {page}.")
+    say(f"Report saved in {page}.")

@@ -23,7 +23,6 @@ from bayes_ssi.commands.options import (
 from bayes_ssi.commands.terminal import (
     ExitCode,
     command_line,
-    console,
     exit_if_failed,
     is_quiet,
     json_option,
@@ -36,8 +35,6 @@ from bayes_ssi.commands.terminal import (
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.inference.sampling.settings import SamplingSettings
     from bayes_ssi.inference.workers.run import Checkpoint, Run
@@ -174,10 +171,10 @@ class RunOptions:
         from bayes_ssi.results.stored_result import FIGURES
 
         n_figures = len(list((result.directory / FIGURES).glob("*")))
-        say(console(), f"Saved in {result.directory}, with {n_figures} figures.")
+        say(f"Saved in {result.directory}, with {n_figures} figures.")
         answered = answer(result)
-        say_warnings(console(), answered.warnings)
-        say_in_paragraphs(console(), *answered.paragraphs)
+        say_warnings(answered.warnings)
+        say_in_paragraphs(*answered.paragraphs)
         print_record(lambda: _json_record(result, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)
@@ -271,11 +268,11 @@ def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def say_misfit(where: Console, result: StoredResult) -> None:
+def say_misfit(result: StoredResult) -> None:
     """Say ahead of everything else that the best class misses an appendage, or the data."""
     for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
         if text:
-            say_in_paragraphs(where, f"(!) {text[0].upper()}{text[1:]}.")
+            say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
 
 
 def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:

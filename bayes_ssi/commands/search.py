@@ -12,7 +12,7 @@ from bayes_ssi.commands.options import (
     study_argument,
 )
 from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
-from bayes_ssi.commands.terminal import console, say
+from bayes_ssi.commands.terminal import say, show
 
 
 @click.command()
@@ -118,15 +118,13 @@ def search(
         search_table,
     )
 
-    where = console()
-    say_misfit(where, result)
+    say_misfit(result)
     if len(appendages.record.baselines) > 1:
-        where.print(baseline_table(appendages.record))
-    say(where, *baseline_notes(appendages.record))
-    where.print(search_table(appendages))
-    where.print(place_table(appendages.record))
+        show(baseline_table(appendages.record))
+    say(*baseline_notes(appendages.record))
+    show(search_table(appendages), place_table(appendages.record))
     if several := appendage_table(appendages):
-        where.print(several)
-    where.print(averaged_table(appendages))
-    say(where, *search_notes(appendages), *notes_of(result, best_only=True))
+        show(several)
+    show(averaged_table(appendages))
+    say(*search_notes(appendages), *notes_of(result, best_only=True))
     options.end(result, records)

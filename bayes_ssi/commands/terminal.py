@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
 
 class ExitCode(IntEnum):
@@ -178,7 +178,7 @@ def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
         _meta()[RECORD] = json_text(record())
 
 
-def console() -> Console:
+def _console() -> Console:
     from rich.console import Console
 
     if is_quiet() or _meta().get(JSON, False):
@@ -197,23 +197,28 @@ def exit_if_failed(checks: Sequence[str]) -> None:
     sys.exit(ExitCode.FAILED_CHECK)
 
 
-def say_in_paragraphs(where: Console, *paragraphs: str) -> None:
+def show(*shown: RenderableType) -> None:
+    """Print tables, or sentences wrapped at words."""
+    for each in shown:
+        _console().print(each)
+
+
+def say_in_paragraphs(*paragraphs: str) -> None:
     """Print paragraphs, wrapped at words, with a blank line before each."""
     for paragraph in paragraphs:
-        where.print()
-        where.print(paragraph, markup=False, highlight=False)
+        _console().print(f"\n{paragraph}", markup=False, highlight=False)
 
 
-def say_warnings(where: Console, warnings: Iterable[tuple[str, Sequence[str]]]) -> None:
+def say_warnings(warnings: Iterable[tuple[str, Sequence[str]]]) -> None:
     """Print sentences, and the items below them, of what to understand first."""
     for text, items in warnings:
-        say_in_paragraphs(where, "\n".join([f"(!) {text}", *(f"  {item}" for item in items)]))
+        say_in_paragraphs("\n".join([f"(!) {text}", *(f"  {item}" for item in items)]))
 
 
-def say(where: Console, *lines: str) -> None:
+def say(*lines: str) -> None:
     """Print lines without wrapping."""
     for line in lines:
-        where.print(line, soft_wrap=True, markup=False, highlight=False)
+        _console().print(line, soft_wrap=True, markup=False, highlight=False)
 
 
 @contextmanager

@@ -17,7 +17,6 @@ from bayes_ssi.commands.options import (
     study_option,
 )
 from bayes_ssi.commands.terminal import (
-    console,
     exit_if_failed,
     json_option,
     print_record,
@@ -25,11 +24,10 @@ from bayes_ssi.commands.terminal import (
     say,
     say_in_paragraphs,
     say_warnings,
+    show,
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.results.stored_result import StoredResult
 
@@ -90,10 +88,10 @@ def what_if(
     from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
     from bayes_ssi.studies.ranking.comparison import probability_text
 
-    stored, where = load_result(result), console()
+    stored = load_result(result)
     given = (priors, bands, weights, frequency_cov, shape_sd, detection, spurious)
     if all(each in (None, ()) for each in given):
-        _show_every_setting(where, stored, sample_again, study)
+        _show_every_setting(stored, sample_again, study)
         return
     if sample_again:
         raise ValueError("--sample-again: applies where no setting is given")
@@ -110,31 +108,28 @@ def what_if(
         prior_weights=named_values("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
     )
     answer = ask(stored, settings)
-    say(where, f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
+    say(f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
     accepted = stored.record.failed_checks_accepted
-    say_warnings(where, data_warnings(answer.failed_data_checks, accepted))
+    say_warnings(data_warnings(answer.failed_data_checks, accepted))
     if answer.misfit:
-        say_in_paragraphs(where, f"(!) {answer.misfit}.")
-    where.print(what_if_table(answer))
+        say_in_paragraphs(f"(!) {answer.misfit}.")
+    show(what_if_table(answer))
     if stored.search is not None and stored.search.n_unsampled:
         say(
-            where,
             f"{stored.search.n_unsampled} hypotheses that were not sampled are left out. Before, "
             "their probability together was at most "
             f"{probability_text(stored.search.most_probability_unsampled)}.",
         )
     for row in dict.fromkeys((answer.best_before, answer.best_after)):
         if row is not None:
-            where.print(changed_parameters_table(row))
-    say(where, *what_if_notes(answer, _how_to_sample_again(stored)))
+            show(changed_parameters_table(row))
+    say(*what_if_notes(answer, _how_to_sample_again(stored)))
     print_record(lambda: {"directory": str(result), "answer": answer})
     of_data = () if accepted else answer.failed_data_checks
     exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
 
 
-def _show_every_setting(
-    where: Console, stored: StoredResult, sample_again: bool, study: Path | None
-) -> None:
+def _show_every_setting(stored: StoredResult, sample_again: bool, study: Path | None) -> None:
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
     from bayes_ssi.results.predictions.predictions import load_predictions
@@ -145,9 +140,9 @@ def _show_every_setting(
         classes = [*load_predictions(stored.directory, study).model_classes.values()]
     with progress_bars() as progress:
         found = every_setting(stored, classes, Run(progress=progress))
-    where.print(sensitivity_table(found))
+    show(sensitivity_table(found))
     again = "Sample again where the draws do not say: --sample-again."
-    say(where, *sensitivity_notes(found), *([again] if found.problems and not classes else []))
+    say(*sensitivity_notes(found), *([again] if found.problems and not classes else []))
     print_record(lambda: {"directory": str(stored.directory), "sensitivity": found})
     exit_if_failed(found.problems)
 
