@@ -4,8 +4,6 @@ Bayesian structural system identification for structures whose non-structural el
 vibrate on their own and hide in the modal data.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:

@@ -5,8 +5,6 @@ saved but one of its checks failed, unless that is accepted; 130, interrupted; 1
 output has closed it.
 """
 
-from __future__ import annotations
-
 import re
 
 import click

@@ -1,7 +1,5 @@
 """``bayes-ssi plan``: the sensors with which the next test says most."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The families of prior distributions that parameters may have, and their notation as text."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A structure after a change: some of its parameters are no longer what they were."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self

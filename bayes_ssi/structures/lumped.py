@@ -4,8 +4,6 @@ Stiffness and mass are sums of fixed matrices times products of parameters, asse
 batch at once; a subclass may add stiffness of another kind.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace

@@ -1,7 +1,5 @@
 """Structures in space with rigid floors: each moves in x and y and turns about the vertical."""
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ bending of columns alone. Each line of columns is then a plane frame that moves 
 and its joints rotate until their moments are in equilibrium.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

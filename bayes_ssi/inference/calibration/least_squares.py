@@ -4,8 +4,6 @@ Descents are by Levenberg's and Marquardt's method. Every row descends by itself
 depend on the others, which are only evaluated in the same batches.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ by one the parameter is taken whose column is the longest once those already tak
 left of it; below 1 the prior knows more.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

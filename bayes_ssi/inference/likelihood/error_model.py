@@ -1,7 +1,5 @@
 """Error model and identification model: how identified modes differ from model modes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A configuration: one test of a structure in a known state, and its pairing of modes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections import Counter

@@ -4,8 +4,6 @@ With the modes that it keeps at its draws, a likelihood under other settings is 
 solving for any mode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ else is sampled as any class with approximate structures is. The engine's coordi
 parameter values, modes and checks.
 """
 
-from __future__ import annotations
-
 import hashlib
 from contextlib import nullcontext
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Mixtures of Student-t distributions fitted to draws: proposals shaped like the posterior."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How to sample: what users choose, and the numbers by which each part of the engine decides."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

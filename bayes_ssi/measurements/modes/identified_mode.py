@@ -5,8 +5,6 @@ shapes at n sensors, mode by mode. A shape at unit length has no error along its
 not measured has none either: there the covariance is zero.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

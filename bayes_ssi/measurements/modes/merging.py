@@ -6,8 +6,6 @@ with the errors that they claim. Bands may differ, as where one record was ident
 then a mode that two of them have counts once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -28,8 +28,6 @@ vibration record that the modes come from, one, or several where modes were merg
 are relative to the file's directory.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -4,8 +4,6 @@ In universal files modes are data sets 55, data at nodes of normal or complex mo
 https://github.com/dagghe/pyOMA2.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

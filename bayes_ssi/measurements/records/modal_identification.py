@@ -1,7 +1,5 @@
 """From a vibration record to identified modes whose claimed errors are checked."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any

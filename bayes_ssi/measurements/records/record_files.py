@@ -1,7 +1,5 @@
 """Files of vibration records and of ground motion, in any format that the package reads."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

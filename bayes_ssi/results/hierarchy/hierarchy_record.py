@@ -1,7 +1,5 @@
 """The result of a hierarchical model: ranked populations, what follows from them, and its files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime

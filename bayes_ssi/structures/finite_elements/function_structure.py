@@ -1,7 +1,5 @@
 """A structure computed by a function: any program, script or formula."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 from abc import abstractmethod

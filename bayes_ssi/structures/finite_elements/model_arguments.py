@@ -1,7 +1,5 @@
 """Arguments of finite-element models: matrices, from files of programs or as given, and sensors."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

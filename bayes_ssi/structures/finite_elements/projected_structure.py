@@ -18,8 +18,6 @@ A search puts one kind of element on hundreds of places. Small batches, one for 
 longer than a large one of all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Ground motion: an acceleration at equal time steps, in m/s²."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

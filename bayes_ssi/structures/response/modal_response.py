@@ -22,8 +22,6 @@ denominator times 1 - E* q make it a filter of second order, whose coefficients 
 imaginary part of a multiple of s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args

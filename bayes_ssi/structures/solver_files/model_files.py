@@ -5,8 +5,6 @@ in every consistent system, in which the unit of mass is that of force times s²
 length; masses and stiffnesses that are added to a model in kg and N/m are not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a change may be, and where: a parameter, several together, or all of them in common."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

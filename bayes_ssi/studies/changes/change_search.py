@@ -5,8 +5,6 @@ stiffness; then one more, as long as the evidence grows. Tests of one structure 
 its model, since it is wrong in the same way before and after.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

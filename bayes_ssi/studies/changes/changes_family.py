@@ -1,7 +1,5 @@
 """Hypotheses of change: a structure some of whose parameters are less after than before."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

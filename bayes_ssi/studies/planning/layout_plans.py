@@ -1,7 +1,5 @@
 """``plan``: the sensors, and the configuration, with which the next test says most."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

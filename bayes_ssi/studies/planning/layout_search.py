@@ -1,7 +1,5 @@
 """Searches for layouts: all where they are few, else sensor after sensor, with exchanges."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations

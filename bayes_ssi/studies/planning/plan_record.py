@@ -1,7 +1,5 @@
 """What a plan says, as records that JSON holds, and the form that a test's modes go into."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass

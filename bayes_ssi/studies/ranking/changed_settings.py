@@ -4,8 +4,6 @@ All posteriors are reweighted to the changed settings, and ranked again. Where t
 do not cover the change, nothing is said of it: it must be sampled again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
