@@ -42,9 +42,7 @@ from bayes_ssi.results.hierarchy.hierarchy_record import load_hierarchy as load_
 from bayes_ssi.results.hierarchy.hierarchy_record import save_hierarchy as save_hierarchy
 from bayes_ssi.results.hierarchy.populations import PopulationPriors as PopulationPriors
 from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as hierarchy
-from bayes_ssi.results.predictions.posterior_draws import (
-    predict_frequencies as predict_frequencies,
-)
+from bayes_ssi.results.predictions.posterior_draws import predict_frequencies as predict_frequencies
 from bayes_ssi.results.predictions.predictions import load_predictions as load_predictions
 from bayes_ssi.results.stored_result import load_result as load_result
 from bayes_ssi.results.stored_result import save_result as save_result

@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    Command,
-    Decorator,
-    flag,
-    gathered,
-    path_option,
-    seed_option,
-)
+from bayes_ssi.commands.options import Command, Decorator, flag, gathered, path_option, seed_option
 from bayes_ssi.commands.terminal import (
     ExitCode,
     command_line,

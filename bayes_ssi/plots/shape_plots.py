@@ -15,11 +15,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.posterior.model_at_draws import (
-    UpdatedMode,
-    UpdatedModes,
-    moves_sideways,
-)
+from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes, moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
     STYLE,

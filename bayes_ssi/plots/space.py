@@ -10,13 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.plots.figure_style import (
-    STYLE,
-    figure_of,
-    panels_across,
-    title_of,
-    width_of_panels,
-)
+from bayes_ssi.plots.figure_style import STYLE, figure_of, panels_across, title_of, width_of_panels
 from bayes_ssi.results.predictions.nodal_modes import NodalModes
 from bayes_ssi.structures.geometry import Geometry
 

@@ -20,19 +20,10 @@ from bayes_ssi.measurements.modes.identification_summary import IdentificationSu
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
 from bayes_ssi.plots.record_plots import CAPTIONS
-from bayes_ssi.report.report_figures import (
-    LIMITS,
-    EmbeddedFigure,
-    ReportFigures,
-    embedded_file,
-)
+from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
-from bayes_ssi.report.tables.ranking_tables import (
-    pairing_notes,
-    region_notes,
-    sensitivity_notes,
-)
+from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
 from bayes_ssi.report.tables.search_tables import (
     baseline_notes,
     mass_scales,

@@ -23,10 +23,7 @@ from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
-from bayes_ssi.inference.model_class.configuration import (
-    choose_configuration,
-    failed_data_checks,
-)
+from bayes_ssi.inference.model_class.configuration import choose_configuration, failed_data_checks
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_data import ModalData

@@ -29,12 +29,7 @@ from bayes_ssi.measurements.records.record_checks import (
     stationary_part,
     without_lines,
 )
-from bayes_ssi.measurements.records.spectra import (
-    Resonances,
-    Spectra,
-    Transforms,
-    transforms_of,
-)
+from bayes_ssi.measurements.records.spectra import Resonances, Spectra, Transforms, transforms_of
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -14,11 +14,7 @@ from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
-from bayes_ssi.structures.finite_elements.reduced_basis import (
-    Bounds,
-    ReducedBasis,
-    Reference,
-)
+from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import (

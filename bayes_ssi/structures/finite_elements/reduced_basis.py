@@ -40,10 +40,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
-from bayes_ssi.structures.finite_elements.sparse_modes import (
-    Factor,
-    is_semidefinite,
-)
+from bayes_ssi.structures.finite_elements.sparse_modes import Factor, is_semidefinite
 from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,

@@ -32,10 +32,7 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement import (
-    is_approximate,
-    with_exact_structures,
-)
+from bayes_ssi.inference.posterior_sampling.refinement import is_approximate, with_exact_structures
 from bayes_ssi.inference.posterior_sampling.sample import emulated_again
 from bayes_ssi.inference.sampling.maxima import ascend
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices

@@ -27,12 +27,7 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import STUDY_MODULE, Workers
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
-from bayes_ssi.studies.ranking.comparison import (
-    RANKING,
-    Comparison,
-    checked_weights,
-    compare,
-)
+from bayes_ssi.studies.ranking.comparison import RANKING, Comparison, checked_weights, compare
 from bayes_ssi.studies.ranking.diagnosis import diagnose
 from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
 
