@@ -65,7 +65,7 @@ class Element(ABC):
         if not self.label:
             object.__setattr__(self, "label", default_label)
         for field in fields(self):  # type: ignore[arg-type]
-            if field.type == "Value":
+            if field.type in (Value, "Value"):  # a text if annotations are delayed
                 positive_product(getattr(self, field.name), f"{self.label}: {field.name}")
 
 

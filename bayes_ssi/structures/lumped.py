@@ -105,7 +105,8 @@ class LumpedStructure(Structure):
     @property
     def _storey_fields(self) -> list[str]:
         """The fields that hold one quantity for each storey or floor."""
-        return [field.name for field in fields(self) if field.type == "tuple[Value, ...]"]
+        written = (tuple[Value, ...], "tuple[Value, ...]")  # a text if annotations are delayed
+        return [field.name for field in fields(self) if field.type in written]
 
     def _check_storeys(self, *others: str) -> None:
         """Check that each field has one positive value per storey; make the fields tuples."""

@@ -1,12 +1,14 @@
 """Non-structural elements on a structure, against hand-assembled matrices."""
 
 import math
+from dataclasses import make_dataclass
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
+from bayes_ssi.parameters.parameters import Value
 
 NO_VALUES = np.empty((1, 0))
 MASSES = (3.0, 2.0, 1.5)
@@ -200,3 +202,13 @@ def test_an_element_mass_that_can_be_negative_is_refused():
     mass = bs.Parameter("m", bs.Normal(1.0, 1.0))
     with pytest.raises(ValueError, match="infill 1-2: mass must be positive, but parameter 'm'"):
         bs.OutOfPlaneInfill((1, 2), mass, 1.0)
+
+
+@pytest.mark.parametrize("annotation", [Value, "Value"])
+def test_quantities_are_checked_with_and_without_delayed_annotations(annotation):
+    block = make_dataclass(
+        "Block", [("extra", annotation, 1.0)], bases=(bs.AddedMass,), frozen=True
+    )
+    block(1.0, ((1, 1.0),), "block", extra=2.0)
+    with pytest.raises(ValueError, match=r"block: extra must be positive and finite, got -2\.0"):
+        block(1.0, ((1, 1.0),), "block", extra=-2.0)
