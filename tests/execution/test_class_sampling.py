@@ -13,7 +13,7 @@ from pools import spawning
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Workers, WorkerSettings
-from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _Relay, sample_all
+from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _side_by_side, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -76,15 +76,22 @@ def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_wor
         assert reports[-1] == (name, "evidence", 1.0)
 
 
-def test_workers_report_their_progress(tmp_path):
+def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, two_workers):
     """Through files, of which the last report is read; where there is no directory, nothing."""
-    calls, file = [], ProgressFile(tmp_path / "0")
-    assert file.read() is None
-    relay = _Relay(bs.Run(progress=lambda *call: calls.append(call)), [file])
-    for report in (("a", "searches", 0.25), ("a", "ensembles", 0.5), ("a", "evidence", 1.0)):
-        relay()
-        file(*report)
-        relay()
+    calls = []
+
+    def try_each(_, __, items, ___, meanwhile):
+        assert items[0][2].read() is None
+        for report in (("a", "searches", 0.25), ("a", "ensembles", 0.5), ("a", "evidence", 1.0)):
+            meanwhile()
+            items[0][2](*report)
+            meanwhile()
+        return {}
+
+    monkeypatch.setattr(Workers, "try_each", try_each)
+    run = bs.Run(two_workers, progress=lambda *call: calls.append(call))
+    items = [(candidate, None) for candidate in tiny_study.model_classes]
+    assert _side_by_side(items, 7, COARSE, run, None) == {}
     assert calls == [("a", "searches", 0.25), ("a", "ensembles", 0.5)], "its end is known anyway"
     ProgressFile(tmp_path / "nowhere" / "0")("a", "searches", 0.25)
 
