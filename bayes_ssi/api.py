@@ -83,7 +83,7 @@ from bayes_ssi.studies.changes.change_search import changes as changes
 from bayes_ssi.studies.planning.layout_plans import plan as plan
 from bayes_ssi.studies.planning.plan_record import Layout as Layout
 from bayes_ssi.studies.planning.plan_record import Plan as Plan
-from bayes_ssi.studies.planning.plan_settings import PlanSettings as PlanSettings
+from bayes_ssi.studies.planning.plan_record import PlanSettings as PlanSettings
 from bayes_ssi.studies.ranking.changed_settings import ChangedSettings as ChangedSettings
 from bayes_ssi.studies.ranking.comparison import compare as compare
 from bayes_ssi.studies.ranking.study import Study as Study

@@ -108,8 +108,7 @@ def plan(
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.studies.appendages.candidates import read_candidates
     from bayes_ssi.studies.planning.layout_plans import plan as plan_study
-    from bayes_ssi.studies.planning.plan_record import SAVED
-    from bayes_ssi.studies.planning.plan_settings import PlanSettings
+    from bayes_ssi.studies.planning.plan_record import SAVED, PlanSettings
 
     loaded = load(study, only)
     prediction = vars(sys.modules[f"{STUDY_MODULE}{study.stem}"]).get(aim)

@@ -28,11 +28,11 @@ from scipy.special import logsumexp
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.planning import layout_search
+from bayes_ssi.studies.planning import layout_values
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
-from bayes_ssi.studies.planning.layout_values import SimulatedPlan, class_worth
-from bayes_ssi.studies.planning.planned_class import PlannedClass
-from bayes_ssi.studies.planning.simulated_tests import SimulatedTests, simulate
+from bayes_ssi.studies.planning.layout_values import LayoutSearch, SimulatedPlan, class_worth
+from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parents[1] / "model_classes"
@@ -127,11 +127,11 @@ def evidences_by_prior_draws(planned_class, tests, layouts, n_draws, rng):
     for n in range(logs.shape[1]):
         modes = planned_class.modes(planned_class.draw(n_draws, rng)[None])
         seen = Seen.of(tests.rows(slice(n, n + 1)), layouts)
-        ratios = log_ratios(planned_class, seen, modes, 0.0)
-        weights = ratios.of_layouts.reshape(-1, *ratios.of_layouts.shape[3:])
+        ratios, unpaired = log_ratios(planned_class, seen, modes, 0.0)
+        weights = ratios.reshape(-1, *ratios.shape[3:])
         pairs = PairingWeights(weights, np.zeros(weights.shape[1]),
                                np.zeros((1, weights.shape[2])))  # fmt: skip
-        density = ratios.unpaired + log_sum(pairs).reshape(len(layouts), n_draws)
+        density = unpaired + log_sum(pairs).reshape(len(layouts), n_draws)
         logs[:, n] = logsumexp(density, axis=1) - math.log(n_draws)
     return logs
 
@@ -193,10 +193,10 @@ def exhaustive(given):
 
     best = {}
     for most in (1000, 0):
-        with mock.patch.object(layout_search, "PLANNING") as numbers:
-            numbers.most_exhaustive = most
+        numbers = replace(PLANNING, most_exhaustive=most)
+        with mock.patch.object(layout_values, "PLANNING", numbers):
             started = perf_counter()
-            search = layout_search.LayoutSearch(gain, (), tuple(range(12)))
+            search = LayoutSearch(gain, (), tuple(range(12)))
             layout = ()
             for number in (4,) if most else (2, 3, 4):
                 layout = search.best(number, layout)
@@ -234,7 +234,7 @@ def frame(given):
     simulated = SimulatedPlan.of(classes, 6, given.tests, given.inner, given.seed)
     print(f"draws: {perf_counter() - started:.0f} s", flush=True)
     some = simulated.part(300, 100)
-    search = layout_search.LayoutSearch(
+    search = LayoutSearch(
         lambda layout: some.mean(class_worth(some, layout).values)[0], (), tuple(range(36))
     )
     started, layout = perf_counter(), ()

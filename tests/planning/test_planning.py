@@ -2,6 +2,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,10 +16,13 @@ from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
-from bayes_ssi.studies.planning.layout_search import effective_independence
-from bayes_ssi.studies.planning.layout_values import SimulatedPlan, class_worth
-from bayes_ssi.studies.planning.planned_class import PlannedClass
-from bayes_ssi.studies.planning.simulated_tests import shape_distances
+from bayes_ssi.studies.planning.layout_values import (
+    SimulatedPlan,
+    class_worth,
+    effective_independence,
+)
+from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
 
 BAND = (0.0, 6.0)
 FLOORS = ("floor 1", "floor 2", "floor 3")
@@ -75,10 +79,10 @@ def scored(planned_class, tests, n, layout, z):
     """Log density (B,) of a simulated test at z, summed over all pairings as the package does."""
     modes = planned_class.modes(z[None])
     seen = Seen.of(tests.rows(slice(n, n + 1)), [layout])
-    ratios = log_ratios(planned_class, seen, modes, 0.0)
-    weights = ratios.of_layouts[0, 0]
+    ratios, unpaired = log_ratios(planned_class, seen, modes, 0.0)
+    weights = ratios[0, 0]
     pairs = PairingWeights(weights, np.zeros(weights.shape[1]), np.zeros((1, weights.shape[2])))
-    return ratios.unpaired[0] + log_sum(pairs)
+    return unpaired[0] + log_sum(pairs)
 
 
 def test_tests_are_scored_as_the_package_scores_them(two_classes):
@@ -182,8 +186,8 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
 def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
     whole = bs.plan(two_classes, 2, settings=SETTINGS)
     monkeypatch.setattr(
-        "bayes_ssi.studies.planning.layout_search.PLANNING",
-        type("Numbers", (), {"most_exhaustive": 0}),
+        "bayes_ssi.studies.planning.layout_values.PLANNING",
+        replace(PLANNING, most_exhaustive=0),
     )
     greedy = bs.plan(two_classes, 2, settings=SETTINGS)
     assert whole.is_exhaustive

@@ -23,9 +23,8 @@ from scipy.special import gammaln, logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
-from bayes_ssi.studies.planning.plan_settings import PLANNING
-from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes
-from bayes_ssi.studies.planning.simulated_tests import SimulatedTests
+from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes, SimulatedTests
 
 FIRST_ERRORS = np.array(PLANNING.first_errors)
 
@@ -68,7 +67,10 @@ def centred_draws(
     n_draws: int,
     rng: np.random.Generator,
 ) -> CentredDraws:
-    """Draws of the class about tests that it or another class gave, for layouts of sensors."""
+    """Draws of the class about tests that it or another class gave, for layouts of sensors.
+
+    The first layout is the empty one: its weights are those that :class:`CentredDraws` keep.
+    """
     pool_z = planned.draw(PLANNING.n_pool, rng)
     pool = planned.modes(pool_z[None])
     of_pairs = len(layouts) * max(n_draws, PLANNING.n_pool) * tests.frequencies_hz.shape[1]
@@ -77,9 +79,9 @@ def centred_draws(
     step, parts = max(1, PLANNING.batch // per_test), []
     for first in range(0, len(tests.shapes), step):
         seen = Seen.of(tests.rows(slice(first, first + step)), layouts)
-        ratios = log_ratios(planned, seen, pool, 1.0)
+        ratios, unpaired = log_ratios(planned, seen, pool, 1.0)
         # The best pairs, whether they exclude one another or not.
-        matched = ratios.unpaired + np.maximum(ratios.of_layouts.max(axis=4), 0.0).sum(axis=3)
+        matched = unpaired + np.maximum(ratios.max(axis=4), 0.0).sum(axis=3)
         z = pool_z[_resampled(matched, rng)]
         for added in PLANNING.narrowing:
             z, slopes = _searched(planned, seen, z, added, rng)
@@ -103,16 +105,16 @@ def _resampled(log_weights: FloatArray, rng: np.random.Generator) -> NDArray[np.
     return np.asarray(np.concatenate((log_shares + noise).argmax(axis=3), axis=1))
 
 
-class LogRatios(NamedTuple):
-    """Log densities of identified modes j as model modes i over leaving both unpaired."""
+def log_ratios(
+    planned: PlannedClass, seen: Seen, modes: SeenModes, added: float
+) -> tuple[FloatArray, FloatArray]:
+    """Pairs of n tests and modes (n or 1, k, …), with a share of the first errors added.
 
-    frequency: FloatArray  # (n, k, J, I)
-    of_layouts: FloatArray  # (S, n, k, J, I), with the shapes that each layout sees
-    unpaired: FloatArray  # (n, k), log density of all modes unpaired, shapes left out
-
-
-def log_ratios(planned: PlannedClass, seen: Seen, modes: SeenModes, added: float) -> LogRatios:
-    """Of n tests and modes (n or 1, k, …), with a share of the first errors added."""
+    Returns:
+        Log density (S, n, k, J, I) of identified modes j as model modes i over leaving both
+        unpaired, with the shapes that each layout sees; and (n, k), that of all modes unpaired,
+        shapes left out.
+    """
     frequencies, shape_of_modes, variances = modes
     variances = variances + np.square(added * FIRST_ERRORS)
     identification, band_hz = planned.model_class.identification, planned.configuration.data.band_hz
@@ -136,7 +138,7 @@ def log_ratios(planned: PlannedClass, seen: Seen, modes: SeenModes, added: float
             distance = 1.0 - cosine / np.where(length > 0.0, length, 1.0)
             constant = log_sphere_area(d) - log_shape_normaliser(np.sqrt(shape_var), d)
             total += np.nan_to_num(constant - distance / shape_var)
-    return LogRatios(ratios, of_layouts, unpaired)
+    return of_layouts, unpaired
 
 
 def _sampled_pairings(
@@ -188,9 +190,8 @@ def _searched(
     modes = planned.modes(shifted)
     at = SeenModes(*(each[:, :, 0] for each in modes))
     layout = np.repeat(np.arange(len(seen.sensors)), PLANNING.n_starts)
-    ratios = log_ratios(planned, seen, at, added).of_layouts
-    ratios = ratios[layout, :, np.arange(r)].swapaxes(0, 1)
-    chosen, _ = _sampled_pairings(ratios[None], np.zeros(r, dtype=np.intp), rng)
+    ratios, _ = log_ratios(planned, seen, at, added)
+    chosen, _ = _sampled_pairings(ratios, layout, rng)
 
     index, used = np.maximum(chosen, 0)[:, :, None], (chosen >= 0)[:, :, None]
     sd = np.sqrt(at.variances + np.square(added * FIRST_ERRORS))[:, :, None]
@@ -261,20 +262,18 @@ def _draws(
     log_density -= 0.5 * d * math.log(PLANNING.tail * math.pi)
 
     modes = planned.modes(z)
-    ratios = log_ratios(planned, seen, modes, 0.0)
+    ratios, unpaired = log_ratios(planned, seen, modes, 0.0)
     layout = rng.integers(len(seen.sensors), size=k)
-    chosen, log_pairing = _sampled_pairings(ratios.of_layouts, layout, rng)
+    chosen, log_pairing = _sampled_pairings(ratios, layout, rng)
     index = np.maximum(chosen, 0)
-    log_weights = planned.log_before(z.reshape(-1, d)).reshape(n, k) + ratios.unpaired
+    log_weights = planned.log_before(z.reshape(-1, d)).reshape(n, k) + unpaired
     log_weights -= log_density + log_pairing
-    of_pairs = np.take_along_axis(ratios.of_layouts, index[None, ..., None], axis=4)[..., 0]
+    of_pairs = np.take_along_axis(ratios, index[None, ..., None], axis=4)[..., 0]
     by_layout = log_weights + np.where(chosen >= 0, of_pairs, 0.0).sum(axis=3)
-    of_pairs = np.take_along_axis(ratios.frequency, index[..., None], axis=3)[..., 0]
-    log_weights += np.where(chosen >= 0, of_pairs, 0.0).sum(axis=2)
     shapes = np.take_along_axis(modes.shapes, index[:, :, None], axis=3)
     shapes = np.nan_to_num(np.where((chosen >= 0)[:, :, None], shapes, 0.0))
     return by_layout, CentredDraws(
-        log_weights,
+        by_layout[0],
         shapes.swapaxes(1, 2).astype(np.float32),
         (chosen >= 0).sum(axis=2),
         modes.variances[..., 1],

@@ -10,24 +10,30 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.choices import require_known
-from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.structures.elements import AddedMass
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import located, require_distinct
-from bayes_ssi.studies.planning.layout_search import LayoutSearch, effective_independence
 from bayes_ssi.studies.planning.layout_values import (
-    Quantity,
+    LayoutSearch,
     Sensors,
     SimulatedPlan,
     Worth,
     class_worth,
+    effective_independence,
     quantity_worth,
 )
-from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Change, Layout, Plan
-from bayes_ssi.studies.planning.plan_settings import PLANNING, PlanSettings
+from bayes_ssi.studies.planning.plan_record import (
+    CLASS,
+    PARAMETERS,
+    PLANNING,
+    Change,
+    Layout,
+    Plan,
+    PlanSettings,
+)
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
 
@@ -84,8 +90,8 @@ def plan(
     """
     known = _known_classes(study, after)
     plans = {}
-    for name, tests in _alternatives(known, configurations, added_masses or {}).items():
-        classes = _in_tests(known, tests, candidates)
+    for name, classes in _alternatives(known, configurations, added_masses or {}).items():
+        classes = _with_candidates(classes, candidates)
         _check_aim(classes, aim)
         places = _places(classes[0].candidates, n_sensors, fixed, excluded)
         request = _Planning(classes, n_sensors, aim, *places, settings or PlanSettings(), seed)
@@ -131,51 +137,49 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
 
 def _alternatives(
     known: Sequence[PlannedClass], names: Sequence[str] | None, added_masses: Mapping[str, float]
-) -> dict[str, list[Configuration]]:
-    """Configurations of all classes, as they are and with each mass added, by their names."""
+) -> dict[str, list[PlannedClass]]:
+    """The classes in each configuration, as it is and with each mass added."""
     tests = {}
     for name in names or known[0].model_class.configuration_names:
-        bare = [each.model_class.configuration(name or None) for each in known]
+        bare = [
+            replace(each, configuration=each.model_class.configuration(name or None))
+            for each in known
+        ]
         tests[name or ("no mass added" if added_masses else "")] = bare
         for place, mass in added_masses.items():
             label = f"{mass:g} added at {place}"
             element = AddedMass(mass, ((place, 1.0),), label)
             tests[f"{name}, {label}" if name else label] = [
-                replace(test, structure=test.structure.with_element(element)) for test in bare
+                each.with_structure(each.structure.with_element(element)) for each in bare
             ]
     return tests
 
 
-def _in_tests(
-    known: Sequence[PlannedClass],
-    tests: Sequence[Configuration],
-    candidates: Sequence[Candidate | str] | None,
+def _with_candidates(
+    classes: Sequence[PlannedClass], candidates: Sequence[Candidate | str] | None
 ) -> list[PlannedClass]:
-    """The classes in a configuration of each, with all candidates on their structures."""
-    structures = [test.structure for test in tests]
+    """The classes with all candidates on their structures."""
     if candidates is None:
-        candidates = _default_candidates(structures, tests[0].data.sensors)
+        candidates = _default_candidates(classes)
     places = [Candidate(each, each) if isinstance(each, str) else each for each in candidates]
     require_distinct(places)
-    for structure, each in zip(structures, known, strict=True):
+    for each in classes:
         of_class = f"model class {each.name!r}: candidate"
-        structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
-    places = [located(place, structures[0]) for place in places]
-    return [
-        replace(each, configuration=test, candidates=tuple(places)).made_accurate()
-        for each, test in zip(known, tests, strict=True)
-    ]
+        each.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
+    places = [located(place, classes[0].structure) for place in places]
+    return [replace(each, candidates=tuple(places)).made_accurate() for each in classes]
 
 
-def _default_candidates(structures: Sequence[Structure], measured: Sequence[str]) -> list[str]:
+def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
     """Labels that all classes have: of sensors where a structure defines them, else of all."""
+    structures = [each.structure for each in classes]
     labels: dict[str, None] = {}
     for structure in structures:
         own = [sensor.label for sensor in structure.sensors]
         every = [*own, *structure.appendages] if own else structure.degrees_of_freedom
         labels |= dict.fromkeys(every)
     if len(labels) > PLANNING.most_candidates:
-        labels = dict.fromkeys(measured)
+        labels = dict.fromkeys(classes[0].configuration.data.sensors)
 
     def has(structure: Structure, label: str) -> bool:
         try:
@@ -216,14 +220,13 @@ def _check_aim(classes: Sequence[PlannedClass], aim: Aim) -> None:
         require_known("plan: no aim", [aim], (CLASS, PARAMETERS, *sorted(names)))
 
 
-def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray | None:
-    """What the aim is about, (B, q) at z (B, n_parameters); None of a class without it."""
+def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray:
+    """What the aim is about, (…, q) at z (…, n_parameters); q is 0 in a class without it."""
     if callable(aim):
-        values = aim(planned.configuration.structure, planned.structural_values(z))
-        return np.asarray(values, dtype=float).reshape(len(z), -1)
+        values = aim(planned.structure, planned.structural_values(z.reshape(-1, z.shape[-1])))
+        return np.asarray(values, dtype=float).reshape(*z.shape[:-1], -1)
     names = [parameter.name for parameter in planned.parameters[: planned.n_structural]]
-    columns = [i for i, name in enumerate(names) if aim in (PARAMETERS, name)]
-    return z[:, columns] if columns else None
+    return z[..., [i for i, name in enumerate(names) if aim in (PARAMETERS, name)]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +243,7 @@ class _Planning:
 
     def _simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
         n_tests, n_draws = self.settings.n_tests, self.settings.n_draws
-        per_draw = sum(c.configuration.structure.n_modes for c in classes) * len(self.free)
+        per_draw = sum(c.structure.n_modes for c in classes) * len(self.free)
         if n_tests * n_draws * per_draw > PLANNING.most_kept:
             raise ValueError(
                 f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
@@ -255,16 +258,13 @@ class _Planning:
     def _worth_of(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
         if self.aim == CLASS:
             return lambda layout: class_worth(simulated, layout)
-        quantities: list[Quantity] = []
-        for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
-            z = own.z[simulated.true_class == c]
-            at = _quantity(planned, z.reshape(-1, z.shape[2]), self.aim)
-            before = _quantity(planned, planned.drawn_before, self.aim)
-            if at is None or before is None:
-                quantities.append(None)
-                continue
-            covariance = np.cov(before, rowvar=False).reshape(at.shape[1], at.shape[1])
-            quantities.append((at.reshape(*z.shape[:2], -1), covariance))
+        quantities = [
+            (
+                _quantity(planned, own.z[simulated.true_class == c], self.aim),
+                _quantity(planned, planned.drawn_before, self.aim),
+            )
+            for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True))
+        ]
         return lambda layout: quantity_worth(simulated, layout, quantities)
 
     @cached_property
@@ -320,11 +320,9 @@ class _Planning:
             "sensors of the data": tuple(i for i, c in enumerate(named) if c.name in present),
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
-        heights = {
-            place: height
-            for each in self.classes
-            for place, height in each.configuration.structure.heights().items()
-        }
+        heights: dict[str, float] = {}
+        for each in self.classes:
+            heights |= each.structure.heights()
         p = self._whole.probabilities
         bias = mean(worth[best].bias)[0]
         return Plan(
@@ -351,7 +349,7 @@ class _Planning:
             failed_checks=tuple(_failed_checks(worth[best].draws, bias)),
             candidates=named,
             heights={c.name: heights.get(c.name, i) for i, c in enumerate(named, 1)},
-            geometry=self.classes[0].configuration.structure.geometry,
+            geometry=self.classes[0].structure.geometry,
         )
 
     def _changes(

@@ -1,14 +1,16 @@
-"""What layouts of sensors are worth: information about the class, and about parameters, in nats.
+"""What layouts of sensors are worth, in nats, and a search for the one that is worth most.
 
-About the class it is E[log p(D | C) - log p(D)] over tests simulated from every class C, with
-p(D | C) the average over the class's draws about each test. A layout reads its rows of the same
-tests and of the same draws: nothing is simulated again.
+Information about the class is E[log p(D | C) - log p(D)] over tests simulated from every class C,
+with p(D | C) the average over the class's draws about each test. A layout reads its rows of the
+same tests and of the same draws: nothing is simulated again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +20,8 @@ from scipy.special import digamma, logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.studies.planning.centred_draws import CentredDraws, centred_draws
-from bayes_ssi.studies.planning.plan_settings import PLANNING
-from bayes_ssi.studies.planning.planned_class import PlannedClass
-from bayes_ssi.studies.planning.simulated_tests import SimulatedTests, simulate
+from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
 
 Sensors = tuple[int, ...]  # candidates, from 0, in ascending order
 
@@ -137,11 +138,6 @@ class SimulatedPlan:
         return (total / weight, np.sqrt(variance) / weight) if weight else (np.nan, np.nan)
 
 
-def log_means(log_weights: FloatArray) -> FloatArray:
-    """Log of the mean (N,) over draws (N, K)."""
-    return np.asarray(logsumexp(log_weights, axis=1)) - np.log(log_weights.shape[1])
-
-
 def effective_draws(log_weights: FloatArray) -> FloatArray:
     """(Σ w)² / Σ w², (N,), of weights by their logs (N, K)."""
     twice = 2.0 * logsumexp(log_weights, axis=1)
@@ -151,9 +147,10 @@ def effective_draws(log_weights: FloatArray) -> FloatArray:
 def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     """log p(D | C) - log p(D) of every test, D being what the layout sees of it."""
     weights = plan.log_weights(layout)
-    log_evidences = np.array([log_means(each) for each in weights])
+    n_draws = weights[0].shape[1]
+    log_evidences = np.array([logsumexp(each, axis=1) - np.log(n_draws) for each in weights])
     draws = np.array([effective_draws(each) for each in weights])
-    spread = 1.0 / draws - 1.0 / weights[0].shape[1]  # relative variances of the evidences
+    spread = 1.0 / draws - 1.0 / n_draws  # relative variances of the evidences
     log_joint = log_evidences + np.log(plan.probabilities)[:, None]
     log_total = logsumexp(log_joint, axis=0)
     after = np.exp(log_joint - log_total)
@@ -166,9 +163,9 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     return Worth(log_evidences[own] - log_total, named, bias, fewest)
 
 
-# A quantity at the draws of a class about its own tests (n, K, q), and its covariance before them;
-# None of a class that does not have it.
-Quantity = tuple[FloatArray, FloatArray] | None
+# A quantity of a class at its draws about its own tests (n, K, q), and at draws before them (B, q);
+# q is 0 in a class that does not have it.
+Quantity = tuple[FloatArray, FloatArray]
 
 
 def quantity_worth(
@@ -181,12 +178,12 @@ def quantity_worth(
     """
     values, draws = np.full((2, len(plan.true_class)), np.nan)
     for c, log_weights in enumerate(plan.log_weights(layout)):
-        tests, quantity = plan.true_class == c, quantities[c]
+        tests, (at, draws_before) = plan.true_class == c, quantities[c]
         draws[tests] = effective_draws(log_weights[tests])
-        if quantity is None:
-            continue
-        at, before = quantity
         q = at.shape[2]
+        if not q:
+            continue
+        before = np.cov(draws_before, rowvar=False).reshape(q, q)
         log_shares = log_weights[tests] - logsumexp(log_weights[tests], axis=1, keepdims=True)
         shares = np.exp(log_shares)[..., None]
         off = at - (shares * at).sum(axis=1, keepdims=True)
@@ -197,3 +194,69 @@ def quantity_worth(
         values[tests] = 0.5 * (np.linalg.slogdet(before)[1] - after + expected)
     nothing = np.zeros(len(values))
     return Worth(values, nothing, nothing, draws)
+
+
+@dataclass(eq=False)
+class LayoutSearch:
+    """A search for the layout of candidates that is worth most."""
+
+    gain: Callable[[Sensors], float]
+    fixed: Sensors  # in every layout
+    free: Sensors  # that may be
+    tried: dict[Sensors, float] = field(default_factory=dict)
+
+    def is_exhaustive(self, number: int) -> bool:
+        """Whether all layouts of that many sensors are tried."""
+        return comb(len(self.free), number - len(self.fixed)) <= PLANNING.most_exhaustive
+
+    def best(self, number: int, start: Sensors) -> Sensors:
+        """The best layout of ``number`` sensors; a greedy search begins with those of ``start``."""
+        if not self.is_exhaustive(number):
+            return self.exchanged(self.grown(start, number))
+        more = combinations(self.free, number - len(self.fixed))
+        return max((self._valued((*self.fixed, *own)) for own in more), key=self.tried.__getitem__)
+
+    def grown(self, layout: Sensors, number: int) -> Sensors:
+        """The layout with the best sensor added, one after the other."""
+        while len(layout) < number:
+            larger = [self._valued((*layout, i)) for i in self.free if i not in layout]
+            layout = max(larger, key=self.tried.__getitem__)
+        return layout
+
+    def exchanged(self, layout: Sensors) -> Sensors:
+        """The layout after exchanges of one sensor, until none makes it better."""
+        layout, before = self._valued(layout), self.fixed[:0]
+        while layout != before:
+            before = layout
+            for sensor in before:
+                if sensor not in self.fixed:
+                    rest = tuple(other for other in layout if other != sensor)
+                    layout = self.grown(rest, len(before))
+        return layout
+
+    def _valued(self, layout: Sensors) -> Sensors:
+        layout = tuple(sorted(layout))
+        if layout not in self.tried:
+            self.tried[layout] = self.gain(layout)
+        return layout
+
+
+def effective_independence(shapes: FloatArray, number: int, fixed: Sequence[int] = ()) -> Sensors:
+    """Sensors that keep the shapes of one model linearly independent, as placed by habit.
+
+    The candidate that contributes least to the rank of the shapes goes, until ``number`` are left
+    (Kammer 1991, Journal of Guidance, Control, and Dynamics 14).
+
+    Args:
+        shapes: (n_candidates, n_modes), at unit modal mass.
+        number: of sensors.
+        fixed: candidates that stay.
+    """
+    left = list(range(len(shapes)))
+    while len(left) > number:
+        own = shapes[left]
+        contributions = np.einsum("cm,mc->c", own, np.linalg.pinv(own))
+        # With fewer sensors than modes all contribute 1: the one that moves least goes.
+        order = np.lexsort((np.square(own).sum(axis=1), contributions.round(9)))
+        left.remove(next(left[i] for i in order if left[i] not in fixed))
+    return tuple(left)

@@ -1,14 +1,23 @@
-"""A model class before a planned test: its modes at all candidate sensors, and their errors."""
+"""A model class before a planned test: its modes at all candidate sensors, and tests it may give.
+
+A simulated test is of all candidates, and any layout of sensors can read its data off. The errors
+of a shape at the sensors of a layout have the density of
+:mod:`~bayes_ssi.inference.likelihood.shape_density`: φ_e = cos t · u + sin t · τ, with u the unit
+shape there. One vector ε of standard normal numbers, a number for each candidate, gives all
+layouts their errors: τ is the direction of ε across u, and t has the probability of its length,
+which is about t/σ. Layouts are so compared on the same errors.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -22,7 +31,8 @@ from bayes_ssi.parameters.parameters import (
 from bayes_ssi.parameters.prior import log_standard_normal_density
 from bayes_ssi.structures.geometry import Candidate, motion_of
 from bayes_ssi.structures.modal import seen_shapes
-from bayes_ssi.studies.planning.plan_settings import PLANNING
+from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.planning.plan_record import PLANNING
 
 
 class SeenModes(NamedTuple):
@@ -55,25 +65,32 @@ class PlannedClass:
 
     def made_accurate(self) -> PlannedClass:
         """With an approximate structure accurate enough where it will be used."""
-        structure = self.configuration.structure
-        if not structure.is_approximate:
+        if not self.structure.is_approximate:
             return self
         z = self.drawn_before[:: PLANNING.n_for_moments // PLANNING.n_for_accuracy]
         errors = np.sqrt(np.median(self.error_variances(z), axis=0)) * PLANNING.approximation
-        structure = structure.accurate_at(self.structural_values(z), *errors.tolist())
+        return self.with_structure(
+            self.structure.accurate_at(self.structural_values(z), *errors.tolist())
+        )
+
+    def with_structure(self, structure: Structure) -> PlannedClass:
         return replace(self, configuration=replace(self.configuration, structure=structure))
+
+    @property
+    def structure(self) -> Structure:
+        return self.configuration.structure
 
     @property
     def n_structural(self) -> int:
         """Number of parameters of the structure, the first ones."""
-        return len(self.configuration.structure.parameters)
+        return len(self.structure.parameters)
 
     @cached_property
     def _sizes(self) -> ProductTable:
         error = self.model_class.error
         sizes = as_product(error.frequency_cov), as_product(error.shape_sd)
         of_errors = (parameter for size in sizes for parameter in size.parameters)
-        own = self.configuration.structure.parameters
+        own = self.structure.parameters
         return ProductTable(sizes, collect_parameters((*own, *of_errors)))
 
     @cached_property
@@ -98,7 +115,7 @@ class PlannedClass:
 
     def modes(self, z: FloatArray) -> SeenModes:
         """The modes at z (…, n_parameters); NaN where the structure has none."""
-        structure = self.configuration.structure
+        structure = self.structure
         terms, shares = terms_of(self.candidates)
         matrix = structure.sensor_matrix(terms, "candidate")
         per_row = len(structure.degrees_of_freedom) * structure.n_modes
@@ -174,3 +191,78 @@ def terms_of(candidates: tuple[Candidate, ...]) -> tuple[list[str], FloatArray]:
     terms = list(dict.fromkeys(label for motion in motions for label in motion))
     shares = [[motion.get(label, 0.0) for label in terms] for motion in motions]
     return terms, np.array(shares)
+
+
+class SimulatedTests(NamedTuple):
+    """N tests, each with up to J identified modes at all candidate sensors."""
+
+    frequencies_hz: FloatArray  # (N, J), identified ones; NaN where there is none
+    shapes: FloatArray  # (N, n_candidates, J), of the structure; 0 for spurious modes
+    noise: FloatArray  # (N, n_candidates, J), ε
+    shape_sd: FloatArray  # (N,), σ
+
+    @classmethod
+    def joined(cls, parts: Sequence[SimulatedTests]) -> SimulatedTests:
+        """Tests of several classes, with as many places for modes as any of them needs."""
+        most = max(part.frequencies_hz.shape[1] for part in parts)
+        wider = []
+        for hz, shapes, noise, shape_sd in parts:
+            room = [(0, 0), (0, 0), (0, most - hz.shape[1])]
+            found = np.pad(hz, room[1:], constant_values=np.nan)
+            wider.append(cls(found, np.pad(shapes, room), np.pad(noise, room), shape_sd))
+        return joined(wider)
+
+    def rows(self, which: slice) -> SimulatedTests:
+        """Some of the tests."""
+        return SimulatedTests._make(array[which] for array in self)
+
+    def identified_shapes(self, layout: Sequence[int]) -> FloatArray:
+        """Unit shapes (N, d, J) as the d sensors of a layout give them."""
+        shapes, noise = self.shapes[:, layout], self.noise[:, layout]
+        length = np.sqrt(np.square(shapes).sum(axis=1, keepdims=True))
+        unit = shapes / np.where(length > 0.0, length, 1.0)
+        across = noise - unit * (unit * noise).sum(axis=1, keepdims=True)
+        size = np.sqrt(np.square(across).sum(axis=1, keepdims=True))
+        size = np.maximum(size, np.finfo(float).tiny)  # at one sensor nothing is across
+        distance = shape_distances(size, self.shape_sd[:, None, None], len(layout))
+        cosine = np.where(length > 0.0, 1.0 - distance, 0.0)
+        return np.asarray(cosine * unit + np.sqrt(1.0 - cosine * cosine) * across / size)
+
+
+def shape_distances(lengths: FloatArray, shape_sd: FloatArray, d: int) -> FloatArray:
+    """1 - |φ_e·φ| that is as probable as the length of d - 1 standard normal numbers.
+
+    The density of y = 1 - cos t is that of x = 2y/σ², χ² with d - 1 degrees of freedom, times
+    (1 - y/2)^((d-3)/2), of which the first term of the logarithm, -(d - 3) y/4, is another rate.
+    """
+    rate = 1.0 + 0.25 * (d - 3) * shape_sd**2
+    return np.asarray(np.clip(0.5 * shape_sd**2 * lengths**2 / rate, 0.0, 1.0))
+
+
+def simulate(planned: PlannedClass, n: int, rng: np.random.Generator) -> SimulatedTests:
+    """n tests of a class: parameters, identified, missed and spurious modes, and their errors."""
+    modes = planned.modes(planned.draw(n, rng))
+    identification = planned.model_class.identification
+    low, high = planned.configuration.data.band_hz
+    shape = modes.frequencies_hz.shape
+    errors = np.sqrt(modes.variances[:, :1]) * rng.standard_normal(shape)
+    found = modes.frequencies_hz * (1.0 + errors)
+    seen = rng.random(shape) < identification.detection_probability
+    found[~(seen & (found > low) & (found < high))] = np.nan
+    n_spurious = rng.poisson(identification.expected_spurious_modes, n)
+    spurious = rng.uniform(low, high, (n, max(int(n_spurious.max()), 1)))
+    spurious[np.arange(spurious.shape[1]) >= n_spurious[:, None]] = np.nan
+    frequencies = np.concatenate([found, spurious], axis=1)
+    without = np.zeros((n, modes.shapes.shape[1], spurious.shape[1]))
+    shapes = np.concatenate([modes.shapes, without], axis=2)
+    noise = rng.standard_normal(shapes.shape)
+    # Identified modes first, as many places as the test with the most needs.
+    missing = np.isnan(frequencies)
+    order = np.argsort(missing, axis=1, kind="stable")[:, : max(int((~missing).sum(1).max()), 1)]
+    shapes = np.where(missing[:, None], 0.0, shapes)
+    return SimulatedTests(
+        np.take_along_axis(frequencies, order, axis=1),
+        np.take_along_axis(shapes, order[:, None], axis=2),
+        np.take_along_axis(noise, order[:, None], axis=2),
+        np.sqrt(modes.variances[:, 1]),
+    )
