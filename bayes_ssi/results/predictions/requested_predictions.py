@@ -15,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.packages import versions
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.measurements.records.record_files import read_ground_motion
 from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS, Band, Prediction
 from bayes_ssi.results.predictions.predictions import (
     PredictedMode,
@@ -25,18 +27,20 @@ from bayes_ssi.results.predictions.predictions import (
     shown_places,
 )
 from bayes_ssi.results.result_files import read_record, write_csv
-from bayes_ssi.structures.response.ground_motion import GroundMotion
+from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion
 from bayes_ssi.structures.response.modal_response import (
     GROUND,
+    HEAVY_DAMPING,
     Damping,
     Output,
     Quantity,
     checked_frequencies,
     damping_ratios,
     ground_influence,
+    heavy_damping_warning,
 )
 
-UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
+RESPONSE_UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
 PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²/mass"}
 
@@ -79,7 +83,7 @@ class ResponseRequest:
     @property
     def unit(self) -> str:
         """Unit of time histories and their peaks."""
-        return UNITS[self.output.quantity]
+        return RESPONSE_UNITS[self.output.quantity]
 
 
 class Response(NamedTuple):
@@ -201,6 +205,94 @@ def default_frequencies(
     return np.linspace(low, high, min(max(needed, 400), most))
 
 
+def requested(
+    predicted: StoredPredictions,
+    first: Predictions,
+    quantity: Quantity,
+    places: tuple[str, ...],
+    damping: str | None,
+    transfer: str | None,
+    band: tuple[float, float] | None,
+    records: tuple[Path, ...],
+    unit: str | None,
+    dt: float | None,
+    level: float,
+) -> tuple[ResponseRequest, list[str]]:
+    """The request from the options of ``bayes-ssi predict``, and remarks on it."""
+    for name, value in (("--unit", unit), ("--dt", dt)):
+        if value is not None and not records:
+            raise ValueError(f"{name}: applies to records, but no --record is given")
+    ratios, remark = _damping(predicted.data, damping)
+    lowest = damping_ratios(ratios, np.size(ratios)).min()
+    output = _output(quantity, places) if places else default_output(first, quantity)
+    remarks = [remark]
+    heaviest = float(np.max(ratios))
+    if heaviest > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
+    frequencies = None
+    if transfer is None:
+        structures = [each.structure for each in first.classes]
+        unknown = [one for one in structures if ground_influence(one) is None]
+        transfer = "none" if unknown else GROUND
+        if unknown:
+            remarks.append(
+                "No transfer functions: how ground motion acts on the degrees of freedom of the "
+                f"{type(unknown[0]).__name__} is not known."
+            )
+    if transfer != "none":
+        frequencies = default_frequencies(predicted.data, lowest, band)
+        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
+        remarks.append(
+            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
+            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
+        )
+        if len(frequencies) == PREDICTION_SETTINGS.most_frequencies:
+            remarks.append(
+                "(!) The frequencies may miss the top of a narrow peak; give a narrower --band."
+            )
+    elif band is not None:
+        raise ValueError("--band: applies to transfer functions, but --transfer is none")
+    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
+    remarks += [
+        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
+    ]
+    force_at = None if transfer in (GROUND, "none") else transfer
+    return ResponseRequest(output, ratios, frequencies, force_at, motions, level), remarks
+
+
+def _damping(data: ModalData, text: str | None) -> tuple[Damping, str]:
+    """The damping, and a sentence about it."""
+    if text is None:
+        default, source = default_damping(data)
+        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
+    try:
+        ratios = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
+        ) from None
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    if len(ratios) == 1:
+        return ratios[0], f"Damping: {each} % in all modes, as given."
+    return ratios, f"Damping: {each} % mode by mode, as given."
+
+
+def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
+    if quantity != "drift":
+        return Output(quantity, places)
+    for place in places:
+        if place.count(":") != 1:
+            raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
+    pairs = [place.partition(":") for place in places]
+    return Output(quantity, tuple((lower, upper) for lower, _, upper in pairs))
+
+
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
 # Tables that fit on a page; the others are curves, shown as figures.
@@ -232,6 +324,29 @@ class PredictionsRecord:
     transfer_functions: str | None  # their output and input; None where there are none
     records: tuple[MotionRecord, ...]
     versions: Mapping[str, str]
+
+
+def predictions_record(
+    predicted: StoredPredictions, names: tuple[str, ...], request: ResponseRequest
+) -> PredictionsRecord:
+    transfer = None if request.frequencies_hz is None else request.transfer_name
+    damping = request.damping
+    return PredictionsRecord(
+        study=predicted.stored.record.study,
+        result_created=predicted.stored.record.created,
+        configuration=predicted.configuration,
+        predictions_of=names,
+        draws=predicted.n_draws,
+        level=request.level,
+        quantity=request.output.quantity,
+        places=tuple(request.output.labels),
+        damping=damping if isinstance(damping, (int, float)) else tuple(damping),
+        transfer_functions=transfer,
+        records=tuple(
+            MotionRecord(motion.name, len(motion), motion.dt) for motion in request.motions
+        ),
+        versions=versions(),
+    )
 
 
 @dataclass(frozen=True)
