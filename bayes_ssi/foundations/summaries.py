@@ -10,6 +10,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 
 # Of a median and the central 90 %.
 LEVELS = (0.05, 0.5, 0.95)
+Quantiles = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Summary:
         return cls(name, mean, sd, *weighted_quantiles(values, weights), **further)
 
 
-def weighted_quantiles(values: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
+def weighted_quantiles(values: FloatArray, weights: FloatArray) -> Quantiles:
     """The 5, 50 and 95 % quantiles of weighted ``values`` (n,).
 
     The smallest value that this share of the weights does not exceed. Where the weights up to a

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from bayes_ssi.foundations.summaries import Quantiles
 from bayes_ssi.results.search_answer import unsampled
 from bayes_ssi.results.wording import (
     likelihood_in_words,
@@ -15,7 +16,6 @@ from bayes_ssi.studies.changes.change_search import (
     ChangesRecord,
     ChangeSummary,
     PlaceOfChange,
-    Quantiles,
 )
 from bayes_ssi.studies.ranking.comparison import RANKING
 

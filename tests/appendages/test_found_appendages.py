@@ -125,7 +125,7 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     places = (first, second)
     both = dict(zip(places, (of_first, of_second), strict=True))
     by_rank = ranked_draws([both], [1.0], [bs.LogUniform(0.01, 1.0)], places)
-    lower, upper = (matched(each, places, [None]) for each in by_rank)
+    lower, upper = (matched(each, places, {}) for each in by_rank)
     assert lower.frequency_hz == (1.0, 1.1, 1.3)
     assert upper.frequency_hz == (4.0, 4.1, 4.3)
     for each in (lower, upper):
@@ -149,7 +149,7 @@ def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
         shares = [share_of_first, 1.0 - share_of_first]
         priors = [bs.LogUniform(0.01, 1.0)] * 2
         (only,) = ranked_draws([{first: low}, {second: high}], shares, priors, (first, second))
-        return matched(only, (first, second), [None, None])
+        return matched(only, (first, second), {})
 
     answer = of_two(0.4)
     assert (answer.frequency_hz, answer.probability) == ((17.0, 17.5, 18.0), pytest.approx(0.6))

@@ -13,7 +13,6 @@ first: places may change hands, even between the draws of one hypothesis.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.summaries import weighted_quantiles
+from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
@@ -136,22 +135,19 @@ def matched_appendages(
     if not shares[number] > 0.0:
         return ()
     chosen = [row for row in rows if len(row.appendages) == number and row.probability > 0.0]
-    priors = {
-        name: baselines.options.prior_of_mass_ratio(scale.mass)
-        for name, scale in baselines.scales.items()
-    }
     by_name = {each.model_class.name: each for each in hypotheses}
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
-    motions = {name: _motions(baselines, each) for name, each in best.items()}
+    of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
+    motions = {i: known for i, row in enumerate(chosen) if (known := of_baselines[row.baseline])}
+    scales = [baselines.scales[row.baseline].mass for row in chosen]
     places = list(dict.fromkeys(place for row in chosen for place in draws[row.name]))
     of_ranks = ranked_draws(
         [draws[row.name] for row in chosen],
         [row.probability / shares[number] for row in chosen],
-        [priors[row.baseline] for row in chosen],
+        [baselines.options.prior_of_mass_ratio(scale) for scale in scales],
         places,
     )
-    of_hypotheses = [motions[row.baseline] for row in chosen]
-    return tuple(matched(each, places, of_hypotheses) for each in of_ranks)
+    return tuple(matched(each, places, motions) for each in of_ranks)
 
 
 def ranked_draws(
@@ -182,23 +178,23 @@ def ranked_draws(
 
 
 def matched(
-    draws: RankedDraws, places: Sequence[AppendagePlace], motions: Sequence[Motions | None]
+    draws: RankedDraws, places: Sequence[AppendagePlace], motions: Mapping[int, Motions]
 ) -> MatchedAppendage:
-    """One appendage, from draws that number ``places`` and, with their ``motions``, hypotheses."""
+    """One appendage; ``motions`` are those known, by the numbers of their hypotheses."""
     groups = _of_one_frequency(draws)
     shares = [float(group.weights.sum()) for group in groups]
     frequencies = [weighted_quantiles(group.frequency_hz, group.weights) for group in groups]
-    first, *others = sorted(range(len(groups)), key=lambda number: -shares[number])
-    group, frequency = groups[first], frequencies[first]
-    mode, ratio, mass = _effective(group, frequency[1], places, motions)
+    mode, effective_mass, effective_ratio = _effective(
+        groups[0], frequencies[0][1], places, motions
+    )
     return MatchedAppendage(
-        frequency_hz=frequency,
-        probability=shares[first],
-        other_frequencies_hz=tuple((shares[i], frequencies[i]) for i in others),
-        effective_mass=None if mass is None else weighted_quantiles(mass, group.weights),
-        effective_ratio=None if ratio is None else weighted_quantiles(ratio, group.weights),
+        frequency_hz=frequencies[0],
+        probability=shares[0],
+        other_frequencies_hz=tuple(zip(shares[1:], frequencies[1:], strict=True)),
+        effective_mass=effective_mass,
+        effective_ratio=effective_ratio,
         mode=mode,
-        places=_places(group, places),
+        places=_places(groups[0], places),
     )
 
 
@@ -206,29 +202,27 @@ def _effective(
     group: RankedDraws,
     frequency_hz: float,
     places: Sequence[AppendagePlace],
-    motions: Sequence[Motions | None],
-) -> tuple[int, FloatArray | None, FloatArray | None]:
-    """The mode next to a frequency; (n,), effective masses over the modal mass, and themselves."""
-    present = np.unique(group.hypothesis).tolist()
-    first = motions[present[0]]
-    if first is None:
+    motions: Mapping[int, Motions],
+) -> tuple[int, Quantiles | None, Quantiles | None]:
+    """The mode next to a frequency; the effective mass, and the same over the modal mass."""
+    if not motions.keys() >= set(group.hypothesis.tolist()):
         return 0, None, None
+    first = motions[int(group.hypothesis[0])]
     nearest = int(np.abs(first.frequencies_hz - frequency_hz).argmin())
-    mode = int(first.numbers[nearest])
-    ratios, masses = [], []
-    for number in present:
-        motion, own = motions[number], group.hypothesis == number
-        if motion is None or nearest >= len(motion.of_sensors):
-            return mode, None, None
-        which = group.place[own]
-        moved = {i: motion.of_places[places[i]][nearest] for i in np.unique(which).tolist()}
-        ratios.append(group.mass[own] * np.array([moved[i] for i in which.tolist()]) ** 2)
-        masses.append(ratios[-1] / motion.of_sensors[nearest] ** 2)
-    return mode, np.concatenate(ratios), np.concatenate(masses)
+    moved, largest = [], []
+    for number, place in zip(group.hypothesis.tolist(), group.place.tolist(), strict=True):
+        if nearest >= len(motions[number].of_sensors):
+            return 0, None, None
+        moved.append(motions[number].of_places[places[place]][nearest])
+        largest.append(motions[number].of_sensors[nearest])
+    ratios = group.mass * np.array(moved) ** 2
+    masses = ratios / np.array(largest) ** 2
+    mass, ratio = (weighted_quantiles(each, group.weights) for each in (masses, ratios))
+    return int(first.numbers[nearest]), mass, ratio
 
 
 def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
-    """The draws in groups of frequencies that are apart, each with a share of the probability."""
+    """The draws in groups of frequencies that are apart, the most probable group first."""
     order = np.argsort(draws.frequency_hz)
     hz, weights = draws.frequency_hz[order], draws.weights[order]
     least = CRITERIA.share_of_a_group * weights.sum()
@@ -237,17 +231,13 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
         if min(weights[begin : i + 1].sum(), weights[i + 1 :].sum()) >= least:
             ends.append(float(hz[i]))
             begin = i + 1
-    return [
-        draws.where((draws.frequency_hz > low) & (draws.frequency_hz <= high))
-        for low, high in pairwise([-np.inf, *ends, np.inf])
-    ]
+    numbers = np.searchsorted(ends, draws.frequency_hz)
+    groups = [draws.where(numbers == number) for number in range(len(ends) + 1)]
+    return sorted(groups, key=lambda group: -group.weights.sum())
 
 
 def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[PlaceOfAppendage, ...]:
     """Where an appendage may be, the most probable place first."""
-    of_hypotheses = [draws.where(draws.hypothesis == i) for i in np.unique(draws.hypothesis)]
-    total = sum(float(each.weights.sum()) for each in of_hypotheses)
-    total_by_data = sum(float(each.by_data.sum()) for each in of_hypotheses)
     found = []
     for number in np.unique(draws.place).tolist():
         there = draws.where(draws.place == number)
@@ -255,9 +245,9 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Place
             found.append(
                 PlaceOfAppendage(
                     place=places[number],
-                    probability=float(there.weights.sum()) / total,
+                    probability=float(there.weights.sum() / draws.weights.sum()),
                     mass=weighted_quantiles(there.mass, there.weights),
-                    by_data=float(there.by_data.sum()) / total_by_data,
+                    by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
     return tuple(sorted(found, key=lambda place: -place.probability))

@@ -15,7 +15,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import counted
-from bayes_ssi.foundations.summaries import weighted_quantiles
+from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
@@ -37,7 +37,6 @@ from bayes_ssi.studies.search.search_record import (
 
 # A probability to a twentieth of its odds is as much as anyone asks.
 SAMPLING = SamplingSettings(log_evidence_error=0.05)
-Quantiles = tuple[float, float, float]  # 5, 50 and 95 %
 
 
 @dataclass(frozen=True)
