@@ -50,7 +50,6 @@ class Seen(NamedTuple):
 
     @classmethod
     def of(cls, tests: SimulatedTests, layouts: Sequence[Sequence[int]]) -> Seen:
-        """Of all of these tests."""
         sensors = np.zeros((len(layouts), tests.shapes.shape[1]), dtype=bool)
         shapes = np.zeros((len(layouts), *tests.shapes.shape))
         for i, layout in enumerate(layouts):

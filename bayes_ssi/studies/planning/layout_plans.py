@@ -124,8 +124,7 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
         for name, posterior in posteriors.items():
             if posterior.data_digest != classes[name].data_digest:
                 raise ValueError(f"plan: the result of model class {name!r} is of other data")
-        rows = after.comparison.classes
-        weights = {row.name: row.probability for row in rows}
+        weights = {row.name: row.probability for row in after.comparison.classes}
         study = study.only([n for n in weights if weights[n] >= PLANNING.least_probability])
     total = sum(weights[name] for name in study.names)
     return [
@@ -164,7 +163,7 @@ def _with_candidates(
     places = [Candidate(each, each) if isinstance(each, str) else each for each in candidates]
     require_distinct(places)
     for each in classes:
-        of_class = f"model class {each.name!r}: candidate"
+        of_class = f"model class {each.model_class.name!r}: candidate"
         each.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
     places = [located(place, classes[0].structure) for place in places]
     return [replace(each, candidates=tuple(places)).made_accurate() for each in classes]
@@ -210,8 +209,9 @@ def _places(
 def _check_aim(classes: Sequence[PlannedClass], aim: Aim) -> None:
     """Refuse an aim that these classes do not have."""
     if aim == CLASS and len(classes) < 2:
+        name = classes[0].model_class.name
         raise ValueError(
-            f"plan: the aim 'class' needs two model classes or more, and {classes[0].name!r} is "
+            f"plan: the aim 'class' needs two model classes or more, and {name!r} is "
             "alone: classes that differ in their pairing only are one before a test, and "
             "improbable ones are left out after one; choose another aim, such as 'parameters'"
         )
@@ -271,22 +271,22 @@ class _Planning:
     def _shapes(self) -> FloatArray:
         """Of the most probable class (n_candidates, n_modes) in the band, before the test."""
         planned = max(self.classes, key=lambda each: each.probability)
-        modes = planned.modes(planned.centre[None])
+        first = planned.posterior is None
+        centre = np.zeros(len(planned.parameters)) if first else planned.drawn_before.mean(axis=0)
+        modes = planned.modes(centre[None])
         low, high = planned.configuration.data.band_hz
         inside = (modes.frequencies_hz[0] > low) & (modes.frequencies_hz[0] < high)
         return modes.shapes[0][:, inside]
-
-    def _largest_mac(self, layout: Sensors) -> float:
-        shapes = self._shapes[list(layout)]
-        between = mac(shapes, shapes)[np.triu_indices(shapes.shape[1], 1)]
-        return float(between.max(initial=0.0)) if len(layout) > 1 else np.nan
 
     def _layout(self, sensors: Sensors, worth: Worth) -> Layout:
         naming = self._whole.mean(worth.named)[0] if self.aim == CLASS else None
         names = tuple(self.classes[0].candidates[i].name for i in sensors)
         band = self.classes[0].configuration.data.band_hz
         gain = self._whole.mean(worth.values)
-        return Layout(names, band, *gain, naming, self._largest_mac(sensors))
+        shapes = self._shapes[list(sensors)]
+        between = mac(shapes, shapes)[np.triu_indices(shapes.shape[1], 1)]
+        largest_mac = float(between.max(initial=0.0)) if len(sensors) > 1 else np.nan
+        return Layout(names, band, *gain, naming, largest_mac)
 
     def plan(self, study: str, configuration: str) -> Plan:
         """The plan, without alternatives."""
@@ -328,7 +328,7 @@ class _Planning:
         return Plan(
             study=study,
             aim=self.aim if isinstance(self.aim, str) else self.aim.__name__,
-            classes={each.name: each.probability for each in self.classes},
+            classes={each.model_class.name: each.probability for each in self.classes},
             is_after_a_test=self.classes[0].posterior is not None,
             configuration=configuration,
             layouts=tuple(self._layout(each, worth[each]) for each in some),

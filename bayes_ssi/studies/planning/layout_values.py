@@ -8,7 +8,7 @@ same tests and of the same draws: nothing is simulated again.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb
 from typing import NamedTuple
@@ -43,8 +43,6 @@ class SimulatedPlan:
     tests: SimulatedTests
     true_class: NDArray[np.intp]  # (N,), index of the class that gave each test
     draws: tuple[CentredDraws, ...]
-    # Number of sensors → log constants of a shape's density, of each class (N, K).
-    _constants: dict[int, list[FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -88,8 +86,9 @@ class SimulatedPlan:
             shapes = np.ascontiguousarray(some.shapes[:, :, :n_draws])
             shortened = CentredDraws._make(array[:, :n_draws] for array in some)
             draws.append(shortened._replace(shapes=shapes))
-        tests, true_class = self.tests.rows(rows), self.true_class[rows]
-        return replace(self, tests=tests, true_class=true_class, draws=tuple(draws), _constants={})
+        return SimulatedPlan(
+            self.classes, self.tests.rows(rows), self.true_class[rows], tuple(draws)
+        )
 
     @property
     def probabilities(self) -> FloatArray:
@@ -101,16 +100,9 @@ class SimulatedPlan:
         layout, d = list(layout), len(layout)
         if d < 2:  # a shape at one sensor says nothing
             return [own.log_weights for own in self.draws]
-        if d not in self._constants:
-            self._constants[d] = [
-                own.log_weights
-                + own.n_paired
-                * (log_sphere_area(d) - log_shape_normaliser(np.sqrt(own.shape_var), d))
-                for own in self.draws
-            ]
         seen = self.tests.identified_shapes(layout).astype(np.float32)
         weights = []
-        for own, constants in zip(self.draws, self._constants[d], strict=True):
+        for own in self.draws:
             n, _, k, n_modes = own.shapes.shape
             cosine, squares = np.zeros((2, n, k, n_modes), dtype=np.float32)
             for i, sensor in enumerate(layout):
@@ -120,6 +112,8 @@ class SimulatedPlan:
             # Both are zero of modes that are not paired.
             cosine /= np.sqrt(np.maximum(squares, np.finfo(np.float32).tiny))
             distances = own.n_paired - np.abs(cosine).sum(axis=2, dtype=float)
+            constant = log_sphere_area(d) - log_shape_normaliser(np.sqrt(own.shape_var), d)
+            constants = own.log_weights + own.n_paired * constant
             weights.append(constants - distances / own.shape_var)
         return weights
 
@@ -163,18 +157,19 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     return Worth(log_evidences[own] - log_total, named, bias, fewest)
 
 
-# A quantity of a class at its draws about its own tests (n, K, q), and at draws before them (B, q);
-# q is 0 in a class that does not have it.
-Quantity = tuple[FloatArray, FloatArray]
-
-
 def quantity_worth(
-    plan: SimulatedPlan, layout: Sequence[int], quantities: Sequence[Quantity]
+    plan: SimulatedPlan,
+    layout: Sequence[int],
+    quantities: Sequence[tuple[FloatArray, FloatArray]],
 ) -> Worth:
     """½ ln det (covariance before the test) - ½ ln det (after it), given the class.
 
     For normal distributions the mean of it is the mutual information of quantity and data. The
     covariance after a test, of few draws, has the expected ln det of Wishart's distribution.
+
+    Args:
+        quantities: of each class its quantity at the draws about its own tests (n, K, q), and at
+            draws before them (B, q); q is 0 in a class that does not have it.
     """
     values, draws = np.full((2, len(plan.true_class)), np.nan)
     for c, log_weights in enumerate(plan.log_weights(layout)):
@@ -206,7 +201,6 @@ class LayoutSearch:
     tried: dict[Sensors, float] = field(default_factory=dict)
 
     def is_exhaustive(self, number: int) -> bool:
-        """Whether all layouts of that many sensors are tried."""
         return comb(len(self.free), number - len(self.fixed)) <= PLANNING.most_exhaustive
 
     def best(self, number: int, start: Sensors) -> Sensors:
@@ -245,12 +239,8 @@ def effective_independence(shapes: FloatArray, number: int, fixed: Sequence[int]
     """Sensors that keep the shapes of one model linearly independent, as placed by habit.
 
     The candidate that contributes least to the rank of the shapes goes, until ``number`` are left
-    (Kammer 1991, Journal of Guidance, Control, and Dynamics 14).
-
-    Args:
-        shapes: (n_candidates, n_modes), at unit modal mass.
-        number: of sensors.
-        fixed: candidates that stay.
+    (Kammer 1991, Journal of Guidance, Control, and Dynamics 14). Shapes (n_candidates, n_modes) are
+    at unit modal mass; fixed candidates stay.
     """
     left = list(range(len(shapes)))
     while len(left) > number:

@@ -58,9 +58,7 @@ class PlanningNumbers:
     tail: float = 6.0  # degrees of freedom of the Student-t densities of draws
     # A check fails where evidences rest on fewer effective draws in more than this share of tests,
     # or few draws bias the gain by more nats.
-    counts: float = (
-        0.01  # probability of a class after a test below which its evidence says nothing
-    )
+    counts: float = 0.01  # of probability after a test: below it an evidence says nothing
     least_draws: float = 5.0
     most_thin: float = 0.1
     most_bias: float = 0.02

@@ -59,10 +59,6 @@ class PlannedClass:
     posterior: Posterior | None = None
     error_factor: float = 1.0  # of errors of identification, or of all where these are not known
 
-    @property
-    def name(self) -> str:
-        return self.model_class.name
-
     def made_accurate(self) -> PlannedClass:
         """With an approximate structure accurate enough where it will be used."""
         if not self.structure.is_approximate:
@@ -166,13 +162,6 @@ class PlannedClass:
         names = [parameter.name for parameter in self.parameters]
         return [names.index(name) for name in self.model_class.parameter_names]
 
-    @property
-    def centre(self) -> FloatArray:
-        """Mean of z before the test, (n_parameters,)."""
-        if self.posterior is None:
-            return np.zeros(len(self.parameters))
-        return np.asarray(self.drawn_before.mean(axis=0))
-
     @cached_property
     def precision(self) -> FloatArray:
         """Inverse of the covariance of z before the test."""
@@ -213,7 +202,6 @@ class SimulatedTests(NamedTuple):
         return joined(wider)
 
     def rows(self, which: slice) -> SimulatedTests:
-        """Some of the tests."""
         return SimulatedTests._make(array[which] for array in self)
 
     def identified_shapes(self, layout: Sequence[int]) -> FloatArray:
