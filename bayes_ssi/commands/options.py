@@ -25,7 +25,6 @@ def path_option(*names: str, text: str, **more: Any) -> Decorator:
 
 
 def default_option(name: str, default: Any, text: str, kind: Any = None) -> Decorator:
-    """An option with a default that the help shows."""
     return click.option(name, type=kind, default=default, show_default=True, help=text)
 
 

@@ -40,8 +40,6 @@ RESULTS = Path("runs") / "results"
 
 @dataclass(frozen=True)
 class ResultPlace:
-    """Where a command saves its result and, until then, its evaluations."""
-
     study_file: Path
     directory: Path
     checkpoint: Checkpoint
@@ -241,7 +239,6 @@ def _recorded(place: ResultPlace) -> Path:
 
 
 def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
-    """The record that ``--json`` prints: ranking, numbers of posteriors, path of the result."""
     from bayes_ssi.results.answer import answer
 
     return {

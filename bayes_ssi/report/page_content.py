@@ -85,7 +85,6 @@ def heading(name: str) -> str:
 
 
 def of_numbers(name: str) -> bool:
-    """Whether a column of a predictions file holds numbers."""
     return name in NUMBERS or any(name.endswith(ending) for ending in UNITS)
 
 
@@ -105,7 +104,6 @@ def page_content(
     figures: ReportFigures,
     plan: Plan | None = None,
 ) -> dict[str, Any]:
-    """The variables of the template."""
     record, comparison = stored.record, stored.comparison
     appendages = stored.search if isinstance(stored.search, SearchRecord) else None
     ranked = list(zip(comparison.classes, stored.ranked_posteriors, strict=True))
@@ -180,7 +178,6 @@ def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[
 
 
 def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:
-    """Name and texts of consecutive lines with the same name."""
     return [
         (name, [text for _, text in group])
         for name, group in groupby(lines.elements(), key=lambda line: line[0])
@@ -279,7 +276,6 @@ def _explained(
     labels: Sequence[str | None],
     configuration: Mapping[str, Any],
 ) -> Iterator[str]:
-    """What the modes at a peak are in a model class."""
     model_modes = {mode["label"]: mode["model_mode"] for mode in configuration["modes"]}
     for i in peak.modes:
         label = labels[i]

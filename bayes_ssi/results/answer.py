@@ -13,9 +13,10 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.change_answer import change_sentences, change_verdict
 from bayes_ssi.results.search_answer import (
     beaten_baselines,
+    change_sentences,
+    change_verdict,
     hypothesis_in_words,
     search_sentences,
     search_verdict,
@@ -51,16 +52,12 @@ class Answer:
 
     @property
     def paragraphs(self) -> tuple[str, ...]:
-        """The verdict and what follows it."""
         return (self.verdict, *self.reasons, *self.figures)
 
 
 def answer(result: StoredResult) -> Answer:
-    """The answer of a ranking, or of a search for appendages."""
-    verdict = _verdict(result)
-    return Answer(
-        tuple(_warnings(result)), verdict, tuple(_reasons(result)), tuple(_figures(result))
-    )
+    warnings, reasons, figures = _warnings(result), _reasons(result), _figures(result)
+    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(figures))
 
 
 def first_screen(result: StoredResult | Ranking | SearchResult) -> str:

@@ -25,7 +25,6 @@ Group = Mapping[str, tuple[Sequence[str], ArrayLike]]
 
 
 def write_netcdf(path: Path, groups: Mapping[str, Group]) -> None:
-    """Write a new netCDF-4 file."""
     import h5netcdf
     import h5py
 

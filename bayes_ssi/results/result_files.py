@@ -47,7 +47,6 @@ def read_current(kind: type[T], path: Path, *, what: str, again: str) -> T:
 
 
 def write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a new CSV file."""
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heading)
@@ -55,7 +54,6 @@ def write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a record."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
@@ -82,7 +80,6 @@ def write_digests(directory: Path) -> None:
 
 
 def check_digests(directory: Path, *names: str) -> None:
-    """Check that files are as they were saved."""
     saved = read_json(directory / DIGESTS)
     for name in names:
         path = directory / name

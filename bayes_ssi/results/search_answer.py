@@ -1,7 +1,8 @@
-"""The answer of a search in sentences: is there an appendage, where, and of which mass?"""
+"""The answer of a search in sentences: what hides or changed, where, how much of it, how surely."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from bayes_ssi.foundations.summaries import Quantiles
 from bayes_ssi.results.wording import (
     WORDING,
     likelihood_in_words,
@@ -11,6 +12,12 @@ from bayes_ssi.results.wording import (
     shortened,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.changes.change_search import (
+    ChangeRecord,
+    ChangesRecord,
+    ChangeSummary,
+    PlaceOfChange,
+)
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
 from bayes_ssi.studies.search.efforts import EFFORTS
 from bayes_ssi.studies.search.search_record import FamilyRecord
@@ -19,21 +26,30 @@ ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
 def hypothesis_in_words(search: FamilyRecord, name: str) -> str:
-    """What a hypothesis claims, in words."""
     places = [each.place.description for each in search.hypothesis(name).features]
     return listed(places) if places else name
 
 
 def search_verdict(search: SearchRecord) -> str:
-    """Whether there is an appendage, and how sure that is."""
-    probability = search.probability_of_any
     before = sum(each.prior_probability for each in search.hypotheses if each.appendages)
-    there_is = probability >= 0.5
-    sure = likelihood_in_words(probability if there_is else 1.0 - probability)
+    an = "an" if search.probability_of_any >= 0.5 else "no"
+    sure = _how_sure(search, search.probability_of_any, before, "at least one")
+    return f"That there is {an} appendage is {sure} before the test."
+
+
+def change_verdict(record: ChangeRecord) -> str:
+    before = sum(each.prior_probability for each in record.hypotheses if each.claims_change)
+    something = "something" if record.probability_of_change >= 0.5 else "nothing"
+    tests = f"between {listed(map(repr, record.before))} and {listed(map(repr, record.after))}"
+    sure = _how_sure(record, record.probability_of_change, before, "a change")
+    return f"That {something} changed {tests} is {sure} before the tests."
+
+
+def _how_sure(record: FamilyRecord, probability: float, before: float, what: str) -> str:
     return (
-        f"That there is {'an' if there_is else 'no'} appendage is {sure}: the probability of at "
-        f"least one is {probability_in_words(probability)} among the {len(search.hypotheses)} "
-        f"hypotheses considered, and was {probability_in_words(before)} before the test."
+        f"{likelihood_in_words(max(probability, 1.0 - probability))}: the probability of {what} is "
+        f"{probability_in_words(probability)} among the {len(record.hypotheses)} hypotheses "
+        f"considered, and was {probability_in_words(before)}"
     )
 
 
@@ -169,3 +185,86 @@ def _determined(search: SearchRecord) -> Iterator[str]:
             )
         if against:
             yield f"Only the prior of the mass speaks against {shortened(against)}."
+
+
+def lost(change: ChangeSummary) -> str:
+    """What one place lost: medians and 90 % intervals."""
+    several = len(change.losses) > 1
+    return listed(
+        (f"of {name.removeprefix('loss, ')} " if several else "") + _percent(share)
+        for name, share in change.losses.items()
+    )
+
+
+def _percent(share: Quantiles) -> str:
+    low, middle, high = (100.0 * each for each in share)
+    return quantity(low, middle, high, "%")
+
+
+def change_sentences(record: ChangeRecord) -> Iterator[str]:
+    """Where it changed and by how much, what would have been seen, and what it rests on."""
+    own = [each for each in record.places if not each.place.is_common]
+    if record.best_change is not None and record.probability_of_change >= RANKING.probable:
+        yield from _places(record, record.best_change)
+    if record.has_visible:
+        yield from _visible([each for each in own if each.is_observed])
+    for common in (each for each in record.places if each.place.is_common):
+        yield (
+            "That all places lost a share in common, which counts as no change, has the "
+            f"probability {probability_in_words(common.probability)}; the share is then "
+            f"{lost(common.change)}."
+        )
+    if len(own) == len(record.places) and record.probability_of_change >= 0.5:
+        yield (
+            "That all places lost a share in common, as by temperature or moisture, was not "
+            "considered, and would be taken for a change; ask with --common."
+        )
+    if record.shared is not None:
+        yield (
+            f"The tests share {_percent(record.shared)} of the "
+            "errors of the model, which is wrong in the same way before and after: their "
+            f"correlation is inferred, with the prior {record.settings.shared}."
+        )
+    yield from unsampled(record)
+
+
+def _places(record: ChangeRecord, best: ChangesRecord) -> Iterator[str]:
+    changed = [record.place(change.place.name) for change in best.changes]
+    items = [
+        f"{each.place.name} (probability {probability_in_words(each.probability)}), which lost "
+        f"{lost(each.change)}"
+        for each in changed
+        if not each.place.is_common
+    ]
+    if record.probability_of_change >= 0.5:
+        yield f"Most probably it is {listed(items)}: medians and 90 % intervals."
+    else:
+        yield f"If anything changed, it is most probably {listed(items)}."
+    for each in changed:
+        if each.alike:
+            yield (
+                f"The data do not tell {each.place.name} from {listed(each.alike)}: the change may "
+                f"be in {'any' if len(each.alike) > 1 else 'either'} of them."
+            )
+    others = [
+        f"{each.place.name} ({probability_in_words(each.probability)})"
+        for each in record.places_by_probability
+        if each.probability >= RANKING.probable and not each.place.is_common and each not in changed
+    ]
+    if others:
+        yield f"The other places that may have changed are {shortened(others)}."
+
+
+def _visible(places: Sequence[PlaceOfChange]) -> Iterator[str]:
+    shown = [
+        f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
+        for each in places
+        if each.smallest_visible is not None
+    ]
+    if shown:
+        yield (
+            "Had nothing else changed, the smallest losses that these tests would have shown with "
+            f"probability 0.9 are {shortened(shown)}; smaller ones may be there unseen."
+        )
+    if hidden := [each.place.name for each in places if each.smallest_visible is None]:
+        yield f"No loss, however large, would have been shown so surely in {shortened(hidden)}."

@@ -60,7 +60,6 @@ def layout_rows(plan: Plan) -> list[list[str]]:
 
 
 def layout_table(plan: Plan) -> Table:
-    """:func:`layout_rows` as a table."""
     headings, *rows = layout_rows(plan)
     title = f"Layouts of {counted(len(plan.best.sensors), 'sensor')}"
     table = new_table(title, headings[:2], headings[2:])

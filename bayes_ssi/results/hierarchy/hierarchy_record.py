@@ -26,58 +26,36 @@ MARKER = "hierarchy.json"
 
 @dataclass(frozen=True)
 class SingleTestSummary:
-    """What one of the tests says by itself.
-
-    Attributes:
-        name: of the test.
-        data_digest: identifies its data.
-        covariate: its value; None where there is no covariate.
-        log_evidence: of the model class in this test alone.
-        intervals: 5, 50 and 95 % quantiles of the population's parameters in this test alone.
-        n_draws: draws of its posterior that were used.
-        n_bumps: bumps that stand for its likelihood.
-        fit_error: root mean square error of their logarithm at the draws, in nats.
-        effective_sample_size: of its draws where the most probable population has them.
-    """
+    """What one of the tests says by itself."""
 
     name: str
     data_digest: str
-    covariate: float | None
-    log_evidence: float
+    covariate: float | None  # None where there is no covariate
+    log_evidence: float  # of the model class in this test alone
+    # 5, 50 and 95 % quantiles of the population's parameters in this test alone.
     intervals: tuple[tuple[float, float, float], ...]
-    n_draws: int
-    n_bumps: int
-    fit_error: float
-    effective_sample_size: float
+    n_draws: int  # of its posterior that were used
+    n_bumps: int  # that stand for its likelihood
+    fit_error: float  # root mean square, of their logarithm at the draws, in nats
+    effective_sample_size: float  # of its draws where the most probable population has them
 
 
 @dataclass(frozen=True, eq=False)
 class RankedPopulation:
-    """One row of the ranking of populations.
-
-    Attributes:
-        population: what it says of the parameters.
-        log_evidence: in nats, of all tests together, and ``error``, its standard error.
-        error_from_draws: the part of the error that more draws of the single tests would lower.
-        probability: among the populations compared, with equal prior weights.
-        log_bayes_factor: log evidence less that of the best one.
-        log_bayes_factor_error: standard error of the difference.
-        against: the evidence against it, in words.
-        draws: (n_draws, n_parameters), posterior draws of the population's parameters, in
-            standard-normal coordinates of the parameters of the model class.
-        failed_checks: a sentence each.
-    """
+    """One row of the ranking of populations."""
 
     population: Population
-    log_evidence: float
-    error: float
-    error_from_draws: float
-    probability: float
-    log_bayes_factor: float
+    log_evidence: float  # in nats, of all tests together
+    error: float  # standard error of the log evidence
+    error_from_draws: float  # the part that more draws of the single tests would lower
+    probability: float  # among the populations compared, with equal prior weights
+    log_bayes_factor: float  # log evidence less that of the best one
     log_bayes_factor_error: float
-    against: str
+    against: str  # the evidence against it, in words
+    # (n_draws, n_parameters), of the posterior of the population's parameters, in standard-normal
+    # coordinates of the parameters of the model class.
     draws: FloatArray
-    failed_checks: tuple[str, ...]
+    failed_checks: tuple[str, ...]  # a sentence each
 
     @property
     def name(self) -> str:
@@ -254,8 +232,6 @@ def _in_units(parameters: Sequence[ParameterRecord], z: FloatArray) -> FloatArra
 
 @dataclass(frozen=True)
 class HierarchyRecord:
-    """What ``hierarchy.json`` holds."""
-
     hierarchy: Hierarchy
     # Name of a test → directory of its result; empty where they were not read from files.
     results: Mapping[str, str]

@@ -195,8 +195,6 @@ def _shares(log_parts: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """Bumps fitted to the likelihood of one test."""
-
     bumps: Bumps  # the best fit
     second: Bumps  # the second best, which tells how uncertain it is
     log_ratios: FloatArray  # (n,), log of the likelihood over that of the bumps, at the draws
@@ -283,7 +281,6 @@ class _Fitting:
 
     @property
     def one_bump(self) -> Bumps:
-        """A quadratic function, fitted to the log-likelihoods by least squares."""
         d = self.x.shape[1]
         rows, columns = np.triu_indices(d)
         products = self.x[:, rows] * self.x[:, columns]

@@ -52,7 +52,6 @@ class SingleTest:
     adequacy: Adequacy | None = None
 
     def columns(self, names: Sequence[str]) -> list[int]:
-        """The columns of the named parameters."""
         own = [parameter.name for parameter in self.parameters]
         return [own.index(name) for name in names]
 
@@ -240,8 +239,6 @@ def _log_densities(draws: FloatArray, centres: FloatArray, spreads: FloatArray) 
 
 @dataclass(frozen=True, eq=False)
 class SampledPopulation:
-    """A population whose parameters were sampled."""
-
     population: Population
     log_evidence: float  # in nats, of all tests together, and ``error``, its standard error
     error: float
@@ -280,8 +277,6 @@ def failed_fits(tests: Sequence[SingleTest], fits: Sequence[LikelihoodFit]) -> l
 
 @dataclass(frozen=True, eq=False)
 class PopulationSampler:
-    """Samples populations of one series of tests."""
-
     tests: Sequence[SingleTest]
     fits: Sequence[LikelihoodFit]
     columns: Sequence[int]

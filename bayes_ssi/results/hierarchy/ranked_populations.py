@@ -193,7 +193,6 @@ def _rows(
 
 
 def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
-    """Rows of the ranking, for populations in the order of their evidence."""
     best = sampled[0]
     probabilities = class_probabilities({s.population.name: s.log_evidence for s in sampled}, None)
     rows = []
@@ -281,7 +280,6 @@ def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest
 
 
 def _check_alike(tests: Sequence[SingleTest], class_name: str) -> None:
-    """Raise ValueError unless the tests are different tests of the same class."""
     first = tests[0]
     by_digest: dict[str, str] = {}
     for test in tests:

@@ -19,8 +19,6 @@ class NoNodesError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class NodalModes:
-    """Modes at nodes."""
-
     nodes: tuple[str, ...]
     positions: FloatArray  # (n_nodes, 3), x, y and z; NaN where they are not known
     # The structure's, with lines and faces between some of the nodes; None if it has none.

@@ -179,7 +179,6 @@ def thinned_draws(
 
 
 def thinned_rows(n_values: int, n_draws: int) -> NDArray[np.intp]:
-    """Positions of ``n_draws`` draws, evenly spaced among ``n_values``."""
     return np.arange(n_draws) * n_values // n_draws
 
 

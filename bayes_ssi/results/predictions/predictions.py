@@ -49,14 +49,9 @@ AVERAGE = "average"
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of one model class, or of several in the proportions of their probabilities.
+    """Predictions of one model class, or of several in the proportions of their probabilities."""
 
-    Attributes:
-        name: name for titles.
-        classes: the draws of each class.
-    """
-
-    name: str
+    name: str  # for titles
     classes: tuple[PosteriorDraws, ...]
 
     @property
@@ -285,19 +280,12 @@ def _only(study: Study, name: str) -> ModelClass:
 
 @dataclass(frozen=True, eq=False)
 class StoredPredictions:
-    """A stored result and its model classes.
-
-    Attributes:
-        stored: the result.
-        model_classes: name → class.
-        n_draws: number of posterior draws of every prediction.
-        configuration: the state of the structure that is predicted.
-    """
+    """A stored result and its model classes."""
 
     stored: StoredResult
     model_classes: dict[str, ModelClass]
-    n_draws: int
-    configuration: str
+    n_draws: int  # of every prediction
+    configuration: str  # the state of the structure that is predicted
 
     @property
     def data(self) -> ModalData:

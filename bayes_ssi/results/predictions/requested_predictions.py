@@ -47,8 +47,6 @@ PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²
 
 @dataclass(frozen=True, eq=False)
 class ResponseRequest:
-    """The responses to be predicted."""
-
     output: Output
     damping: Damping
     # (F,), frequencies of transfer functions; none are computed if None.
@@ -76,7 +74,6 @@ class ResponseRequest:
 
     @property
     def transfer_name(self) -> str:
-        """Output and input of the transfer functions."""
         by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
         return f"{self.output.quantity} / {by}"
 
@@ -87,8 +84,6 @@ class ResponseRequest:
 
 
 class Response(NamedTuple):
-    """A predicted response at all places."""
-
     curves: Band  # (n_places, n_points)
     peaks: Band  # (n_places,), of the largest amplitude
 
@@ -157,7 +152,6 @@ def predict_responses(
 
 
 def _joined(bands: list[Band]) -> Band:
-    """Bands of all places, from those of some at a time."""
     return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
 
 
@@ -301,8 +295,6 @@ TABLES = ("frequencies.csv", "peaks.csv")
 
 @dataclass(frozen=True)
 class MotionRecord:
-    """A ground motion of the time histories."""
-
     name: str
     samples: int
     dt_s: float
@@ -310,8 +302,6 @@ class MotionRecord:
 
 @dataclass(frozen=True)
 class PredictionsRecord:
-    """What was predicted, and from what."""
-
     study: str
     result_created: str
     configuration: str  # the one that is predicted; empty where there is only one
