@@ -18,7 +18,7 @@ import click
 from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
 from bayes_ssi.commands.options import PATH, named_values, number_option, path_option, range_option
 from bayes_ssi.commands.terminal import command_line, say
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:

@@ -1,8 +1,12 @@
-"""Checks of arguments against their type hints, so that a wrong one is named where it is given."""
+"""Checks of arguments, so that a wrong one is named where it is given.
+
+Against type hints, and against the names or values to choose from.
+"""
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache, wraps
+from itertools import islice
 from numbers import Integral, Real
 from os import PathLike
 from types import NoneType, UnionType
@@ -103,3 +107,27 @@ def _words(hint: Any) -> str:
         return NAMES[hint]
     name = str(getattr(hint, "__name__", hint))
     return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+
+
+def require_known(
+    what: str, names: Iterable[object], choices: Collection[object], besides: str = ""
+) -> None:
+    """Refuse the first of ``names`` that is not one of ``choices``, or of what is ``besides``.
+
+    ``what`` says where the name stands and what is missing: "study 'A': no model class".
+    """
+    for name in names:
+        if name not in choices:
+            raise ValueError(f"{what} {name!r}; choose from {listed_choices(choices)}{besides}")
+
+
+def require_one_of(what: str, value: object, choices: Collection[object]) -> None:
+    """Refuse a ``value`` of an argument, which the message calls ``what``."""
+    if value not in choices:
+        raise ValueError(f"{what} must be one of {listed_choices(choices)}, got {value!r}")
+
+
+def listed_choices(choices: Collection[object], most: int = 30) -> str:
+    """Choices for a message, shortened where there are many."""
+    shown = ", ".join(map(repr, islice(choices, most))) or "nothing"
+    return shown if len(choices) <= most else f"{shown} and {len(choices) - most} more"

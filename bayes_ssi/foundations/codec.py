@@ -14,7 +14,7 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 import numpy as np
 
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import require_known
 
 T = TypeVar("T")
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.packages import importing_without
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.foundations.packages import versions

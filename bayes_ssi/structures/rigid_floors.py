@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
 from bayes_ssi.structures.elements import Contribution, Element
 from bayes_ssi.structures.geometry import Candidate, Sensor, SinglePlace

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values, values_at
 from bayes_ssi.structures.geometry import (

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice, row_sums
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
-from bayes_ssi.foundations.argument_types import require
-from bayes_ssi.foundations.choices import listed_choices, require_known
+from bayes_ssi.foundations.argument_types import listed_choices, require, require_known
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import AnyPairing, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import check_pairing

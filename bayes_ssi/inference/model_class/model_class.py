@@ -10,9 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import checked, require
+from bayes_ssi.foundations.argument_types import checked, require, require_known
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.foundations.text_files import require_printable

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy

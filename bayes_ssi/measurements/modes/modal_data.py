@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.foundations.argument_types import require
+from bayes_ssi.foundations.argument_types import require, require_known
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import (

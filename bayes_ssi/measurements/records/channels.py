@@ -34,8 +34,8 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.foundations.named_arrays import read_arrays
 from bayes_ssi.foundations.text_files import STATED_DELIMITER, require_regular_file

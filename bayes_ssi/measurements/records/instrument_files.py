@@ -16,8 +16,8 @@ from typing import TextIO
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.foundations.text_files import damage_named, read_columns, require_regular_file
 from bayes_ssi.foundations.universal_files import read_data_sets, response_direction

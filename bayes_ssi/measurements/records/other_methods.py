@@ -34,8 +34,8 @@ from io import StringIO
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.identification_settings import (

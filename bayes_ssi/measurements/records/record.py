@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_known, require_one_of
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known, require_one_of
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
 from bayes_ssi.measurements.records.record_checks import remarks_on

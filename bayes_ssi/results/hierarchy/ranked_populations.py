@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.special import betaincc
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.inference.criticism.adequacy import (
     inadequacy_in_words,

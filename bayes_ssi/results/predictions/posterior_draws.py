@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.model_class.model_class import ModelClass

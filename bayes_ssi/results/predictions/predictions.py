@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import (

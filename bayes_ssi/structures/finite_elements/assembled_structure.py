@@ -16,9 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, listed_choices
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import listed_choices
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM

@@ -11,9 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, listed_choices, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import listed_choices, require_known
 from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_one_of
 
 # Unit of an acceleration → its value in m/s²; standard gravity, inch and foot are exact by
 # definition.

@@ -29,8 +29,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_one_of
 from bayes_ssi.structures.modal import ModalModel
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.structure import Structure

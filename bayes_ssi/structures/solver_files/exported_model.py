@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.choices import listed_choices
+from bayes_ssi.foundations.argument_types import listed_choices
 from bayes_ssi.structures.finite_elements.model_arguments import checked_matrix
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS, direction_of

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.choices import require_one_of
+from bayes_ssi.foundations.argument_types import checked, require_one_of
 from bayes_ssi.foundations.text_files import first_bytes
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import (
     read_abaqus,

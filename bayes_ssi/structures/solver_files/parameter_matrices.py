@@ -26,9 +26,8 @@ from itertools import chain, combinations, product
 import numpy as np
 import scipy.sparse as sp
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 

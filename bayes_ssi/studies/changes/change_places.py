@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.parameters.families import NearOne, Uniform
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.structure import Structure

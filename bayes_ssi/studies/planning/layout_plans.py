@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.choices import require_known
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.structures.elements import AddedMass
 from bayes_ssi.structures.geometry import Candidate

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy, inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import choose_configuration

@@ -9,8 +9,7 @@ from typing import Any
 
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
 from bayes_ssi.inference.posterior.posterior import Posterior

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked, require
-from bayes_ssi.foundations.choices import require_known
+from bayes_ssi.foundations.argument_types import checked, require, require_known
 from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.error_places import own_lines
 from bayes_ssi.foundations.summaries import Summary
