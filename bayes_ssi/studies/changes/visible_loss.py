@@ -43,7 +43,8 @@ class VisibilitySettings:
     # those that follow, relative to it.
     first: tuple[float, ...] = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
     around: tuple[float, float] = (0.7, 1.6)
-    n_simulated: int = 18  # for an error of a tenth in the loss
+    n_simulated: int = 18  # in each of two rounds, for an error of a tenth in the loss
+    second: tuple[float, float] = (0.8, 1.25)  # of the second round, relative to the first answer
     most_lost: float = 0.98  # in simulations; what is left still stands
     largest: float = 0.95  # losses beyond are no answer
 
@@ -96,7 +97,7 @@ def visibilities(
         nothing: the hypothesis that nothing changed.
     """
     baseline, unchanged, screened = nothing.key.baseline, nothing.model_class, nothing.screened
-    n = len(VISIBILITY.first) + VISIBILITY.n_simulated
+    n = len(VISIBILITY.first) + 2 * VISIBILITY.n_simulated
     rng = np.random.default_rng(seed_of("posterior of nothing changed", seed))
     z = rng.permutation(screened.z[systematic_indices(screened.weights, n, rng)])
     places = [each for each in family.features[baseline] if not each.is_common]
@@ -114,7 +115,7 @@ def visibilities(
 def _visibility(
     changed: ModelClass, unchanged: ModelClass, z: FloatArray, needed: float, seed: int
 ) -> Visibility:
-    """From losses of all sizes, then from those about where log odds pass what is needed."""
+    """From losses of all sizes, then about where log odds pass what is needed, then the answer."""
 
     def log_odds(losses: FloatArray, begin: int) -> FloatArray:
         found = []
@@ -128,11 +129,17 @@ def _visibility(
     above = np.flatnonzero(rough > needed)
     last = int(above[0]) if len(above) else len(first) - 1
     passed = math.sqrt(first[last] * first[max(last - 1, 0)])
-    low, high = VISIBILITY.around
-    losses = np.geomspace(low * passed, high * passed, VISIBILITY.n_simulated)
-    losses = np.minimum(losses, VISIBILITY.most_lost)
     floor = float(rough.min()) - 1.0
-    return Visibility.fitted(losses, log_odds(losses, len(first)), needed, floor)
+    low, high = VISIBILITY.around
+    losses, odds = np.empty(0), np.empty(0)
+    for _ in range(2):
+        near = np.geomspace(low * passed, high * passed, VISIBILITY.n_simulated)
+        near = np.minimum(near, VISIBILITY.most_lost)
+        odds = np.append(odds, log_odds(near, len(first) + len(losses)))
+        losses = np.append(losses, near)
+        visibility = Visibility.fitted(losses, odds, needed, floor)
+        (low, high), passed = VISIBILITY.second, visibility.smallest or VISIBILITY.largest
+    return visibility
 
 
 def log_bayes_factor(
