@@ -114,7 +114,7 @@ def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
 def test_the_size_of_an_error_is_no_answer(monkeypatch):
     """Frequencies off by 2.25 times the error that is expected: a wider prior moves its size."""
     sooner = replace(CRITICISM, prior_edge=1.0)
-    monkeypatch.setattr("bayes_ssi.inference.criticism.adequacy.CRITICISM", sooner)
+    monkeypatch.setattr("bayes_ssi.inference.criticism.misfit.CRITICISM", sooner)
     # Weights for a prior wider by a factor of f have a tail of Pareto k near 1 - 1/f²: 0.75 for two
     # (0.755 by rejection), more than reweighting trusts, so that the class is sampled again.
     size = bs.Parameter("size", bs.LogNormal(0.004, 0.2))
