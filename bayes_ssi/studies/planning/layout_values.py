@@ -66,10 +66,8 @@ class SimulatedPlan:
                 some = (order[i % n_candidates] for i in range(first, first + size))
                 layouts[tuple(sorted({*some}))] = None
         served = [(), (), *layouts]
-        streams = [
-            np.random.default_rng(stream)
-            for stream in np.random.SeedSequence(seed).spawn(2 * len(classes))
-        ]
+        seeds = np.random.SeedSequence(seed).spawn(2 * len(classes))
+        streams = [np.random.default_rng(each) for each in seeds]
         n = -(-n_tests // len(classes))
         own = [simulate(c, n, rng) for c, rng in zip(classes, streams[::2], strict=True)]
         tests = SimulatedTests.joined(own)
@@ -82,10 +80,9 @@ class SimulatedPlan:
         rows = slice(None, None, max(1, len(self.true_class) // n_tests))
         draws = []
         for own in self.draws:
-            some = CentredDraws._make(array[rows] for array in own)
-            shapes = np.ascontiguousarray(some.shapes[:, :, :n_draws])
-            shortened = CentredDraws._make(array[:, :n_draws] for array in some)
-            draws.append(shortened._replace(shapes=shapes))
+            shapes = np.ascontiguousarray(own.shapes[rows, :, :n_draws])
+            some = CentredDraws._make(array[rows, :n_draws] for array in own)
+            draws.append(some._replace(shapes=shapes))
         return SimulatedPlan(
             self.classes, self.tests.rows(rows), self.true_class[rows], tuple(draws)
         )

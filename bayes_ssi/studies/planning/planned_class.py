@@ -111,9 +111,9 @@ class PlannedClass:
 
     def modes(self, z: FloatArray) -> SeenModes:
         """The modes at z (…, n_parameters); NaN where the structure has none."""
-        structure = self.structure
         terms, shares = terms_of(self.candidates)
-        matrix = structure.sensor_matrix(terms, "candidate")
+        structure = self.structure
+        matrix = structure.sensor_matrix(terms)
         per_row = len(structure.degrees_of_freedom) * structure.n_modes
         step = max(1, PLANNING.batch // per_row)
         values, parts = self.structural_values(z.reshape(-1, z.shape[-1])), []
@@ -133,11 +133,10 @@ class PlannedClass:
         n_own = len(self._sizes.parameters)
         values = values_at(self.parameters[:n_own], z[..., :n_own].reshape(-1, n_own))
         prediction_var = self._sizes.evaluate(values).reshape(*z.shape[:-1], 2) ** 2
-        if self.identification_errors.any():
-            return np.asarray(
-                prediction_var + np.square(self.identification_errors * self.error_factor)
-            )
-        return np.asarray(prediction_var * self.error_factor**2)
+        if not self.identification_errors.any():
+            return np.asarray(prediction_var * self.error_factor**2)
+        identified = self.identification_errors * self.error_factor
+        return np.asarray(prediction_var + np.square(identified))
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """z (n, n_parameters), drawn from what is known of them."""
