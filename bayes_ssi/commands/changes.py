@@ -78,8 +78,12 @@ def changes(
     that the tests would have shown.
     """
     from bayes_ssi.parameters.families import Uniform
-    from bayes_ssi.report.tables.change_tables import change_notes, change_table
-    from bayes_ssi.report.tables.search_tables import averaged_table, search_table
+    from bayes_ssi.report.tables.search_tables import (
+        averaged_table,
+        change_notes,
+        change_table,
+        search_table,
+    )
     from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
     from bayes_ssi.results.stored_result import SEARCH
     from bayes_ssi.studies.changes.change_places import ChangeSettings
