@@ -73,20 +73,12 @@ class PopulationPriors:
 
 @dataclass(frozen=True)
 class Population:
-    """One hypothesis about how the parameters of the tests are related.
+    """One hypothesis about how the parameters of the tests are related."""
 
-    Attributes:
-        name: in words.
-        names: the k parameters of the model class that it describes.
-        varies: whether they vary from test to test.
-        follows: whether their mean follows the covariate.
-        priors: priors of spreads and slopes.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    varies: bool
-    follows: bool
+    name: str  # in words
+    names: tuple[str, ...]  # the k parameters of the model class that it describes
+    varies: bool  # whether they vary from test to test
+    follows: bool  # whether their mean follows the covariate
     priors: PopulationPriors
 
     @cached_property

@@ -55,21 +55,13 @@ class ChangeSettings(SearchLimits):
 
 @dataclass(frozen=True)
 class ChangePlace:
-    """Parameters of a class of which a change at one place takes a share.
+    """Parameters of a class of which a change at one place takes a share."""
 
-    Attributes:
-        name: unique among the places.
-        parameters: their names.
-        is_joined: whether all of them lose one share; else each of them loses one of its own.
-        is_common: whether this is a common factor of all places, which is no change.
-        height: in storeys above the ground; None where it is not known.
-    """
-
-    name: str
+    name: str  # unique among the places
     parameters: tuple[str, ...]
-    is_joined: bool = True
-    is_common: bool = False
-    height: float | None = None
+    is_joined: bool = True  # whether all of them lose one share; else each loses one of its own
+    is_common: bool = False  # whether this is a common factor of all places, which is no change
+    height: float | None = None  # in storeys above the ground; None where it is not known
 
     # How drawings show it: in its storey.
     title, marker, is_outside = "change", "s", False

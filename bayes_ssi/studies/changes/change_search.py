@@ -65,21 +65,15 @@ class ChangesRecord(HypothesisRecord):
 
 @dataclass(frozen=True)
 class PlaceOfChange:
-    """A place that may have changed.
+    """A place that may have changed."""
 
-    Attributes:
-        change: what it lost, if anything, averaged over all hypotheses in which it did.
-        probability: that it changed.
-        is_observed: whether its parameters move any mode that is compared.
-        alike: names of the places that may have changed instead: the data do not tell them apart.
-        smallest_visible: the smallest loss of all its parameters that the tests would have shown
-            with probability 0.9; None where no loss would be, or it was not computed.
-    """
-
-    change: ChangeSummary
+    change: ChangeSummary  # averaged over all hypotheses in which it changed
     probability: float
-    is_observed: bool
+    is_observed: bool  # whether its parameters move any mode that is compared
+    # Places that may have changed instead: the data do not tell them apart.
     alike: tuple[str, ...]
+    # The smallest loss of all its parameters that the tests would have shown with probability 0.9;
+    # None where no loss would be, or it was not computed.
     smallest_visible: float | None = None
 
     @property
@@ -89,29 +83,22 @@ class PlaceOfChange:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class ChangeRecord(FamilyRecord):
-    """The findings of a comparison of two tests, and those of every search.
-
-    Attributes:
-        before, after: names of the tests.
-        settings: what a change may be.
-        probability_of_change: that anything changed but for a common factor.
-        shared: share of the prediction errors that the tests have in common, averaged over all
-            hypotheses; None where it is not inferred.
-        has_visible: whether smallest visible losses were computed.
-    """
+    """The findings of a comparison of two tests, and those of every search."""
 
     feature, a_feature = "change", "a change"
     nothing = "nothing changed"
     why_unseen = "whose parameters move no mode that is compared"
 
-    before: tuple[str, ...]
+    before: tuple[str, ...]  # names of the tests
     after: tuple[str, ...]
     settings: ChangeSettings
-    probability_of_change: float
+    probability_of_change: float  # that anything changed but for a common factor
+    # Share of the prediction errors that the tests have in common, averaged over all hypotheses;
+    # None where it is not inferred.
     shared: Quantiles | None
     places: tuple[PlaceOfChange, ...]
     hypotheses: tuple[ChangesRecord, ...]
-    has_visible: bool = False
+    has_visible: bool = False  # whether smallest visible losses were computed
 
     @property
     def best(self) -> ChangesRecord:
