@@ -255,6 +255,23 @@ def test_bad_input_is_named(two_classes, message):
         bs.plan(two_classes, **given)
 
 
+def frequencies(structure, values):
+    return np.log(structure.modes(values).frequencies_hz)
+
+
+@pytest.mark.parametrize(
+    ("what", "aim"),
+    [
+        # All frequencies of one factor of stiffness move alike.
+        (3, frequencies),
+        (1, lambda structure, values: 7.0 + 0.0 * frequencies(structure, values)[:, :1]),
+    ],
+)
+def test_an_aim_without_an_end_of_information_is_refused(two_classes, what, aim):
+    with pytest.raises(ValueError, match=rf"the {what} values that the aim predicts .* 'alike'"):
+        bs.plan(two_classes.only(["alike"]), 2, aim=aim, settings=SETTINGS)
+
+
 def test_one_class_has_no_rival(two_classes):
     with pytest.raises(ValueError, match="'alike' is alone"):
         bs.plan(two_classes.only(["alike"]), 2)

@@ -228,6 +228,20 @@ def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray:
     return z[..., [i for i, name in enumerate(names) if aim in (PARAMETERS, name)]]
 
 
+def _check_variation(before: FloatArray, name: str) -> None:
+    """Refuse quantities (B, q) whose covariance is singular: about them information has no end."""
+    sds = before.std(axis=0)
+    varies = sds > PLANNING.least_variation * np.abs(before).max(axis=0, initial=0.0)
+    if not varies.all() or (
+        len(sds) > 1
+        and np.linalg.eigvalsh(np.corrcoef(before, rowvar=False))[0] < PLANNING.least_variation
+    ):
+        raise ValueError(
+            f"plan: the {len(sds)} values that the aim predicts do not vary, or follow from one "
+            f"another exactly, in class {name!r}; predict values that do not"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class _Planning:
     """Layouts in one configuration, valued on simulated tests."""
@@ -257,13 +271,13 @@ class _Planning:
     def _worth_of(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
         if self.aim == CLASS:
             return lambda layout: class_worth(simulated, layout)
-        quantities = [
-            (
-                _quantity(planned, own.z[simulated.true_class == c], self.aim),
-                _quantity(planned, planned.drawn_before, self.aim),
+        quantities = []
+        for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
+            before = _quantity(planned, planned.drawn_before, self.aim)
+            _check_variation(before, planned.model_class.name)
+            quantities.append(
+                (_quantity(planned, own.z[simulated.true_class == c], self.aim), before)
             )
-            for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True))
-        ]
         return lambda layout: quantity_worth(simulated, layout, quantities)
 
     @cached_property

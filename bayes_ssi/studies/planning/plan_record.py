@@ -41,6 +41,8 @@ class PlanningNumbers:
 
     batch: int = 4_000_000  # numbers in the largest array of a batch: 32 MB
     most_kept: int = 1_000_000_000  # numbers of all draws' shapes, 4 GB
+    # Of predicted values, in units of their size and of their correlations: less is rounding.
+    least_variation: float = 1e-9
     n_for_moments: int = 2000  # draws of which moments are taken
     n_pool: int = 600  # draws of a class, of which those that suit a test start its searches
     n_starts: int = 4  # for each of the layouts that draws serve
