@@ -227,7 +227,10 @@ def _sensors(
     )
 
     if model.labels is None:
-        raise ValueError("the nominal export has no labels, by which sensors are named")
+        raise ValueError(
+            "--nominal: this export has no labels, by which sensors are named: give them in a "
+            "--labels file, with a line such as '12 x' for every row"
+        )
     known = set(model.labels)
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
     points = () if points_file is None else read_sensor_points(points_file, measured)

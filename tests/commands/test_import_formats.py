@@ -174,6 +174,16 @@ def test_what_a_format_needs_is_said_as_the_command_takes_it(written, change, wo
 
 
 @pytest.mark.usefixtures("folder")
+def test_unlabelled_exports_need_labels():
+    files = {name: abaqus_coordinate(name, stiffness(*FACTORS[name])) for name in FACTORS}
+    done = run(*options(files))
+    assert done.exit_code == 2
+    words = " ".join(done.output.split())
+    assert "no labels, by which sensors are named: give them in a --labels file" in words
+    assert not Path("frame.py").exists()
+
+
+@pytest.mark.usefixtures("folder")
 def test_keys_are_two():
     files = {name: npz(name, stiffness(*factors)) for name, factors in FACTORS.items()}
     done = run(*options(files), "--keys", "K")

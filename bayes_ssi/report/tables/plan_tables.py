@@ -100,7 +100,9 @@ def plan_notes(plan: Plan) -> Iterator[str]:
         f"{plan.effective_draws:.0f} (median); bias from few draws {plan.bias:+.4f} nats."
     )
     yield (
-        f"All {plan.n_tried} layouts were tried."
+        "One sensor says no more than frequencies alone: every layout is alike."
+        if len(plan.best.sensors) == 1
+        else f"All {plan.n_tried} layouts were tried."
         if plan.is_exhaustive
         else f"Greedy search with exchanges, {plan.n_tried} layouts tried. Begun from effective "
         f"independence, it ends at a gain {plan.other_start:+.3f} nats from the best."

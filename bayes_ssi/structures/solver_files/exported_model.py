@@ -162,11 +162,11 @@ class ExportedModel:
         Raises:
             ValueError: a label is not among those that are dependent.
         """
+        if not labels:
+            return self
         unknown = [label for label in labels if label not in self.dependent]
         if unknown or self.labels is None:
             raise ValueError(f"no constraint moves {(unknown or labels)[0]!r}")
-        if not labels:
-            return self
         row = {label: i for i, label in enumerate(self.labels)}
         for label in labels:
             missing = [other for other in self.dependent[label] if other not in row]
