@@ -1,7 +1,5 @@
 """The base class of prior distributions, and the checks of their numbers."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -41,7 +39,7 @@ class Prior(ABC):
         low, high = self.from_normal(np.array([-np.inf, np.inf])).tolist()
         return low, high
 
-    def widened(self, factor: float) -> Prior:
+    def widened(self, factor: float) -> "Prior":
         """This prior, ``factor`` times as wide in standard-normal coordinates.
 
         The median and the support stay; every other quantile moves to where this prior has it

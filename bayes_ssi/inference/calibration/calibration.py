@@ -16,8 +16,6 @@ along it the data have the standard error 1/s, in prior standard deviations. The
 where they know more of it than the prior did, s > 1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -73,7 +71,7 @@ class Calibration(Displayed):
     n_starts: int
     n_converged: int
     with_prior: bool
-    determination: Determination
+    determination: "Determination"
     errors_are_correlated: bool
 
     @property

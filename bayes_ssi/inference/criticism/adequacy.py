@@ -23,8 +23,6 @@ depend on one another.
 What a class does not explain, and a likely cause, are said in an engineer's words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -57,7 +55,7 @@ class PValue:
     sds: float
 
     @classmethod
-    def of(cls, log_p: float) -> PValue:
+    def of(cls, log_p: float) -> "PValue":
         return cls(float(np.exp(log_p)), standard_deviations(log_p))
 
     @property

@@ -18,8 +18,6 @@ A batch has B rows of parameter values; what no parameter enters has one row, fo
 sums are added up does not depend on B, so that a row gets the same last digit in any batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -58,14 +56,14 @@ class Separation(NamedTuple):
     modes: FloatArray
 
     @classmethod
-    def of(cls, modes: Sequence[ModeOfTest]) -> Separation:
+    def of(cls, modes: Sequence[ModeOfTest]) -> "Separation":
         """Separation (n, n) of modes from one another."""
         tests, labels, numbers = (np.array([mode[i] for mode in modes]) for i in range(3))
         apart = np.maximum(np.abs(numbers[:, None] - numbers), 1.0)
         same_label = labels[:, None] == labels
         return cls((tests[:, None] != tests).astype(float), np.where(same_label, 0.0, apart))
 
-    def within(self, members: Sequence[int]) -> Separation:
+    def within(self, members: Sequence[int]) -> "Separation":
         """Separation (m, m) of some of the modes."""
         pairs = np.ix_(members, members)
         return Separation(self.tests[pairs], self.modes[pairs])
@@ -204,7 +202,7 @@ class JointErrors:
         frequencies: ErrorGroup,
         shapes: Sequence[int],
         repeated: Sequence[Sequence[int]] = (),
-    ) -> JointErrors:
+    ) -> "JointErrors":
         """The errors of some frequencies and shapes of pairs with an identification covariance."""
         unit, seen = pairs.unit_shapes.T[shapes], pairs.measured.T[shapes]
         s, n = unit.shape

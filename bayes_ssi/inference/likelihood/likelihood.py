@@ -18,8 +18,6 @@ Where the pairing is inferred along with the parameters, the density is the sum 
 and the order of model modes may change with them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -70,7 +68,7 @@ class ComparedModes(NamedTuple):
     # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
 
-    def rows(self, which: Places) -> ComparedModes:
+    def rows(self, which: Places) -> "ComparedModes":
         return ComparedModes(*(array[which] for array in self))
 
 

@@ -1,7 +1,5 @@
 """Identified modes, the model modes paired with them, and the residuals between them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,7 +31,7 @@ class PairedModes:
     shape_var: FloatArray  # (S,), identification error squared; 0 if not given
 
     @classmethod
-    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> PairedModes:
+    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> "PairedModes":
         """Pairs of a label of an identified mode and a number of a model mode, from 1."""
         pairs = tuple(pairs)
         modes = tuple(data.mode(label) for label, _ in pairs)
@@ -53,8 +51,8 @@ class PairedModes:
 
     @classmethod
     def joined(
-        cls, tests: Sequence[PairedModes], n: int, places: Sequence[NDArray[np.intp]]
-    ) -> PairedModes:
+        cls, tests: "Sequence[PairedModes]", n: int, places: Sequence[NDArray[np.intp]]
+    ) -> "PairedModes":
         """The pairs of several tests with n sensors, whose shapes are at ``places`` in (S n,)."""
         n_shapes = sum(len(test.with_shape) for test in tests)
         unit, measured = np.zeros((2, n_shapes * n))

@@ -11,8 +11,6 @@ only be one of the nearest in frequency. A pair that this leaves out would have 
 ratio times the whole sum.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +40,7 @@ class PairingWeights:
     # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
 
-    def without(self, j: int, i: int | None = None) -> PairingWeights:
+    def without(self, j: int, i: int | None = None) -> "PairingWeights":
         """These weights without identified mode ``j`` and model mode ``i``."""
         log_ratios = np.delete(self.log_ratios, j, axis=1)
         if i is not None:

@@ -1,7 +1,5 @@
 """A model class: a structure, priors and a likelihood of the identified modes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -248,12 +246,12 @@ class ModelClass(Displayed):
             total += row_sums(self.correlated_errors.log_ratios(values, compared))
         return total
 
-    def with_any_pairing(self, name: str) -> ModelClass:
+    def with_any_pairing(self, name: str) -> "ModelClass":
         """The class, under another name, with the pairing of every configuration inferred."""
         tests = tuple(replace(test, pairing="any") for test in self.configurations)
         return replace(self, name=name, configurations=tests)
 
-    def with_independent_errors(self) -> ModelClass:
+    def with_independent_errors(self) -> "ModelClass":
         """The class with the identification errors of different data independent, and their sizes
         as they are; the class itself where no data have a joint covariance.
         """
@@ -264,7 +262,7 @@ class ModelClass(Displayed):
         )
         return replace(self, configurations=tests)
 
-    def with_structures(self, change: Callable[[Structure, int], Structure]) -> ModelClass:
+    def with_structures(self, change: Callable[[Structure, int], Structure]) -> "ModelClass":
         """The class with other structures; the class itself if none changes.
 
         Args:

@@ -6,8 +6,6 @@ ask for log-likelihoods and predictions of single data: leave-one-out cross-vali
 first, posterior predictive checks for the second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -211,12 +209,12 @@ class AtDraws(NamedTuple):
         """Model frequencies (B, n_modes)."""
         return np.concatenate([of_test.frequencies_hz for of_test in self.modes], axis=1)
 
-    def rows(self, which: Places) -> AtDraws:
+    def rows(self, which: Places) -> "AtDraws":
         modes = tuple(of_test.rows(which) for of_test in self.modes)
         return AtDraws(modes, self.log_likelihoods[which], self.sensor_shapes[which])
 
     @classmethod
-    def joined(cls, parts: Sequence[AtDraws]) -> AtDraws:
+    def joined(cls, parts: "Sequence[AtDraws]") -> "AtDraws":
         modes, *arrays = zip(*parts, strict=True)
         of_tests = tuple(map(joined, zip(*modes, strict=True)))
         return cls(of_tests, *map(np.concatenate, arrays))

@@ -16,8 +16,6 @@ whole batches, and the lock on the file ends with its process.
 Solutions of a slow structure are kept, too, and counted.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json
@@ -107,7 +105,7 @@ class Journal:
     def close(self) -> None:
         self._database.close()
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> "Journal":
         return self
 
     def __exit__(self, *_: object) -> None:

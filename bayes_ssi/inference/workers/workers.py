@@ -6,8 +6,6 @@ not depend on the number of workers. Functions arrive there pickled, and a worke
 them only once.
 """
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing.connection
 import os
@@ -112,7 +110,7 @@ class Workers:
         """Best number of parts to divide a batch into."""
         return self.settings.parts_per_worker * max(self.n_workers, 1)
 
-    def __enter__(self) -> Workers:
+    def __enter__(self) -> "Workers":
         if not self._n_entered:
             self._start()
         self._n_entered += 1
@@ -200,7 +198,7 @@ class Workers:
             self._recover(death)
         return answers
 
-    def _pack(self, function: Callable[..., Any]) -> PackedFunction:
+    def _pack(self, function: Callable[..., Any]) -> "PackedFunction":
         """The function in the form that is sent, pickled again only when it changes."""
         # Every access creates a new bound method, but bound methods compare equal.
         if self._packed is None or self._packed[0] != function:
@@ -263,7 +261,7 @@ def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
     return [part for part in np.array_split(rows, n) if len(part)]
 
 
-def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Future[Any]:
+def _submitted(executor: Executor, function: "PackedFunction", item: bytes) -> Future[Any]:
     try:
         return executor.submit(call_packed, function, item)
     except BrokenExecutor:

@@ -6,8 +6,6 @@ this way, however few the draws, and integrals of bumps over normal populations 
 form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -108,7 +106,7 @@ class Bumps(NamedTuple):
         return np.concatenate([self.constants, self.slopes.ravel(), upper.ravel()])
 
     @classmethod
-    def from_flat(cls, numbers: FloatArray, d: int) -> Bumps:
+    def from_flat(cls, numbers: FloatArray, d: int) -> "Bumps":
         """The bumps of d coordinates whose :attr:`flat` is ``numbers``."""
         rows, columns = np.triu_indices(d)
         k = len(numbers) // (1 + d + len(rows))
@@ -120,7 +118,7 @@ class Bumps(NamedTuple):
     @classmethod
     def at_points(
         cls, points: FloatArray, values: FloatArray, gradients: FloatArray, precisions: FloatArray
-    ) -> Bumps:
+    ) -> "Bumps":
         """Bumps with given logarithms (K,), gradients (K, d) and precisions at ``points`` (K, d).
 
         Negative eigenvalues of the symmetric ``precisions`` (K, d, d) are replaced by zero.
@@ -136,7 +134,7 @@ class Bumps(NamedTuple):
         constants = values - np.einsum("ki,ki->k", slopes, points) + 0.5 * squares
         return cls(constants, slopes, roots)
 
-    def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> Bumps:
+    def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> "Bumps":
         """The same functions of z, where they now are of (z - ``origin``) / ``unit``, each (d,)."""
         roots = self.roots / unit
         at_origin = np.einsum("kij,j->ki", roots, origin)
@@ -145,7 +143,7 @@ class Bumps(NamedTuple):
         constants = self.constants - (self.slopes / unit) @ origin - 0.5 * squares
         return Bumps(constants, slopes, roots)
 
-    def log_integral(self, weight: Bumps) -> tuple[float, FloatArray]:
+    def log_integral(self, weight: "Bumps") -> tuple[float, FloatArray]:
         """The logarithm of the integral of the sum times one other bump, and its derivatives.
 
         The derivatives are by the numbers of :attr:`flat`.
@@ -165,7 +163,7 @@ class Bumps(NamedTuple):
         by_slopes = shares[:, None] * means
         return float(total), np.concatenate([shares, by_slopes.ravel(), by_roots.ravel()])
 
-    def integrated_over(self, others: NDArray[np.intp]) -> Bumps:
+    def integrated_over(self, others: NDArray[np.intp]) -> "Bumps":
         """The bumps of the remaining coordinates, the ``others`` averaged over N(0, I)."""
         d = self.slopes.shape[1]
         kept = np.setdiff1d(np.arange(d), others)

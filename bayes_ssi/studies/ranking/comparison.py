@@ -1,7 +1,5 @@
 """Ranking of model classes by their evidence on the same data."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -214,7 +212,7 @@ class Comparison(Displayed):
         )
         return (*words_of(common), *of_classes)
 
-    def with_common(self, kind: str, words: Iterable[str]) -> Comparison:
+    def with_common(self, kind: str, words: Iterable[str]) -> "Comparison":
         """This comparison with failed checks of one kind that concern all classes, and no others.
 
         They replace those of the kind; checks of the data come first.

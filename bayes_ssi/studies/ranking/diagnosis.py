@@ -16,8 +16,6 @@ ln(100 n) with a probability of one in a hundred at most (Markov's inequality); 
 for densities averaged over the prior.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -265,7 +263,7 @@ class _Points:
     log_densities: Mapping[Configuration, FloatArray]
 
     @classmethod
-    def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> _Points:
+    def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> "_Points":
         parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
         densities = {
             test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))

@@ -6,8 +6,6 @@ ranking and the parameters are compared with those before. Only a setting that c
 fails a check; any other is a remark at most.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -70,7 +68,7 @@ def _is_probable(row: RankedClass) -> bool:
     return row.probability >= RANKING.probable
 
 
-def _with_edges_checked(row: RankedClass, study: _MovableStudy) -> RankedClass:
+def _with_edges_checked(row: RankedClass, study: "_MovableStudy") -> RankedClass:
     row = replace(row, checks=tuple(check for check in row.checks if check.kind != "edge"))
     if _is_probable(row):
         for edge in study.sampled.posteriors[row.name].edges:

@@ -1,7 +1,5 @@
 """A study: model classes that answer one question, the file that defines it, and its ranking."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
@@ -85,7 +83,7 @@ class Study(Displayed):
         return tuple(candidate.name for candidate in self.model_classes)
 
     @checked
-    def only(self, names: Sequence[str]) -> Study:
+    def only(self, names: Sequence[str]) -> "Study":
         """The study with only the named classes, in the study's order.
 
         Raises:
@@ -100,7 +98,7 @@ class Study(Displayed):
             stands_for={n: own for n, own in self.stands_for.items() if n in names},
         )
 
-    def with_any_pairing(self) -> Study:
+    def with_any_pairing(self) -> "Study":
         """The study with every pairing inferred; classes that differ in nothing else are merged.
 
         A merged class has the names of all, the sum of their prior weights, and what the

@@ -8,8 +8,6 @@ errors count what the tail holds beyond the largest weight drawn. Where they can
 varied class can be sampled.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -138,7 +136,7 @@ class SampledClasses:
         classes: Sequence[ModelClass],
         posteriors: Sequence[Posterior],
         sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]],
-    ) -> SampledClasses:
+    ) -> "SampledClasses":
         by_name = {each.name: each for each in classes}
         known = {each.name: known_at_draws(by_name[each.name], each) for each in posteriors}
         return cls({each.name: each for each in posteriors}, known, by_name, sample)
