@@ -3,14 +3,16 @@
 And its parameters in many tests.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
@@ -35,11 +37,6 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.predictions import PredictedMode
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
 
 
 def plot_frequency_change(
@@ -241,7 +238,6 @@ def plot_corner(
     shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
     corner = import_corner()
-    from matplotlib.ticker import MaxNLocator
 
     with warnings.catch_warnings():
         # Constrained layout replaces corner's own.

@@ -1,7 +1,5 @@
 """One look for every figure of the package: colours, sizes, names, legends."""
 
-from __future__ import annotations
-
 import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -9,13 +7,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib import font_manager
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_ssi.foundations.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # The name of a figure's file without its suffix, and the figure.
 NamedFigure = tuple[str, "Axes | Figure"]
@@ -86,6 +85,7 @@ RC: dict[Any, Any] = {
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
     "legend.frameon": False,
+    "svg.hashsalt": "bayes_ssi",  # the same figure gives exactly the same file
 }
 
 _for_files = ContextVar("_for_files", default=False)
@@ -97,9 +97,6 @@ def style() -> Iterator[None]:
 
     A name may hold letters that no installed font has: they are drawn as boxes, without a warning.
     """
-    import matplotlib as mpl
-    from matplotlib import font_manager
-
     installed = set(font_manager.get_font_names())
     own = mpl.rcParams["font.family"]
     others = [name for name in OTHER_FONTS if name in installed and name not in own]
@@ -125,9 +122,7 @@ def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
         return figure
     with style():
         if _for_files.get():
-            from matplotlib.figure import Figure as PlainFigure
-
-            return PlainFigure(figsize=size)
+            return Figure(figsize=size)
         import matplotlib.pyplot as plt
 
         return plt.figure(figsize=size)

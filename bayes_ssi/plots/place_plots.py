@@ -3,13 +3,15 @@
 Places are drawn as it suits what is known of the structure.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.plots.figure_style import (
     STYLE,
@@ -27,9 +29,6 @@ from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
@@ -206,8 +205,6 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
 
 def _colour_scale(highest: float) -> Any:
     """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
 
     # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
     # colour-blind readers, and greyscale, keep the order.
@@ -216,7 +213,6 @@ def _colour_scale(highest: float) -> Any:
 
 def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> None:
     """A colour bar, below ``ax`` or in axes of its own."""
-    from matplotlib.ticker import MaxNLocator
 
     room: Any = {"cax": cax, "orientation": "horizontal"}
     if cax is None:

@@ -1,13 +1,12 @@
 """Predictions: responses with their bands, and the figures of all that is predicted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.model_at_draws import moves_sideways
@@ -31,10 +30,6 @@ from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
 from bayes_ssi.results.predictions.requested_predictions import ResponseBands
 from bayes_ssi.structures.modal import SHAPE_SCALE, mac
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def plot_transfer_functions(

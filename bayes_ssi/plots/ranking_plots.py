@@ -1,13 +1,11 @@
 """How model classes compare: evidences, frequencies, changes with settings; a ranking's files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -36,9 +34,6 @@ from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.search_record import FamilyRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # Name of the files of modes in space, or its beginning.
 MODES = "modes"

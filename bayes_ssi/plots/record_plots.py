@@ -1,12 +1,12 @@
 """From a vibration record to its modes: spectra, stabilisation, residuals, shapes and phases."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 from bayes_ssi.plots.figure_style import (
@@ -20,10 +20,6 @@ from bayes_ssi.plots.figure_style import (
     title_of,
 )
 from bayes_ssi.plots.shape_plots import plot_identified_shapes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # The figures of an identification by the names of their files.
 CAPTIONS = {
@@ -87,7 +83,6 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
 
     Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
     """
-    from matplotlib.ticker import LogLocator, NullLocator
 
     ax = _axes(ax)
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]

@@ -4,14 +4,13 @@ Shapes are drawn on the building, or component by component, identified ones als
 of models in space are in :mod:`~bayes_ssi.plots.space`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
@@ -37,10 +36,6 @@ from bayes_ssi.plots.space import draw_structure, longest_side, panels_in_space
 from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.structure import Structure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 APPENDAGES = "appendage"
 BEYOND = "appendage beyond the scale, its component below"

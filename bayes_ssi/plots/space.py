@@ -1,22 +1,19 @@
 """Structures in three dimensions, in axes of one scale: at rest, and deformed by their modes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import STYLE, figure_of, panels_across, title_of, width_of_panels
 from bayes_ssi.results.predictions.nodal_modes import NodalModes
 from bayes_ssi.structures.geometry import Geometry
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 Corners = NDArray[np.intp]
 
@@ -67,7 +64,6 @@ def _numbered(
 def _draw_deformed(
     ax: Any, points: FloatArray, lines: Corners, faces: Sequence[Sequence[int]], moved: FloatArray
 ) -> None:
-    from matplotlib import colormaps
 
     scale = colormaps["viridis"]
     size = np.linalg.norm(moved, axis=1)
@@ -184,7 +180,6 @@ def _draw_lines(
     rasterized: bool = True,
 ) -> None:  # fmt: skip
     """Lines between pairs of points (n, 2, 3)."""
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     if len(ends):
         ax.add_collection3d(
@@ -230,7 +225,6 @@ def draw_faces(
     ax: Any, points: FloatArray, faces: Sequence[Sequence[int]], alpha: float, colours: Any
 ) -> None:
     """Faces between ``points`` (n_points, 3), as one picture within a drawing."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     for corners in by_corners(faces):
         ax.add_collection3d(

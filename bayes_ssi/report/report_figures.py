@@ -3,8 +3,6 @@
 To add one, state its caption and draw it in the section that shows it.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -12,7 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -41,12 +41,8 @@ from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 # A caption, and the figure that is drawn when it is asked for.
-Plot = tuple[str, "Axes | Figure"]
+Plot = tuple[str, Axes | Figure]
 
 
 @dataclass(frozen=True)
@@ -135,11 +131,8 @@ def draw_figures(
     sensitivity: Sensitivity | None = None,
     plan: Plan | None = None,
 ) -> ReportFigures:
-    from matplotlib import rc_context
-
     figures = ReportFigures()
-    # The same result gives exactly the same page.
-    with figures_for_files(), rc_context({"svg.hashsalt": "bayes_ssi"}):
+    with figures_for_files():
         for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan, figures), 1):
             section.append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
     _embed_saved(stored, predictions, figures)
