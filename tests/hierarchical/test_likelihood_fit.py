@@ -1,17 +1,17 @@
-"""Bumps that stand for likelihoods: exact where they are normal, close where they are not."""
+"""Components that stand for likelihoods: exact where they are normal, close where they are not."""
 
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 from bayes_ssi.inference.sampling.target import log_standard_normal
-from bayes_ssi.results.hierarchy.likelihood_fit import Bumps, fit_likelihood
+from bayes_ssi.results.hierarchy.likelihood_fit import GaussianSum, fit_likelihood
 
 RNG = np.random.default_rng(5)
-BUMPS = Bumps(
+COMPONENTS = GaussianSum(
     RNG.normal(size=2), RNG.normal(size=(2, 3)), np.triu(0.5 * RNG.normal(size=(2, 3, 3)))
 )
-PRIOR = Bumps(log_standard_normal(np.zeros((1, 3))), np.zeros((1, 3)), np.eye(3)[None])
+PRIOR = GaussianSum(log_standard_normal(np.zeros((1, 3))), np.zeros((1, 3)), np.eye(3)[None])
 
 
 def differences(function, numbers, step=1e-6):
@@ -22,13 +22,13 @@ def differences(function, numbers, step=1e-6):
 def test_derivatives():
     z = RNG.normal(size=(4, 3))
     np.testing.assert_allclose(
-        BUMPS.derivatives(z).T,
-        differences(lambda numbers: Bumps.from_flat(numbers, 3).log_sum(z), BUMPS.flat),
+        COMPONENTS.derivatives(z).T,
+        differences(lambda numbers: GaussianSum.from_flat(numbers, 3).log_sum(z), COMPONENTS.flat),
         atol=1e-7,
     )
     np.testing.assert_allclose(
-        BUMPS.log_integral(PRIOR)[1],
-        differences(lambda n: Bumps.from_flat(n, 3).log_integral(PRIOR)[0], BUMPS.flat),
+        COMPONENTS.log_integral(PRIOR)[1],
+        differences(lambda n: GaussianSum.from_flat(n, 3).log_integral(PRIOR)[0], COMPONENTS.flat),
         atol=1e-7,
     )
 
@@ -37,18 +37,20 @@ def test_integrals_agree_with_draws_from_the_prior():
     others = RNG.standard_normal((200_000, 2))
     for first in (-1.0, 0.5):
         z = np.insert(others, 1, first, axis=1)
-        values = np.exp(BUMPS.log_sum(z))
-        exact = np.exp(BUMPS.integrated_over(np.array([0, 2])).log_sum(np.array([[first]])))
+        values = np.exp(COMPONENTS.log_sum(z))
+        exact = np.exp(COMPONENTS.integrated_over(np.array([0, 2])).log_sum(np.array([[first]])))
         assert exact[0] == pytest.approx(values.mean(), abs=4.0 * values.std() / len(z) ** 0.5)
-    total = logsumexp(BUMPS.integrated_over(np.arange(3)).constants)
-    assert total == pytest.approx(BUMPS.log_integral(PRIOR)[0], abs=1e-10)
+    total = logsumexp(COMPONENTS.integrated_over(np.arange(3)).constants)
+    assert total == pytest.approx(COMPONENTS.log_integral(PRIOR)[0], abs=1e-10)
 
 
 def test_other_coordinates():
     origin, unit = RNG.normal(size=3), RNG.uniform(0.1, 2.0, size=3)
     z = RNG.normal(size=(5, 3))
-    moved = BUMPS.in_coordinates(origin, unit)
-    np.testing.assert_allclose(moved.log_sum(z), BUMPS.log_sum((z - origin) / unit), atol=1e-10)
+    moved = COMPONENTS.in_coordinates(origin, unit)
+    np.testing.assert_allclose(
+        moved.log_sum(z), COMPONENTS.log_sum((z - origin) / unit), atol=1e-10
+    )
 
 
 def curved(z):
@@ -70,12 +72,14 @@ def test_a_likelihood_that_is_not_normal_is_matched_where_its_posterior_lies():
     shares = np.exp(log_densities - logsumexp(log_densities))
     draws = z[RNG.choice(len(z), 1000, p=shares)]
     fit = fit_likelihood(draws, curved(draws), log_evidence, np.random.default_rng(0))
-    assert len(fit.bumps.constants) > 1
+    assert len(fit.components.constants) > 1
     assert fit.error < 0.1
     # Everywhere, not only at the draws: Kullback-Leibler and the evidence.
-    by_bumps = fit.bumps.log_sum(z) + log_standard_normal(z)
-    assert shares @ (by_bumps - log_densities) == pytest.approx(0.0, abs=3.0 * fit.error**2)
-    assert float(logsumexp(by_bumps)) + np.log(cell) == pytest.approx(log_evidence, abs=fit.error)
+    by_components = fit.components.log_sum(z) + log_standard_normal(z)
+    assert shares @ (by_components - log_densities) == pytest.approx(0.0, abs=3.0 * fit.error**2)
+    assert float(logsumexp(by_components)) + np.log(cell) == pytest.approx(
+        log_evidence, abs=fit.error
+    )
 
 
 def test_a_normal_likelihood_is_matched_exactly_even_where_it_says_nothing():
@@ -88,4 +92,4 @@ def test_a_normal_likelihood_is_matched_exactly_even_where_it_says_nothing():
     fit = fit_likelihood(draws, likelihood(draws), 0.3, np.random.default_rng(0))
     far = draws + RNG.standard_normal(draws.shape)
     assert fit.error < 1e-9
-    np.testing.assert_allclose(fit.bumps.log_sum(far), likelihood(far), atol=1e-7)
+    np.testing.assert_allclose(fit.components.log_sum(far), likelihood(far), atol=1e-7)

@@ -39,8 +39,8 @@ def population(varies, follows):
 
 
 def likelihood(fits, varies, follows):
-    bumps = [fit.bumps.integrated_over(np.array([1])) for fit in fits]
-    return PopulationLikelihood(population(varies, follows), bumps, X)
+    components = [fit.components.integrated_over(np.array([1])) for fit in fits]
+    return PopulationLikelihood(population(varies, follows), components, X)
 
 
 @pytest.mark.parametrize(("varies", "follows"), KINDS)
@@ -76,14 +76,14 @@ def test_likelihoods_that_are_exact_need_no_correction(tests, fits):
     assert far.effective_sample_sizes.max() < 2.0
 
 
-def test_draws_correct_bumps_that_are_wrong(tests, fits):
-    """Bumps at other places than the likelihoods, and the closed form of the right ones."""
+def test_draws_correct_components_that_are_wrong(tests, fits):
+    """Components at other places than the likelihoods, and the closed form of the right ones."""
     ours = likelihood(fits, True, False)
     shifted = []
     for test, fit in zip(tests, fits, strict=True):
-        moved = fit.bumps.in_coordinates(np.array([0.03, 0.0]), np.ones(2))
+        moved = fit.components.in_coordinates(np.array([0.03, 0.0]), np.ones(2))
         ratios = test.log_likelihoods - moved.log_sum(test.z)
-        shifted.append(type(fit)(moved, fit.bumps, ratios))
+        shifted.append(type(fit)(moved, fit.components, ratios))
     z = [test.z[:, :1] for test in tests]
     values = np.array([[0.2, 0.4]])
     wrong = likelihood(shifted, True, False)

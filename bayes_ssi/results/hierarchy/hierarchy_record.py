@@ -34,7 +34,6 @@ class SingleTestSummary:
     # 5, 50 and 95 % quantiles of the population's parameters in this test alone.
     intervals: tuple[tuple[float, float, float], ...]
     n_draws: int  # of its posterior that were used
-    n_bumps: int  # that stand for its likelihood
     fit_error: float  # root mean square, of their logarithm at the draws, in nats
     effective_sample_size: float  # of its draws where the most probable population has them
 

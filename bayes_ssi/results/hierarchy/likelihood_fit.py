@@ -1,9 +1,8 @@
-"""The likelihood of one test as a sum of bumps, fitted to its values at the stored draws.
+"""The likelihood of one test as a sum of Gaussians, fitted to its values at the stored draws.
 
-At every stored draw the likelihood itself is known, not only how often the draw occurs: bumps are
+At every stored draw the likelihood itself is known, not only how often the draw occurs: the sum is
 fitted to its logarithm by least squares. A likelihood that is normal in form is matched exactly in
-this way, however few the draws, and integrals of bumps over normal populations are known in closed
-form.
+this way, however few the draws, and its integrals over normal populations are known in closed form.
 """
 
 from dataclasses import dataclass
@@ -25,15 +24,14 @@ class HierarchySettings:
     fewest_tests: int = 2  # fewer say nothing of how parameters vary
     # Of each test that are used: their likelihoods are known, so that more say little more.
     most_draws: int = 1000
-    # Root mean square error of a log-likelihood, in nats, at which no more bumps are needed: with
-    # that of each of a hundred tests, their sum is off by a fifth of a nat, before the draws
-    # correct it.
+    # Root mean square error of a log-likelihood, in nats, that is good enough: with that of each of
+    # a hundred tests, their sum is off by a fifth of a nat, before the draws correct it.
     fit_error: float = 0.02
     # The same of a likelihood that is normal in form, but for rounding.
     exact_fit_error: float = 1e-6
     # That are tried, until they lower the error by less than ``least_gain``.
-    numbers_of_bumps: tuple[int, ...] = (2, 4, 8)
-    least_gain: float = 0.8  # largest ratio of errors for which more bumps are worth it
+    numbers_of_components: tuple[int, ...] = (2, 4, 8)
+    least_gain: float = 0.8  # largest ratio of errors for which more components are worth it
     # For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
     # draws alone would need many.
     draws_per_number: int = 4
@@ -44,7 +42,7 @@ class HierarchySettings:
     # Of a population's parameters, at which the draws of the tests are asked, and which are kept:
     # enough for 90 % intervals.
     population_draws: int = 500
-    # By which the stored evidence of a test and that of its bumps may differ, in nats: so far may
+    # By which the stored evidence of a test and that of its fit may differ, in nats: so far may
     # full solutions have corrected that of an approximate structure.
     evidence_tolerance: float = 0.5
     # Most numbers in an array of a batch, so that it stays in the processor's cache.
@@ -62,16 +60,16 @@ class HierarchySettings:
 SETTINGS = HierarchySettings()
 
 
-class Bumps(NamedTuple):
+class GaussianSum(NamedTuple):
     """A sum of K functions exp(constant + slope·z - |root·z|²/2) of d coordinates.
 
-    A bump is a multiple of a normal density, except that it may be flat in some directions, about
+    Each is a multiple of a normal density, except that it may be flat in some directions, about
     which the data say nothing.
     """
 
     constants: FloatArray  # (K,), in nats
     slopes: FloatArray  # (K, d)
-    roots: FloatArray  # (K, d, d), upper triangular; root'·root is the precision of a bump
+    roots: FloatArray  # (K, d, d), upper triangular; root'·root is the precision of a component
 
     @property
     def precisions(self) -> FloatArray:
@@ -83,7 +81,7 @@ class Bumps(NamedTuple):
         return _shares(self._log_parts(z)[0])[1]
 
     def _log_parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Logarithms of the bumps (n, K), and root·z (n, K, d)."""
+        """Logarithms of the components (n, K), and root·z (n, K, d)."""
         rooted = np.einsum("kij,nj->nki", self.roots, z)
         squares = np.einsum("nki,nki->nk", rooted, rooted)
         return self.constants + np.einsum("kj,nj->nk", self.slopes, z) - 0.5 * squares, rooted
@@ -106,8 +104,8 @@ class Bumps(NamedTuple):
         return np.concatenate([self.constants, self.slopes.ravel(), upper.ravel()])
 
     @classmethod
-    def from_flat(cls, numbers: FloatArray, d: int) -> "Bumps":
-        """The bumps of d coordinates whose :attr:`flat` is ``numbers``."""
+    def from_flat(cls, numbers: FloatArray, d: int) -> "GaussianSum":
+        """The components of d coordinates whose :attr:`flat` is ``numbers``."""
         rows, columns = np.triu_indices(d)
         k = len(numbers) // (1 + d + len(rows))
         constants, slopes, upper = np.split(numbers, [k, k + k * d])
@@ -118,8 +116,8 @@ class Bumps(NamedTuple):
     @classmethod
     def at_points(
         cls, points: FloatArray, values: FloatArray, gradients: FloatArray, precisions: FloatArray
-    ) -> "Bumps":
-        """Bumps with given logarithms (K,), gradients (K, d) and precisions at ``points`` (K, d).
+    ) -> "GaussianSum":
+        """Components with given logarithms (K,), gradients and precisions at ``points`` (K, d).
 
         Negative eigenvalues of the symmetric ``precisions`` (K, d, d) are replaced by zero.
         """
@@ -134,17 +132,17 @@ class Bumps(NamedTuple):
         constants = values - np.einsum("ki,ki->k", slopes, points) + 0.5 * squares
         return cls(constants, slopes, roots)
 
-    def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> "Bumps":
+    def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> "GaussianSum":
         """The same functions of z, where they now are of (z - ``origin``) / ``unit``, each (d,)."""
         roots = self.roots / unit
         at_origin = np.einsum("kij,j->ki", roots, origin)
         slopes = self.slopes / unit + np.einsum("kij,ki->kj", roots, at_origin)
         squares = np.einsum("ki,ki->k", at_origin, at_origin)
         constants = self.constants - (self.slopes / unit) @ origin - 0.5 * squares
-        return Bumps(constants, slopes, roots)
+        return GaussianSum(constants, slopes, roots)
 
-    def log_integral(self, weight: "Bumps") -> tuple[float, FloatArray]:
-        """The logarithm of the integral of the sum times one other bump, and its derivatives.
+    def log_integral(self, weight: "GaussianSum") -> tuple[float, FloatArray]:
+        """The logarithm of the integral of the sum times one other component, and its derivatives.
 
         The derivatives are by the numbers of :attr:`flat`.
         """
@@ -163,8 +161,8 @@ class Bumps(NamedTuple):
         by_slopes = shares[:, None] * means
         return float(total), np.concatenate([shares, by_slopes.ravel(), by_roots.ravel()])
 
-    def integrated_over(self, others: NDArray[np.intp]) -> "Bumps":
-        """The bumps of the remaining coordinates, the ``others`` averaged over N(0, I)."""
+    def integrated_over(self, others: NDArray[np.intp]) -> "GaussianSum":
+        """The components of the remaining coordinates, the ``others`` averaged over N(0, I)."""
         d = self.slopes.shape[1]
         kept = np.setdiff1d(np.arange(d), others)
         precisions = self.precisions
@@ -175,7 +173,7 @@ class Bumps(NamedTuple):
         log_determinants = np.linalg.slogdet(of_others)[1]
         gained = np.einsum("ki,ki->k", self.slopes[:, others], of_slopes)
         zeros = np.zeros((len(self.constants), len(kept)))
-        return Bumps.at_points(
+        return GaussianSum.at_points(
             zeros,
             self.constants + 0.5 * (gained - log_determinants),
             self.slopes[:, kept] - np.einsum("kij,ki->kj", across, of_slopes),
@@ -193,9 +191,9 @@ def _shares(log_parts: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    bumps: Bumps  # the best fit
-    second: Bumps  # the second best, which tells how uncertain it is
-    log_ratios: FloatArray  # (n,), log of the likelihood over that of the bumps, at the draws
+    components: GaussianSum  # the best fit
+    second: GaussianSum  # the second best, which tells how uncertain it is
+    log_ratios: FloatArray  # (n,), log of the likelihood over that of the components, at the draws
 
     @property
     def error(self) -> float:
@@ -206,14 +204,14 @@ class LikelihoodFit:
 def fit_likelihood(
     z: FloatArray, log_likelihoods: FloatArray, log_evidence: float, rng: np.random.Generator
 ) -> LikelihoodFit:
-    """Fit bumps to the ``log_likelihoods`` (n,) of one test at draws ``z`` (n, d) of its posterior.
+    """Fit the ``log_likelihoods`` (n,) of one test at draws ``z`` (n, d) of its posterior.
 
-    Their number grows until it no longer helps.
+    The number of components grows until that no longer helps.
     """
     fitting = _Fitting(z, log_likelihoods, log_evidence)
     n, d = z.shape
-    fits = [fitting.least_squares(fitting.one_bump)]
-    for count in SETTINGS.numbers_of_bumps:
+    fits = [fitting.least_squares(fitting.one_component)]
+    for count in SETTINGS.numbers_of_components:
         errors = [error for _, error in fits]
         enough = SETTINGS.fit_error if len(fits) > 1 else SETTINGS.exact_fit_error
         in_vain = len(fits) > 1 and errors[-1] > SETTINGS.least_gain * errors[-2]
@@ -231,7 +229,7 @@ def fit_likelihood(
 
 
 class _Fitting:
-    """What bumps are fitted to, in coordinates in which the posterior is a standard one.
+    """What components are fitted to, in coordinates in which the posterior is a standard one.
 
     With the mean and the standard deviation of the draws, x = (z - origin) / unit.
     """
@@ -241,14 +239,14 @@ class _Fitting:
         self.origin, self.unit = z.mean(axis=0), z.std(axis=0)
         self.x = (z - self.origin) / self.unit
         self.log_likelihoods, self.log_evidence = log_likelihoods, log_evidence
-        self.prior = Bumps.at_points(
+        self.prior = GaussianSum.at_points(
             np.zeros((1, d)),
             log_standard_normal(self.origin[None]) + np.log(self.unit).sum(),
             -(self.origin * self.unit)[None],
             np.diag(self.unit**2)[None],
         )
 
-    def least_squares(self, start: Bumps) -> tuple[Bumps, float]:
+    def least_squares(self, start: GaussianSum) -> tuple[GaussianSum, float]:
         """The least squares that a search from ``start`` comes to, and their mean's root."""
         from scipy.optimize import least_squares
 
@@ -259,26 +257,26 @@ class _Fitting:
         weight = SETTINGS.evidence_weight * np.sqrt(n)
 
         def residuals(numbers: FloatArray) -> FloatArray:
-            bumps = Bumps.from_flat(numbers, d)
+            components = GaussianSum.from_flat(numbers, d)
             try:
-                off = bumps.log_integral(self.prior)[0] - self.log_evidence
+                off = components.log_integral(self.prior)[0] - self.log_evidence
             except np.linalg.LinAlgError:
                 # A step so far that precisions are rounded to singular: no search may stay there.
                 return np.full(n + 1, 1e6)
-            return np.append(bumps.log_sum(self.x) - self.log_likelihoods, weight * off)
+            return np.append(components.log_sum(self.x) - self.log_likelihoods, weight * off)
 
         def derivatives(numbers: FloatArray) -> FloatArray:
-            bumps = Bumps.from_flat(numbers, d)
-            of_integral = weight * bumps.log_integral(self.prior)[1]
-            return np.vstack([bumps.derivatives(self.x), of_integral])
+            components = GaussianSum.from_flat(numbers, d)
+            of_integral = weight * components.log_integral(self.prior)[1]
+            return np.vstack([components.derivatives(self.x), of_integral])
 
         search = least_squares(
             residuals, start.flat, derivatives, method="lm", max_nfev=SETTINGS.most_evaluations
         )
-        return Bumps.from_flat(search.x, d), float(np.sqrt(2.0 * search.cost / n))
+        return GaussianSum.from_flat(search.x, d), float(np.sqrt(2.0 * search.cost / n))
 
     @property
-    def one_bump(self) -> Bumps:
+    def one_component(self) -> GaussianSum:
         d = self.x.shape[1]
         rows, columns = np.triu_indices(d)
         products = self.x[:, rows] * self.x[:, columns]
@@ -287,19 +285,21 @@ class _Fitting:
         upper = np.zeros((d, d))
         upper[rows, columns] = coefficients[1 + d :]
         slopes = coefficients[None, 1 : 1 + d]
-        return Bumps.at_points(np.zeros((1, d)), coefficients[:1], slopes, -(upper + upper.T)[None])
+        return GaussianSum.at_points(
+            np.zeros((1, d)), coefficients[:1], slopes, -(upper + upper.T)[None]
+        )
 
-    def mixture(self, count: int, rng: np.random.Generator) -> Bumps:
-        """Bumps that have the shape of a mixture fitted to the draws, divided by the prior."""
+    def mixture(self, count: int, rng: np.random.Generator) -> GaussianSum:
+        """The shape of a mixture fitted to the draws, divided by the prior."""
         mixture = fit_mixture(self.x, count, MIXTURES.light_tails, rng)
         covariances = mixture.factors @ mixture.factors.transpose(0, 2, 1)
         precision = self.prior.precisions[0]
         heights = np.log(mixture.weights) - 0.5 * np.linalg.slogdet(covariances)[1]
-        bumps = Bumps.at_points(
+        components = GaussianSum.at_points(
             mixture.means,
             heights - self.prior.log_sum(mixture.means),
             mixture.means @ precision - self.prior.slopes,
             np.linalg.inv(covariances) - precision,
         )
-        missing = float(np.mean(self.log_likelihoods - bumps.log_sum(self.x)))
-        return Bumps(bumps.constants + missing, bumps.slopes, bumps.roots)
+        missing = float(np.mean(self.log_likelihoods - components.log_sum(self.x)))
+        return GaussianSum(components.constants + missing, components.slopes, components.roots)

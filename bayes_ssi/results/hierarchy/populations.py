@@ -4,8 +4,8 @@ The coordinates z of a test's parameters, in which their priors are N(0, I), are
 distributed about a mean, which may follow a covariate: z_i ~ N(mean + slope·x_i, diag(spread²)).
 With spread zero and without slope they are the same in all tests.
 
-At given parameters of a population, the likelihood of a test is that of its bumps times the mean
-of r = likelihood/bumps over the distribution that bumps, prior and population give together. Its
+At given parameters of a population, the likelihood of a test is that of its fit times the mean of
+r = likelihood/fit over the distribution that fit, prior and population give together. Its
 posterior draws, at which r is known, are weighted to that distribution.
 """
 
@@ -31,7 +31,7 @@ from bayes_ssi.parameters.parameters import Parameter, values_at
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.results.hierarchy.likelihood_fit import (
     SETTINGS,
-    Bumps,
+    GaussianSum,
     LikelihoodFit,
     fit_likelihood,
 )
@@ -105,10 +105,10 @@ class Population:
 
 @dataclass(frozen=True, eq=False)
 class PopulationLikelihood:
-    """The likelihood of all tests, each given by bumps, at parameters of a population."""
+    """The likelihood of all tests, each given by its fit, at parameters of a population."""
 
     population: Population
-    bumps: Sequence[Bumps]
+    components: Sequence[GaussianSum]
     covariates: FloatArray  # (n_tests,), standardised; zero where there are none
 
     def log_likelihood_at(self, u: FloatArray) -> FloatArray:
@@ -124,8 +124,8 @@ class PopulationLikelihood:
     def _of_tests(self, values: FloatArray) -> FloatArray:
         """As :meth:`of_tests`.
 
-        With z = mean + spread·e and e ~ N(0, I), the exponent of a bump is quadratic in e, and its
-        expectation is a normal integral.
+        With z = mean + spread·e and e ~ N(0, I), the exponent of a component is quadratic in e, and
+        its expectation is a normal integral.
         """
         joined = self._joined
         means, slopes, spreads = self.population.split(values)
@@ -147,13 +147,13 @@ class PopulationLikelihood:
         return np.logaddexp.reduceat(log_parts, first, axis=1)
 
     @cached_property
-    def _joined(self) -> Bumps:
-        """The bumps of all tests in turn, and :attr:`_counts`, how many each test has."""
-        return Bumps(*map(np.concatenate, zip(*self.bumps, strict=True)))
+    def _joined(self) -> GaussianSum:
+        """The components of all tests in turn, and :attr:`_counts`, how many each test has."""
+        return GaussianSum(*map(np.concatenate, zip(*self.components, strict=True)))
 
     @cached_property
     def _counts(self) -> NDArray[np.intp]:
-        return np.array([len(bumps.constants) for bumps in self.bumps])
+        return np.array([len(components.constants) for components in self.components])
 
 
 def _forward_substituted(lower: FloatArray, right: FloatArray) -> FloatArray:
@@ -187,7 +187,7 @@ def coverage(
     z: Sequence[FloatArray],
     values: FloatArray,
 ) -> Coverage:
-    """How far the draws of the tests confirm the bumps.
+    """How far the draws of the tests confirm the components.
 
     Args:
         second: the same by the second best fits.
@@ -242,7 +242,7 @@ class SampledPopulation:
 def fit_tests(
     tests: Sequence[SingleTest], seed: int, progress: Callable[[float], None]
 ) -> list[LikelihoodFit]:
-    """Bumps for the likelihood of every test; ``progress`` is called with the completed share."""
+    """Fits to the likelihood of every test; ``progress`` is called with the completed share."""
     fits = []
     for i, test in enumerate(tests):
         rng = np.random.default_rng([seed, i])
@@ -256,13 +256,13 @@ def failed_fits(tests: Sequence[SingleTest], fits: Sequence[LikelihoodFit]) -> l
     failed = []
     for test, fit in zip(tests, fits, strict=True):
         everything = np.arange(test.z.shape[1])
-        integral = float(logsumexp(fit.bumps.integrated_over(everything).constants))
+        integral = float(logsumexp(fit.components.integrated_over(everything).constants))
         by_draws = integral - float(np.log(np.mean(np.exp(-fit.log_ratios))))
         estimate = EvidenceEstimate("draws", by_draws, fit.error, SETTINGS.evidence_tolerance)
         if not estimate.agrees_with(test.evidence):
             failed.append(
                 f"test {test.name!r}: its log evidence is {test.evidence}, but the likelihoods at "
-                f"its draws give {by_draws:.2f}: a few normal bumps do not describe its posterior"
+                f"its draws give {by_draws:.2f}: a few Gaussians do not describe its posterior"
             )
     return failed
 
@@ -277,22 +277,23 @@ class PopulationSampler:
     settings: SamplingSettings
 
     @cached_property
-    def _bumps(self) -> tuple[list[Bumps], list[Bumps]]:
+    def _components(self) -> tuple[list[GaussianSum], list[GaussianSum]]:
         """The best and the second best fits, functions of the population's coordinates."""
         others = np.setdiff1d(np.arange(len(self.tests[0].parameters)), self.columns)
         return (
-            [fit.bumps.integrated_over(others) for fit in self.fits],
+            [fit.components.integrated_over(others) for fit in self.fits],
             [fit.second.integrated_over(others) for fit in self.fits],
         )
 
     def sample(self, population: Population, progress: StepProgress) -> SampledPopulation:
         """Posterior and evidence of one population, from all tests.
 
-        Sampled with the bumps for likelihoods, then corrected by the draws of the tests.
+        Sampled with the components for likelihoods, then corrected by the draws of the tests.
         """
         index = [self.seed, population.varies, population.follows]
         likelihood, second = (
-            PopulationLikelihood(population, bumps, self.covariates) for bumps in self._bumps
+            PopulationLikelihood(population, components, self.covariates)
+            for components in self._components
         )
         target = Target(likelihood.log_likelihood_at, len(population.parameters))
         seed = np.random.SeedSequence(index)

@@ -183,7 +183,6 @@ def _rows(
                 log_evidence=test.evidence.log_evidence,
                 intervals=tuple((float(a), float(b), float(c)) for a, b, c in intervals),
                 n_draws=len(test.z),
-                n_bumps=len(fit.bumps.constants),
                 fit_error=fit.error,
                 effective_sample_size=float(sizes[i]),
             )
