@@ -219,9 +219,10 @@ def _sensors(
 
     Sensor → label of the degree of freedom that it measures; and what is to be said of them.
     """
-    from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
-    from bayes_ssi.structures.solver_files.sensor_points import (
-        exchanged,
+    from bayes_ssi.measurements.modes.sensors_on_model import (
+        SAME_AXES,
+        Axes,
+        compared_with_nominal,
         nearest_degrees_of_freedom,
         read_sensor_points,
     )
@@ -231,45 +232,42 @@ def _sensors(
             "--nominal: this export has no labels, by which sensors are named: give them in a "
             "--labels file, with a line such as '12 x' for every row"
         )
-    known = set(model.labels)
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
     points = () if points_file is None else read_sensor_points(points_file, measured)
-    mapped = nearest_degrees_of_freedom(points, model, scale) if points else ()
-    by_point = {each.name: each.label for each in mapped}
-    names = list(measured or {**by_point, **labels})
+    names = list(measured or {**{point.name: "" for point in points}, **labels})
+
+    def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
+        return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
+
+    def places(axes: Axes) -> dict[str, str]:
+        found = {}
+        near = nearest(axes)
+        for name in names:
+            label = labels.get(name, name)
+            node, _, direction = label.rpartition(" ")
+            if name in near and name not in labels:
+                label, _ = near[name]
+            elif direction in axes:
+                label = f"{node} {axes[direction]}"
+            found[name] = label
+        return found
+
     require_known("--sensor: the data have no sensor", labels, names)
-    places = {name: labels.get(name, by_point.get(name, name)) for name in names}
-    for name, label in places.items():
-        if label not in known:
+    as_stated = places(SAME_AXES)
+    for name, label in as_stated.items():
+        if label not in model.labels:
             raise ValueError(
                 f"sensor {name!r}: no degree of freedom is labelled {label!r}; name it by --sensor "
                 f"{name!r}=LABEL, with a label such as {model.labels[0]!r}"
             )
     lines = [
-        f"{each.name}: {each.label}, {each.distance:.3g} away"
-        for each in mapped
-        if places.get(each.name) == each.label
+        f"{name}: {label}, {distance:.3g} away"
+        for name, (label, distance) in nearest(SAME_AXES).items()
+        if as_stated.get(name) == label
     ]
-
-    def with_axes(axes: Mapping[str, str]) -> Mapping[str, str] | None:
-        moved = {}
-        if points:
-            try:
-                moved = {
-                    each.name: each.label
-                    for each in nearest_degrees_of_freedom(exchanged(points, axes), model, scale)
-                }
-            except ValueError:
-                return None
-        turned = {}
-        for name, label in places.items():
-            node, _, direction = label.rpartition(" ")
-            turned[name] = moved.get(name, f"{node} {axes.get(direction, direction)}")
-        return turned if known >= set(turned.values()) else None
-
     for modes in tests:
-        lines += compared_with_nominal(model, modes, with_axes)
-    return places, lines
+        lines += compared_with_nominal(model, modes, places)
+    return as_stated, lines
 
 
 LABELS = "labels.txt"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,37 +81,15 @@ class AffineMatrix:
 
     def at(self, coefficients: FloatArray) -> Matrix:
         """The matrix for coefficients (T,)."""
-        data = np.zeros(self.pattern.nnz)
-        for coefficient, matrix, entries in zip(
-            coefficients, self.matrices, self._entries, strict=True
-        ):
-            data[entries] += coefficient * matrix.data
-        pattern = self.pattern
-        return sp.csc_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+        each = zip(coefficients.tolist(), self.matrices, strict=True)
+        first, *others = (coefficient * matrix for coefficient, matrix in each)
+        return sp.csc_array(sum(others, start=first))
 
     def ordered(self, order: NDArray[np.intp]) -> AffineMatrix:
         matrices = tuple(sp.csc_array(matrix[order][:, order]) for matrix in self.matrices)
         for matrix in matrices:
             matrix.sort_indices()
         return AffineMatrix(self.products, matrices)
-
-    @cached_property
-    def pattern(self) -> Matrix:
-        """Ones where any of the matrices has an entry."""
-        pattern = sp.csc_array(sum(map(abs, self.matrices[1:]), start=abs(self.matrices[0])))
-        pattern.sort_indices()
-        pattern.data[:] = 1.0
-        return pattern
-
-    @cached_property
-    def _entries(self) -> list[NDArray[np.intp]]:
-        """Positions of each matrix's entries in the data of the pattern."""
-        positions = _positions(self.pattern)
-        return [np.searchsorted(positions, _positions(matrix)) for matrix in self.matrices]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """State without what is as large as the matrices, and soon computed from them again."""
-        return {name: self.__dict__[name] for name in ("products", "matrices")}
 
     def with_terms(self, size: int, terms: Iterable[AddedTerm]) -> AffineMatrix:
         """This matrix, enlarged to ``size`` by zeros, and terms c w wᵀ."""
@@ -147,12 +124,6 @@ def _enlarged(matrix: Matrix, size: int) -> Matrix:
     ends = np.full(size - matrix.shape[0], matrix.indptr[-1], dtype=matrix.indptr.dtype)
     whole = np.concatenate([matrix.indptr, ends])
     return sp.csc_array((matrix.data, matrix.indices, whole), shape=(size, size))
-
-
-def _positions(matrix: Matrix) -> NDArray[np.int64]:
-    """Position of every entry, counted column by column; ascending."""
-    n = matrix.shape[0]
-    return np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr)) * n + matrix.indices
 
 
 def _digest(matrix: Matrix) -> str:
@@ -199,8 +170,9 @@ class System:
         n_modes: int,
     ) -> System:
         """Order and check the matrices at the prior medians (1, n_parameters)."""
-        pattern = stiffness.pattern + mass.pattern
-        # From a diagonally dominant matrix with this pattern, which is positive definite.
+        # From a diagonally dominant matrix with entries where any has one: positive definite.
+        pattern = sp.csc_array(sum(map(abs, (*stiffness.matrices, *mass.matrices))))
+        pattern.data[:] = 1.0
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
         order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
         stiffness, mass = stiffness.ordered(order), mass.ordered(order)

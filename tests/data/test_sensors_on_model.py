@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.nominal_comparison import compared_with_nominal
-from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.structures.solver_files.sensor_points import (
+from bayes_ssi.measurements.modes.sensors_on_model import (
     SensorPoint,
-    exchanged,
+    compared_with_nominal,
     nearest_degrees_of_freedom,
     read_sensor_points,
 )
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
 
 HEIGHTS = {"1": 0.0, "2": 3.0, "3": 6.0, "4": 9.0}
 LABELS = [f"{node} {direction}" for node in "234" for direction in "xy"]
@@ -53,11 +52,11 @@ def modes(frequency_factor=1.0):
 
 def test_nearest_nodes_and_their_distances():
     mapped = nearest_degrees_of_freedom(points(), tower())
-    assert {each.name: each.label for each in mapped} == {
+    assert {name: label for name, (label, _) in mapped.items()} == {
         "x1": "2 x", "y1": "2 y", "x2": "3 x", "y2": "3 y", "x3": "4 x", "y3": "4 y",
     }  # fmt: skip
-    for each in mapped:
-        assert each.distance == pytest.approx(math.hypot(0.1, 0.2))
+    for _, distance in mapped.values():
+        assert distance == pytest.approx(math.hypot(0.1, 0.2))
 
 
 def test_other_units_are_refused_and_named():
@@ -67,7 +66,7 @@ def test_other_units_are_refused_and_named():
     ):
         nearest_degrees_of_freedom(in_mm, tower())
     mapped = nearest_degrees_of_freedom(in_mm, tower(), scale=1e-3)
-    assert max(each.distance for each in mapped) == pytest.approx(math.hypot(0.1, 0.2))
+    assert max(distance for _, distance in mapped.values()) == pytest.approx(math.hypot(0.1, 0.2))
 
 
 def test_two_sensors_at_one_node_and_no_such_direction():
@@ -107,13 +106,9 @@ def test_points_of_a_universal_file(tmp_path):
         read_sensor_points(path, ["8 y"])
 
 
-def by_label(axes):
-    return {name: f"{name[0]} {axes[name[2]]}" for name in LABELS if axes[name[2]] != "z"}
-
-
 def places(axes):
-    labels = by_label(axes)
-    return labels if len(labels) == len(LABELS) else None
+    """Labels; the model moves in x and y, so that one in z is none of its."""
+    return {name: f"{name[0]} {axes[name[2]]}" for name in LABELS}
 
 
 def test_the_right_axes_pass():
@@ -155,7 +150,7 @@ def test_motions_that_are_rounding_resemble_no_shape(rounding):
     data = bs.ModalData((bs.IdentifiedMode("1", frequency, across),), (0.0, 1e4), sensors=in_x)
 
     def in_other_axes(axes):
-        return {name: f"{name[0]} {axes['x']}" for name in in_x} if axes["x"] != "z" else None
+        return {name: f"{name[0]} {axes['x']}" for name in in_x}
 
     said = compared_with_nominal(model, data, in_other_axes)
     assert not any("are the axes the same?" in sentence for sentence in said)
@@ -178,9 +173,12 @@ def test_alike_modes_in_two_directions_are_told_apart_by_their_frequencies():
 
 
 def test_points_are_exchanged_with_their_directions():
-    (moved,) = exchanged([SensorPoint("a", (1.0, 2.0, 3.0), "x")], {"x": "z", "y": "x", "z": "y"})
-    # x of the test is z of the model, y is x, and z is y.
-    assert moved == SensorPoint("a", (2.0, 3.0, 1.0), "z")
+    """A sensor that is x of the test is in y of the model, where z of the test is x, and y is z."""
+    model = tower()
+    point = SensorPoint("a", (0.5, 6.1, 0.0), "x")
+    axes = {"x": "y", "y": "z", "z": "x"}
+    label, distance = nearest_degrees_of_freedom([point], model, axes=axes)["a"]
+    assert (label, distance) == ("3 y", pytest.approx(0.1))
 
 
 def test_units_that_do_not_belong_together_are_said():
