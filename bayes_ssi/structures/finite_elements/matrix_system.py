@@ -171,7 +171,8 @@ class System:
     ) -> System:
         """Order and check the matrices at the prior medians (1, n_parameters)."""
         # From a diagonally dominant matrix with entries where any has one: positive definite.
-        pattern = sp.csc_array(sum(map(abs, (*stiffness.matrices, *mass.matrices))))
+        first, *others = (*stiffness.matrices, *mass.matrices)
+        pattern = sp.csc_array(sum(map(abs, others), start=abs(first)))
         pattern.data[:] = 1.0
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
         order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
