@@ -12,11 +12,7 @@ import argparse
 from time import perf_counter, process_time
 
 import numpy as np
-from concrete_frame import (
-    GROUPS,
-    simulated_modes,
-    structure,
-)
+from concrete_frame import GROUPS, simulated_modes, structure
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure

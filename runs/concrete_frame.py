@@ -21,6 +21,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.structures.modal import mac
+from bayes_ssi.structures.structure import Requirement
 
 N_MODES = 8
 BAND_HZ = (0.0, 21.2)
@@ -79,7 +80,7 @@ def compared(frame, names, posterior, rng):
     some = posterior.values[rng.choice(len(posterior.values), DRAWS, replace=False)]
     own = some[:, [posterior.parameter_names.index(name) for name in names]]
     # A tenth of the errors, which sampling requires where the posterior lies.
-    reduced = frame.reduced().accurate_at(own, 0.1 * FREQUENCY_COV, 0.1 * SHAPE_SD)
+    reduced = frame.reduced().accurate_at(Requirement(own, 0.1 * FREQUENCY_COV, 0.1 * SHAPE_SD))
     full, fast = frame.modes(own), reduced.modes(own)
     off = np.abs(fast.frequencies_hz / full.frequencies_hz - 1.0).max()
     alike = [np.diag(mac(a, b)).min() for a, b in zip(full.shapes, fast.shapes, strict=True)]

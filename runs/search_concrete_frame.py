@@ -27,19 +27,14 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from concrete_frame import (
-    FREQUENCY_COV,
-    GROUPS,
-    SHAPE_SD,
-    simulated_modes,
-    structure,
-)
+from concrete_frame import FREQUENCY_COV, GROUPS, SHAPE_SD, simulated_modes, structure
 from scipy.stats import norm
 
 import bayes_ssi as bs
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.structures.modal import mac
+from bayes_ssi.structures.structure import Requirement
 from bayes_ssi.studies.appendages.baselines import frequency_name, hypothesis, mass_name, scale_of
 from bayes_ssi.studies.appendages.candidates import PendulumPlace
 
@@ -199,7 +194,7 @@ def at_known_place(path, seeds):
         frame, values, hidden, _, data = simulated(path, seed)
         # All tests are of one frame. Factors within a few per cent of the true ones matter.
         near = values * np.random.default_rng(seed).lognormal(0.0, 0.02, (8, len(values)))
-        reduced = (reduced or frame.reduced()).accurate_at(near, *NEAR_TRUTH)
+        reduced = (reduced or frame.reduced()).accurate_at(Requirement(near, *NEAR_TRUTH))
         baseline = bs.ModelClass("frame", reduced, data, error, pairing="any")
         place = PendulumPlace(bs.Candidate(hidden.place, hidden.place))
         known = hypothesis(baseline, (place,))

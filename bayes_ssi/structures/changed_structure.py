@@ -7,7 +7,7 @@ from typing import Self
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
 from bayes_ssi.structures.modal import ModalModel, Modes
-from bayes_ssi.structures.structure import Accuracy, Structure, SubstituteStructure
+from bayes_ssi.structures.structure import Accuracy, Requirement, Structure, SubstituteStructure
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,9 @@ class ChangedStructure(SubstituteStructure):
     def performance_hint(self) -> str:
         return self.structure.performance_hint
 
-    def accurate_at(
-        self,
-        values: FloatArray,
-        frequency_error: float,
-        shape_error: float,
-        n_modes: int | None = None,
-    ) -> Self:
-        wanted = (frequency_error, shape_error, n_modes)
-        return self._on(self.structure.accurate_at(self.left(values), *wanted))
+    def accurate_at(self, required: Requirement) -> Self:
+        required = required._replace(values=self.left(required.values))
+        return self._on(self.structure.accurate_at(required))
 
     def with_solutions_at(self, values: FloatArray) -> Self:
         return self._on(self.structure.with_solutions_at(self.left(values)))

@@ -44,6 +44,15 @@ class Accuracy(NamedTuple):
     statement: str
 
 
+class Requirement(NamedTuple):
+    """Where the modes of a structure must be accurate, and how accurate."""
+
+    values: FloatArray  # (B, n_parameters)
+    frequency: float  # largest error, as a fraction
+    shape: float  # largest error at unit length
+    n_modes: int = 0  # number of lowest modes that must be; all if 0
+
+
 def _of_checked_values(method: Callable[[Any, FloatArray], T]) -> Callable[[Any, ArrayLike], T]:
     """A method of a structure, which first checks the values that it takes."""
 
@@ -221,21 +230,8 @@ class Structure(ABC):
         """The fit that approximates the modes, for results to store; None where there is none."""
         return None
 
-    def accurate_at(
-        self,
-        values: FloatArray,
-        frequency_error: float,
-        shape_error: float,
-        n_modes: int | None = None,
-    ) -> Self:
-        """This structure if it is accurate enough, otherwise a more accurate one.
-
-        Args:
-            values: (B, n_parameters), where it must be accurate.
-            frequency_error: largest relative error of frequencies.
-            shape_error: largest error of shapes at unit length.
-            n_modes: number of lowest modes that must be; all if None.
-        """
+    def accurate_at(self, required: Requirement) -> Self:
+        """This structure if it is accurate enough, otherwise a more accurate one."""
         return self
 
     def with_solutions_at(self, values: FloatArray) -> Self:

@@ -21,6 +21,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.structures.structure import Requirement
 
 SIZES = (1_000, 10_000, 100_000)
 N_STRIPS, N_MODES = 5, 6
@@ -100,7 +101,7 @@ def measured(size):
     posterior = bs.sample(candidate)
     sampling = process_time() - begun
     values = posterior.values[:: len(posterior.values) // BATCH][:BATCH]
-    better = candidate.with_structures(lambda s, _: s.accurate_at(values, 2e-4, 1e-3))
+    better = candidate.with_structures(lambda s, _: s.accurate_at(Requirement(values, 2e-4, 1e-3)))
     begun = process_time()
     better.log_likelihood(values)
     evaluation = (process_time() - begun) / BATCH

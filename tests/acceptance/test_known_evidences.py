@@ -5,15 +5,7 @@ import math
 import numpy as np
 import pytest
 from known_evidence import Problem, log_normal_pdf, shifted
-from problems import (
-    beck_au,
-    edge,
-    four_regions,
-    linear_gaussian,
-    one_dimension,
-    shells,
-    yuen,
-)
+from problems import beck_au, edge, four_regions, linear_gaussian, one_dimension, shells, yuen
 from scipy.special import ndtr
 
 from bayes_ssi.inference.sampling.engine import sample_target

@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.structures.modal import mac
+from bayes_ssi.structures.structure import Requirement
 
 MASSES, STIFFNESSES = (3.0, 2.0, 1.5), (900.0, 700.0, 400.0)
 FLOORS = [f"floor {i}" for i in (1, 2, 3)]
@@ -239,7 +240,7 @@ def test_a_reduced_basis_carries_elements_without_a_full_solution(reduced, eleme
 @pytest.mark.parametrize("name", ["pendulum in a direction", "spring"])
 def test_full_solutions_with_the_element_are_added_where_needed(reduced, name):
     whole = reduced.with_element(IN_CHAIN[name])
-    better = whole.accurate_at(IN_CHAIN_VALUES, 1e-7, 1e-3)
+    better = whole.accurate_at(Requirement(IN_CHAIN_VALUES, 1e-7, 1e-3))
     assert better.n_full_solutions > whole.n_full_solutions
     assert better.bounds(IN_CHAIN_VALUES).frequency.max() <= 1e-7
     assert_same(better, better.exact, IN_CHAIN_VALUES, 1e-4)

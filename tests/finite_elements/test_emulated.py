@@ -12,6 +12,7 @@ from bayes_ssi.structures.emulation.emulated_structure import (
 from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess
 from bayes_ssi.structures.emulation.mode_representations import ModalOperator, TrackedModes
 from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Requirement
 
 
 def uncoupled(x):
@@ -120,7 +121,7 @@ def test_claimed_errors_are_those_of_points_never_seen():
     np.testing.assert_array_less(np.median(errors, axis=0) / 2.0, claimed)
     better = emulated
     for _ in range(3):
-        better = better.accurate_at(values, *(0.1 * claimed))
+        better = better.accurate_at(Requirement(values, *(0.1 * claimed)))
     errors_after = mode_errors(better.modes(values), exact.modes(values), exact.n_modes)
     assert (np.median(errors_after, axis=0) < np.median(errors, axis=0)).all()
 

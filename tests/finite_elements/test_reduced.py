@@ -10,6 +10,7 @@ import scipy.sparse as sp
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.modal import SOLVER, SolverSettings, mac
+from bayes_ssi.structures.structure import Requirement
 
 N, PARTS = 240, 3
 
@@ -71,18 +72,18 @@ def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
 
 def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
     values = draws(30, seed=1, spread=0.6)
-    better = reduced.accurate_at(values, 1e-7, 1e-4)
+    better = reduced.accurate_at(Requirement(values, 1e-7, 1e-4))
     assert better is not reduced
     assert better.n_full_solutions > reduced.n_full_solutions
     bounds = better.bounds(values)
     assert bounds.frequency.max() <= 1e-7
     assert bounds.shape.max() <= 1e-4
-    assert better.accurate_at(values, 1e-7, 1e-4) is better
+    assert better.accurate_at(Requirement(values, 1e-7, 1e-4)) is better
     exact = reduced.full.modes(values).frequencies_hz
     np.testing.assert_allclose(better.modes(values).frequencies_hz, exact, rtol=1e-7)
     with_at_most(2, monkeypatch)
     with_few = full().reduced()
-    assert with_few.accurate_at(values, 1e-7, 1e-4).n_full_solutions == 2
+    assert with_few.accurate_at(Requirement(values, 1e-7, 1e-4)).n_full_solutions == 2
 
 
 def with_at_most(n_full_solutions, monkeypatch):

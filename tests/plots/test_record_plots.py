@@ -8,11 +8,7 @@ import pytest
 from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.plots import (
-    plot_singular_values,
-    plot_stabilisation,
-    plot_whitened_residuals,
-)
+from bayes_ssi.plots import plot_singular_values, plot_stabilisation, plot_whitened_residuals
 from bayes_ssi.plots.figure_style import STYLE
 
 

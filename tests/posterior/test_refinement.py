@@ -37,8 +37,8 @@ class Stiff(ApproximateStructure):
         frequencies, shapes = self.right.modes(values)
         return Modes(frequencies * (1.0 + self.too_high), shapes)
 
-    def accurate_at(self, values, frequency_error, shape_error, n_modes=None):  # noqa: ARG002
-        better = max(frequency_error, self.best)
+    def accurate_at(self, required):
+        better = max(required.frequency, self.best)
         return self if self.too_high <= better else Stiff(self.right, better, self.best)
 
     def accuracy(self, values, n_modes=None):  # noqa: ARG002

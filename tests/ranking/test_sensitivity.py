@@ -12,11 +12,7 @@ from bayes_ssi.inference.posterior.posterior import known_at_draws
 from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.stored_what_if import every_setting
-from bayes_ssi.studies.ranking.changed_settings import (
-    Sensitivity,
-    SensitivityRow,
-    sensitivity,
-)
+from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow, sensitivity
 from bayes_ssi.studies.ranking.variations import (
     SampledClasses,
     Variation,

@@ -34,7 +34,7 @@ from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.settings import CHECKS
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Requirement, Structure
 
 
 @dataclass(frozen=True)
@@ -349,15 +349,6 @@ def evenly_spaced_draws(posterior: Posterior, n: int) -> FloatArray:
     return posterior.values[at.astype(np.intp)]
 
 
-class Requirement(NamedTuple):
-    """Where the structure of a configuration must be accurate, and how accurate."""
-
-    values: FloatArray  # (B, n_parameters), parameter values of the structure
-    frequency: float
-    shape: float  # largest error of shapes at unit length
-    n_modes: int
-
-
 def requirements(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> list[Requirement]:
@@ -397,7 +388,7 @@ def improved(
 ) -> ModelClass:
     """The class with structures accurate enough at ``values``, or more accurate than they were."""
     needed = requirements(model_class, values, settings)
-    return model_class.with_structures(lambda structure, i: structure.accurate_at(*needed[i]))
+    return model_class.with_structures(lambda structure, i: structure.accurate_at(needed[i]))
 
 
 def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:

@@ -17,7 +17,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Requirement, Structure
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,9 @@ def thinned_draws(
     # structure accurate at its draws; the same is done here.
     tolerance = max(1e-6, PREDICTION_SETTINGS.stored_error * posterior.frequency_error)
     if structure.is_approximate:
-        wanted = PREDICTION_SETTINGS.frequency_error, PREDICTION_SETTINGS.shape_error
-        structure, tolerance = structure.accurate_at(values, *wanted), wanted[0]
+        tolerance = PREDICTION_SETTINGS.frequency_error
+        required = Requirement(values, tolerance, PREDICTION_SETTINGS.shape_error)
+        structure = structure.accurate_at(required)
     modes, stored_hz = posterior.configuration(test.name)
     some = slice(0, 8)  # enough to notice another structure, few enough to cost nothing
     stored_hz = stored_hz.reshape(len(posterior.values), -1)[rows[some]]

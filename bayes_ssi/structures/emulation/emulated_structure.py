@@ -25,7 +25,7 @@ from bayes_ssi.structures.emulation.mode_representations import (
     unit_shapes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError
-from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,21 +129,15 @@ class EmulatedStructure(ApproximateStructure):
         modes.frequencies_hz[failing], modes.shapes[failing] = np.nan, np.nan
         return modes
 
-    def accurate_at(
-        self,
-        values: FloatArray,
-        frequency_error: float,
-        shape_error: float,
-        n_modes: int | None = None,
-    ) -> Self:
-        """This structure if it is accurate enough at ``values``, or one with more solutions.
+    def accurate_at(self, required: Requirement) -> Self:
+        """This structure if it is accurate enough, or one with more solutions.
 
         One batch of solutions is added, where its error is largest in units of what is required,
-        unless it is small enough at nearly all ``values`` or ``most_solutions`` are made.
+        unless it is small enough at nearly all values or ``most_solutions`` are made.
         """
+        values, *errors, n_modes = required
         fit, x = self._fit_for(n_modes), self._coordinates(values)
-        required = np.array([frequency_error, shape_error])
-        allowed = float((required / fit.errors_per_spread(x)).min())
+        allowed = float((errors / fit.errors_per_spread(x)).min())
         by_odds, by_nearest = fit.failing.votes(x)
         is_open = by_odds != by_nearest
         accurate = np.quantile(fit.spreads(x), EMULATION.claimed_at) <= allowed

@@ -26,7 +26,7 @@ from bayes_ssi.structures.modal import (
     settle,
     solve_modes,
 )
-from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
+from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
 
 
 class ReducedStructure(ApproximateStructure):
@@ -73,7 +73,7 @@ class ReducedStructure(ApproximateStructure):
         """The basis with the elements that it carries, computed when it is first needed."""
         if self._basis is None:
             points = self.prior_points(FEM.training_points, tail=1e-4)
-            self._train(points, FEM.frequency_error, FEM.shape_error, self.n_modes)
+            self._train(Requirement(points, FEM.frequency_error, FEM.shape_error))
         assert self._basis is not None
         return self._basis
 
@@ -172,20 +172,13 @@ class ReducedStructure(ApproximateStructure):
         # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
         return Bounds(1.5 * frequency if rigid else frequency, shape)
 
-    def accurate_at(
-        self,
-        values: FloatArray,
-        frequency_error: float,
-        shape_error: float,
-        n_modes: int | None = None,
-    ) -> Self:
+    def accurate_at(self, required: Requirement) -> Self:
         """See :meth:`Structure.accurate_at`; at most ``FEM.most_full_solutions`` in all."""
-        n = n_modes or self.n_modes
-        bounds = self.bounds(values, n)
-        if not (_excess(bounds, frequency_error, shape_error) > 1.0).any():
+        bounds = self.bounds(required.values, required.n_modes)
+        if not (_excess(bounds, required) > 1.0).any():
             return self
         better = self._copied()
-        better._train(values, frequency_error, shape_error, n)
+        better._train(required)
         return better if better.n_full_solutions > self.n_full_solutions else self
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
@@ -201,11 +194,11 @@ class ReducedStructure(ApproximateStructure):
             f"shapes at the sensors within about {shape:.1g} (at unit length)",
         )
 
-    def _train(
-        self, points: FloatArray, frequency_error: float, shape_error: float, n_modes: int
-    ) -> None:
-        """Add full solutions where errors are largest, until they are small at all ``points``."""
-        negligible = self._negligible(frequency_error, shape_error)
+    def _train(self, required: Requirement) -> None:
+        """Add full solutions where errors are largest, until they are small at all values."""
+        points, n_bounded = required.values, required.n_modes or self.n_modes
+        n_bounded += self.full.n_rigid_modes
+        negligible = self._negligible(required.frequency, required.shape)
         of_points = self.full.system.coefficients(points)
         whole = self._basis or ReducedBasis.empty(self._reference)
         basis = whole.without_elements(self._reference)
@@ -215,9 +208,8 @@ class ReducedStructure(ApproximateStructure):
         while self.n_full_solutions < FEM.most_full_solutions:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
-                n_bounded = n_modes + self.full.n_rigid_modes
                 bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
-                errors[worst] = _excess(bounds, frequency_error, shape_error).max()
+                errors[worst] = _excess(bounds, required).max()
                 if errors[worst] >= errors.max():
                     break
                 worst = int(errors.argmax())
@@ -285,9 +277,9 @@ class ReducedStructure(ApproximateStructure):
         )
 
 
-def _excess(bounds: Bounds, frequency_error: float, shape_error: float) -> FloatArray:
+def _excess(bounds: Bounds, required: Requirement) -> FloatArray:
     """The larger of the two errors, relative to the required ones."""
-    return np.maximum(bounds.frequency / frequency_error, bounds.shape / shape_error)
+    return np.maximum(bounds.frequency / required.frequency, bounds.shape / required.shape)
 
 
 class MatrixStructure(AssembledStructure):

@@ -11,7 +11,6 @@ from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
-    Requirement,
     is_approximate,
     requirements,
 )
@@ -19,7 +18,7 @@ from bayes_ssi.parameters.families import TruncatedNormal
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Requirement, Structure
 from bayes_ssi.studies.changes.change_places import ChangePlace, ChangeSettings, places_of
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.efforts import EFFORTS
@@ -139,9 +138,10 @@ def _sharing_a_basis(
         values, frequency, shape, n_modes = zip(*needed[id(structure)], strict=True)
         if id(structure) in better:
             continue
-        at, limits = np.concatenate(values), (min(frequency), min(shape), max(n_modes))
+        at = np.concatenate(values)
+        required = Requirement(at, min(frequency), min(shape), max(n_modes))
         better[id(structure)] = (
-            structure.compact(at) if settings is None else structure.accurate_at(at, *limits)
+            structure.compact(at) if settings is None else structure.accurate_at(required)
         )
     return baseline.with_structures(lambda structure, _: better[id(structure)])
 

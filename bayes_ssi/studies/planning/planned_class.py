@@ -31,7 +31,7 @@ from bayes_ssi.parameters.parameters import (
 from bayes_ssi.parameters.prior import log_standard_normal_density
 from bayes_ssi.structures.geometry import Candidate, motion_of
 from bayes_ssi.structures.modal import seen_shapes
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import Requirement, Structure
 from bayes_ssi.studies.planning.plan_record import PLANNING
 
 
@@ -65,9 +65,8 @@ class PlannedClass:
             return self
         z = self.drawn_before[:: PLANNING.n_for_moments // PLANNING.n_for_accuracy]
         errors = np.sqrt(np.median(self.error_variances(z), axis=0)) * PLANNING.approximation
-        return self.with_structure(
-            self.structure.accurate_at(self.structural_values(z), *errors.tolist())
-        )
+        required = Requirement(self.structural_values(z), *errors.tolist())
+        return self.with_structure(self.structure.accurate_at(required))
 
     def with_structure(self, structure: Structure) -> PlannedClass:
         return replace(self, configuration=replace(self.configuration, structure=structure))
