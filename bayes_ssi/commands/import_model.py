@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @path_option("--labels", metavar="FILE",
              text="Text file with a line such as '12 x' for every row, where the exports do not "
              "state which degree of freedom it is.")  # fmt: skip
-@click.option("--data", "files", multiple=True, metavar="[TEST=]CSV",
+@click.option("--data", "files", multiple=True, metavar="CSV",
               help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
               "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
