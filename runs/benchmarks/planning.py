@@ -29,7 +29,12 @@ import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning import layout_values
-from bayes_ssi.studies.planning.layout_values import LayoutSearch, SimulatedPlan, class_worth
+from bayes_ssi.studies.planning.layout_values import (
+    LayoutSearch,
+    SimulatedPlan,
+    class_worth,
+    served_layouts,
+)
 from bayes_ssi.studies.planning.plan_record import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
 
@@ -59,6 +64,12 @@ def planned(study, names=PLACES):
         PlannedClass(c, c.configurations[0], places, 1.0 / len(study.model_classes))
         for c in study.model_classes
     ]
+
+
+def simulated_plan(classes, n_sensors, n_tests, n_draws, seed):
+    free = tuple(range(len(classes[0].candidates)))
+    layouts = served_layouts((), free, n_sensors, seed)
+    return SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
 
 
 def layouts_of(n):
@@ -91,7 +102,7 @@ def oracle(given):
     for name, study in studies.items():
         classes = planned(study)
         started = perf_counter()
-        simulated = SimulatedPlan.of(classes, 2, given.tests, given.inner, given.seed)
+        simulated = simulated_plan(classes, 2, given.tests, given.inner, given.seed)
         print(f"\n{name}: {given.tests} tests in {perf_counter() - started:.0f} s", flush=True)
         layouts = [(0,), *(each for each in layouts_of(4) if len(each) > 1)]
         worths = {layout: class_worth(simulated, layout) for layout in layouts}
@@ -205,7 +216,7 @@ def nested(given):
     print(f"{n} tests by 1000 prior draws of each class: {perf_counter() - started:.0f} s")
     mean, square, bias = sums / n
     errors = np.sqrt((square - mean**2) / n)
-    simulated = SimulatedPlan.of(classes, 2, given.tests, given.inner, given.seed)
+    simulated = simulated_plan(classes, 2, given.tests, given.inner, given.seed)
     for layout, gain, error, off in zip(layouts, mean, errors, bias, strict=True):
         planned_gain, planned_error = simulated.mean(class_worth(simulated, layout).values)
         names = ", ".join(PLACES[i] for i in layout) if len(layout) > 1 else "frequencies alone"
@@ -236,7 +247,7 @@ def twelve_floors():
 def exhaustive(given):
     study, floors = twelve_floors()
     classes = planned(study, floors)
-    simulated = SimulatedPlan.of(classes, 4, given.tests, given.inner, given.seed)
+    simulated = simulated_plan(classes, 4, given.tests, given.inner, given.seed)
     some = simulated.part(300, 100)
 
     def gain(layout):
@@ -282,7 +293,7 @@ def frame(given):
         for c in whole.model_classes
     ]
     started = perf_counter()
-    simulated = SimulatedPlan.of(classes, 6, given.tests, given.inner, given.seed)
+    simulated = simulated_plan(classes, 6, given.tests, given.inner, given.seed)
     print(f"draws: {perf_counter() - started:.0f} s", flush=True)
     some = simulated.part(300, 100)
     search = LayoutSearch(
@@ -306,7 +317,7 @@ def forecasts(given):
     """By evidences of other tests and draws; of some of these tests, by rank, too."""
     study = harder(given.mass)
     classes = planned(study)
-    simulated = SimulatedPlan.of(classes, 2, 2000, given.inner, given.seed)
+    simulated = simulated_plan(classes, 2, 2000, given.inner, given.seed)
     worths = {each: class_worth(simulated, each) for each in layouts_of(4) if len(each) == 2}
     by_gain = sorted(worths, key=lambda each: simulated.mean(worths[each].values)[0])
     kinds = {"best": by_gain[-1], "evenly spread": (0, 2), "worst": by_gain[0]}
@@ -315,7 +326,7 @@ def forecasts(given):
         forecast, error = simulated.mean(worths[layout].named)
         gain, _ = simulated.mean(worths[layout].values)
         names = tuple(PLACES[i] for i in layout)
-        fresh = SimulatedPlan.of(classes, 2, 200, 1000, given.seed + 99 * i)
+        fresh = simulated_plan(classes, 2, 200, 1000, given.seed + 99 * i)
         named = class_worth(fresh, layout).named
         print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast {forecast:.3f} "
               f"± {error:.3f}, came out in {named.mean():.3f} ± "

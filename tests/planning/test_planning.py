@@ -20,6 +20,7 @@ from bayes_ssi.studies.planning.layout_values import (
     SimulatedPlan,
     class_worth,
     effective_independence,
+    served_layouts,
 )
 from bayes_ssi.studies.planning.plan_record import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
@@ -66,6 +67,13 @@ def planned(study):
     return [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
 
 
+def simulated_plan(classes, n_tests, n_draws, seed):
+    """Of layouts of two sensors."""
+    free = tuple(range(len(classes[0].candidates)))
+    layouts = served_layouts((), free, 2, seed)
+    return SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
+
+
 @pytest.mark.parametrize(("d", "sd"), [(2, 0.05), (3, 0.3), (12, 0.05), (12, 0.2), (36, 0.08)])
 def test_errors_of_shapes_have_the_likelihoods_density(d, sd):
     """The same survival as the length of normal numbers, by quadrature on the sphere."""
@@ -89,7 +97,7 @@ def test_tests_are_scored_as_the_package_scores_them(two_classes):
     """Modes of three sensors and of two: AnyPairing's density, but for the area of the sphere."""
     apart = planned(two_classes)[1]
     z = np.random.default_rng(1).standard_normal((4, 2))
-    tests = SimulatedPlan.of((apart, apart), 2, 60, 50, seed=2).tests
+    tests = simulated_plan((apart, apart), 60, 50, seed=2).tests
     for layout in ([0, 2], [0, 1, 2]):
         for n in np.flatnonzero(np.isfinite(tests.frequencies_hz).sum(axis=1) > 1)[:4]:
             found = np.flatnonzero(np.isfinite(tests.frequencies_hz[n]))
@@ -125,7 +133,7 @@ def information_by_quadrature(classes, simulated, chosen, layout, n_steps):
 def test_gains_agree_with_quadrature(two_classes, layout):
     """Evidences by a fine grid of the one parameter of the first class, the two of the second."""
     classes = planned(two_classes)
-    simulated = SimulatedPlan.of(classes, 2, 200, 100, seed=3)
+    simulated = simulated_plan(classes, 200, 100, seed=3)
     chosen = np.arange(0, 200, 8)
     exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
     off = class_worth(simulated, layout).values[chosen] - exact
@@ -144,7 +152,7 @@ def test_layouts_that_do_not_see_what_tells_classes_apart(layout):
     study = bs.Study("roof", [model_class(n, frame.with_element(each)) for n, each in kinds])
     places = tuple(Candidate(name, name) for name in (*FLOORS, "pendulum 3"))
     classes = [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
-    simulated = SimulatedPlan.of(classes, 2, 200, 200, seed=4)
+    simulated = simulated_plan(classes, 200, 200, seed=4)
     chosen = np.arange(0, 200, 16)
     exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
     off = class_worth(simulated, layout).values[chosen] - exact
@@ -159,7 +167,7 @@ def test_inferred_sizes_of_errors_agree_with_quadrature():
     kinds = (("even", building(3, (k, k, k))), ("softer roof", building(3, (k, k, 0.85 * k))))
     study = bs.Study("roof", [model_class(name, each, size) for name, each in kinds])
     classes = planned(study)
-    simulated = SimulatedPlan.of(classes, 2, 100, 200, seed=5)
+    simulated = simulated_plan(classes, 100, 200, seed=5)
     chosen = np.arange(0, 100, 10)
     exact = information_by_quadrature(classes, simulated, chosen, [0, 1], {2: 300})
     off = class_worth(simulated, [0, 1]).values[chosen] - exact

@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.studies.planning.plan_record import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes, SimulatedTests
 
@@ -83,14 +84,13 @@ def centred_draws(
         matched = unpaired + np.maximum(ratios.max(axis=4), 0.0).sum(axis=3)
         z = pool_z[_resampled(matched, rng)]
         for added in PLANNING.narrowing:
-            z, slopes = _searched(planned, seen, z, added, rng)
+            z, precisions = _searched(planned, seen, z, added, rng)
         if planned.n_structural < z.shape[2]:  # the sizes of errors are inferred
-            z, slopes = _with_error_sizes(planned, z, slopes, rng)
-            log_weights, draws = _draws(planned, seen, z, slopes, n_draws, rng)
-            # Of all sizes from before the test, these draws know which ones explain it.
+            log_weights, draws = _draws(planned, seen, z, precisions, n_draws, rng)
+            # These draws know which sizes explain the test; those of the pool do not.
             z = np.take_along_axis(draws.z, _resampled(log_weights, rng)[..., None], axis=1)
-            z, slopes = _searched(planned, seen, z, 0.0, rng)
-        _, draws = _draws(planned, seen, z, slopes, n_draws, rng)
+            z, precisions = _searched(planned, seen, z, 0.0, rng)
+        _, draws = _draws(planned, seen, z, precisions, n_draws, rng)
         parts.append(draws)
     return joined(parts)
 
@@ -179,8 +179,7 @@ def _searched(
     It goes to the nearest point that fits, not towards the prior: many points may fit as well.
 
     Returns:
-        z after it; and slopes (n, R, n_parameters, n_residuals) of residuals over their errors, of
-        frequencies, then of shapes.
+        z after it; and the precisions (n, R, n_parameters, n_parameters) of parameters there.
     """
     n, r, n_all = z.shape
     d, h = planned.n_structural, PLANNING.difference
@@ -207,39 +206,17 @@ def _searched(
     residuals = residuals.reshape(n, r, d + 1, -1)
     slopes = np.zeros((n, r, n_all, residuals.shape[3]))
     slopes[:, :, :d] = (residuals[:, :, 1:] - residuals[:, :, :1]) / h
-    precisions = _precisions(planned, slopes)
-    towards = -(slopes @ residuals[:, :, 0, :, None])
-    step = np.linalg.solve(precisions, towards)[..., 0]
-    longest = np.abs(step).max(axis=2, keepdims=True)
-    return z + step * np.minimum(1.0, PLANNING.most_step / np.maximum(longest, 1e-9)), slopes
-
-
-def _precisions(planned: PlannedClass, slopes: FloatArray) -> FloatArray:
-    """Precisions (n, R, n_parameters, n_parameters) of parameters about points of searches."""
     precisions = slopes @ slopes.swapaxes(-1, -2) + planned.precision / PLANNING.width**2
-    return np.asarray(precisions)
-
-
-def _with_error_sizes(
-    planned: PlannedClass, z: FloatArray, slopes: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Every point with several sizes of errors, and its slopes there."""
-    d, times = planned.n_structural, PLANNING.n_error_sizes
-    z, slopes = np.repeat(z, times, axis=1), np.repeat(slopes, times, axis=1)
-    variances = planned.error_variances(z)
-    z[..., d:] = planned.draw(z[..., 0].size, rng).reshape(z.shape)[..., d:]
-    scales = np.sqrt(variances / planned.error_variances(z))[..., None, :]
-    n_frequencies = slopes.shape[3] // (1 + len(planned.candidates))
-    slopes[..., :n_frequencies] *= scales[..., :1]
-    slopes[..., n_frequencies:] *= scales[..., 1:]
-    return z, slopes
+    step = -np.linalg.solve(precisions, slopes @ residuals[:, :, 0, :, None])[..., 0]
+    longest = np.abs(step).max(axis=2, keepdims=True)
+    return z + step * np.minimum(1.0, PLANNING.most_step / np.maximum(longest, 1e-9)), precisions
 
 
 def _draws(
     planned: PlannedClass,
     seen: Seen,
     centres: FloatArray,
-    slopes: FloatArray,
+    precisions: FloatArray,
     k: int,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, CentredDraws]:
@@ -248,17 +225,14 @@ def _draws(
     And their log weights (S, n, k), with the shapes that each layout sees.
     """
     n, r, d = centres.shape
-    roots = np.linalg.cholesky(_precisions(planned, slopes))
-    picked = np.arange(n)[:, None], rng.integers(r, size=(n, k))
-    steps = rng.standard_normal((n, k, d, 1))
-    steps /= np.sqrt(rng.chisquare(PLANNING.tail, (n, k, 1, 1)) / PLANNING.tail)
-    z = centres[picked] + np.linalg.solve(roots[picked].swapaxes(-1, -2), steps)[..., 0]
-    squares = np.square((z[:, None] - centres[:, :, None]) @ roots).sum(axis=3)
-    tails = -0.5 * (PLANNING.tail + d) * np.log1p(squares / PLANNING.tail)
-    heights = np.log(np.diagonal(roots, axis1=2, axis2=3)).sum(axis=2)[..., None]
-    log_density = np.asarray(logsumexp(heights + tails, axis=1)) - math.log(r)
-    log_density += gammaln(0.5 * (PLANNING.tail + d)) - gammaln(0.5 * PLANNING.tail)
-    log_density -= 0.5 * d * math.log(PLANNING.tail * math.pi)
+    factors = np.linalg.inv(np.linalg.cholesky(precisions)).swapaxes(-1, -2)
+    tails = np.full(r, PLANNING.tail)
+    z, log_density = np.empty((n, k, d)), np.empty((n, k))
+    for row, (means, own) in enumerate(zip(centres, factors, strict=True)):
+        mixture = StudentMixture(np.full(r, 1.0 / r), means, own, tails)
+        counts = np.append(rng.multinomial(k, mixture.weights), 0)
+        z[row] = rng.permutation(mixture.draw(counts, rng))
+        log_density[row] = mixture.log_pdf(z[row])
 
     modes = planned.modes(z)
     ratios, unpaired = log_ratios(planned, seen, modes, 0.0)

@@ -23,6 +23,7 @@ from bayes_ssi.studies.planning.layout_values import (
     class_worth,
     effective_independence,
     quantity_worth,
+    served_layouts,
 )
 from bayes_ssi.studies.planning.plan_record import (
     CLASS,
@@ -254,19 +255,23 @@ class _Planning:
     settings: PlanSettings
     seed: int
 
-    def _simulated(self, classes: Sequence[PlannedClass]) -> SimulatedPlan:
+    def _simulated(
+        self, classes: Sequence[PlannedClass], layouts: Sequence[Sensors]
+    ) -> SimulatedPlan:
         n_tests, n_draws = self.settings.n_tests, self.settings.n_draws
-        per_draw = sum(c.structure.n_modes for c in classes) * len(self.free)
+        n_candidates = len(classes[0].candidates)
+        per_draw = sum(c.structure.n_modes for c in classes) * n_candidates
         if n_tests * n_draws * per_draw > PLANNING.most_kept:
             raise ValueError(
                 f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
-                f"{len(self.free)} candidates do not fit into memory; take fewer of one of them"
+                f"{n_candidates} candidates do not fit into memory; take fewer of one of them"
             )
-        return SimulatedPlan.of(classes, self.n_sensors, n_tests, n_draws, self.seed)
+        return SimulatedPlan.of(classes, layouts, n_tests, n_draws, self.seed)
 
     @cached_property
     def _whole(self) -> SimulatedPlan:
-        return self._simulated(self.classes)
+        layouts = served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
+        return self._simulated(self.classes, layouts)
 
     def _worth_of(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
         if self.aim == CLASS:
@@ -378,7 +383,9 @@ class _Planning:
         more = {f"with {names[i]}": tuple(sorted((*best, i))) for i in self.free if i not in best}
         for what, layout in (less | more).items():
             yield Change(what, *self._whole.mean(worth_of(layout).values - worth.values))
-        better = self._simulated([replace(c, error_factor=PLANNING.smaller) for c in self.classes])
+        # The same tests but for their errors, with draws for this layout alone.
+        smaller = [replace(c, error_factor=PLANNING.smaller) for c in self.classes]
+        better = self._simulated(smaller, [best])
         changed = self._worth_of(better)(best).values - worth.values
         known = self.classes[0].identification_errors.any()
         which = "errors of identification" if known else "all errors"

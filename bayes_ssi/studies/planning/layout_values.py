@@ -26,6 +26,18 @@ from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTest
 Sensors = tuple[int, ...]  # candidates, from 0, in ascending order
 
 
+def served_layouts(fixed: Sensors, free: Sensors, n_sensors: int, seed: int) -> list[Sensors]:
+    """All candidates, and layouts of two and of ``n_sensors`` sensors, each at other candidates."""
+    order = np.random.default_rng(seed).permutation(free)
+    layouts = {tuple(sorted((*fixed, *free))): None}
+    for size in (2, n_sensors):
+        more = max(0, size - len(fixed))
+        for turn in range(PLANNING.n_of_a_size):
+            some = np.roll(order, -turn * more)[:more].tolist()
+            layouts[tuple(sorted((*fixed, *some)))] = None
+    return list(layouts)
+
+
 class Worth(NamedTuple):
     """What a layout is worth in each of N simulated tests."""
 
@@ -48,31 +60,22 @@ class SimulatedPlan:
     def of(
         cls,
         classes: Sequence[PlannedClass],
-        n_sensors: int,
+        layouts: Sequence[Sensors],
         n_tests: int,
         n_draws: int,
         seed: int,
     ) -> SimulatedPlan:
         """As many tests of every class, since a rare one is not less in doubt.
 
-        Draws serve frequencies alone, which most parameters explain, all candidates, and layouts of
-        two and of ``n_sensors`` sensors, each at other candidates.
+        Draws serve these layouts, and frequencies alone, which most parameters explain.
         """
-        n_candidates = len(classes[0].candidates)
-        order = np.random.default_rng(seed).permutation(n_candidates).tolist()
-        layouts = {tuple(range(n_candidates)): None}
-        for size in (2, n_sensors):
-            for first in range(0, PLANNING.n_of_a_size * size, size):
-                some = (order[i % n_candidates] for i in range(first, first + size))
-                layouts[tuple(sorted({*some}))] = None
-        served = [(), (), *layouts]
         seeds = np.random.SeedSequence(seed).spawn(2 * len(classes))
         streams = [np.random.default_rng(each) for each in seeds]
         n = -(-n_tests // len(classes))
         own = [simulate(c, n, rng) for c, rng in zip(classes, streams[::2], strict=True)]
         tests = SimulatedTests.joined(own)
         about = zip(classes, streams[1::2], strict=True)
-        draws = tuple(centred_draws(c, tests, served, n_draws, rng) for c, rng in about)
+        draws = tuple(centred_draws(c, tests, [(), (), *layouts], n_draws, r) for c, r in about)
         return cls(tuple(classes), tests, np.repeat(np.arange(len(classes)), n), draws)
 
     def part(self, n_tests: int, n_draws: int) -> SimulatedPlan:

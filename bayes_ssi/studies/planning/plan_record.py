@@ -56,7 +56,6 @@ class PlanningNumbers:
     # Of the densities of draws, where data do not narrow them, as a share of the prior's: modes
     # are not linear beyond, and there are many densities side by side.
     width: float = 0.5
-    n_error_sizes: int = 4  # at every point where a search ends, where sizes of errors are inferred
     tail: float = 6.0  # degrees of freedom of the Student-t densities of draws
     # A check fails where evidences rest on fewer effective draws in more than this share of tests,
     # or few draws bias the gain by more nats.
