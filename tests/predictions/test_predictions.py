@@ -20,7 +20,6 @@ from bayes_ssi.results.stored_result import as_stored
 from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
     Output,
-    peak_responses,
     time_histories,
     transfer_functions,
 )
@@ -180,7 +179,7 @@ def test_responses_are_those_of_the_draws(predicted):
     )
     np.testing.assert_allclose(
         predicted.peak_responses(motion, ACCELERATION, 0.02).draws,
-        peak_responses(*whole, motion, ACCELERATION, 0.02),
+        time_histories(*whole, motion, ACCELERATION, 0.02, peaks=True),
     )
 
 

@@ -18,7 +18,6 @@ from bayes_ssi.structures.response.modal_response import (
     GROUND,
     Output,
     damping_ratios,
-    peak_responses,
     time_histories,
     transfer_functions,
 )
@@ -237,7 +236,7 @@ def test_an_empty_batch_has_an_empty_response(augmented):
 def test_peaks_are_those_of_the_histories(augmented, values):
     motion = GroundMotion(np.random.default_rng(5).standard_normal(777), 0.02)
     output = Output("acceleration", FLOORS)
-    computed = peak_responses(augmented, values, motion, output, 0.02)
+    computed = time_histories(augmented, values, motion, output, 0.02, peaks=True)
     expected = np.abs(time_histories(augmented, values, motion, output, 0.02)).max(-1)
     np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
@@ -381,7 +380,7 @@ def test_unknown_places_are_named(augmented, values, output):
     for compute in (
         lambda: transfer_functions(augmented, values, [1.0], output, 0.02),
         lambda: time_histories(augmented, values, motion, output, 0.02),
-        lambda: peak_responses(augmented, values, motion, output, 0.02),
+        lambda: time_histories(augmented, values, motion, output, 0.02, peaks=True),
         lambda: transfer_functions(
             augmented, values, [1.0], Output("displacement", FLOORS), 0.02, force_at="roof"
         ),

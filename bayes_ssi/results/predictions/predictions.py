@@ -35,7 +35,6 @@ from bayes_ssi.structures.response.ground_motion import GroundMotion
 from bayes_ssi.structures.response.modal_response import (
     Damping,
     Output,
-    peak_responses,
     time_histories,
     transfer_functions,
 )
@@ -151,10 +150,12 @@ class Predictions:
         """Largest amplitudes of time histories, draws (n, n_places).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.modal_response.peak_responses`.
+        :func:`~bayes_ssi.structures.response.modal_response.time_histories`.
         """
         return self._responses(
-            lambda structure, values: peak_responses(structure, values, motion, output, damping)
+            lambda structure, values: time_histories(
+                structure, values, motion, output, damping, peaks=True
+            )
         )
 
     def _responses(

@@ -284,41 +284,14 @@ def time_histories(
     motion: GroundMotion,
     output: Output,
     damping: Damping,
+    *,
+    peaks: bool = False,
 ) -> FloatArray:
     """Response (B, n_places, n_samples) to a ground motion from rest, in m/s² or m.
 
-    Exact if the motion is linear between samples; ``values`` are (B, n_parameters).
+    Exact if the motion is linear between samples; ``values`` are (B, n_parameters). With ``peaks``,
+    the largest amplitudes (B, n_places) alone, and histories are not stored.
     """
-    histories = np.empty((len(values), len(output.places), len(motion)))
-    each = _each_history(structure, values, motion, output, damping)
-    for own, history in zip(histories, each, strict=True):
-        own[:] = history
-    return histories
-
-
-def peak_responses(
-    structure: Structure,
-    values: FloatArray,
-    motion: GroundMotion,
-    output: Output,
-    damping: Damping,
-) -> FloatArray:
-    """The largest amplitudes (B, n_places) of :func:`time_histories`, which are not stored."""
-    peaks = np.empty((len(values), len(output.places)))
-    each = _each_history(structure, values, motion, output, damping)
-    for own, history in zip(peaks, each, strict=True):
-        np.maximum(history.max(-1), -history.min(-1), out=own)
-    return peaks
-
-
-def _each_history(
-    structure: Structure,
-    values: FloatArray,
-    motion: GroundMotion,
-    output: Output,
-    damping: Damping,
-) -> Iterator[FloatArray]:
-    """The response (n_places, n_samples) for each row of ``values``, in an array that is reused."""
     output.require_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
@@ -336,5 +309,8 @@ def _each_history(
     weights = np.concatenate([at_places, of_ground], axis=2)
     modes_and_ground = modal_histories(poles, factors, motion.acceleration, motion.dt)
     history = np.empty((len(output.places), len(motion)))
-    for own, rows in zip(weights, modes_and_ground, strict=True):
-        yield np.matmul(own, rows, out=history)
+    responses = np.empty((len(values), *(history.shape[:1] if peaks else history.shape)))
+    for response, own, rows in zip(responses, weights, modes_and_ground, strict=True):
+        np.matmul(own, rows, out=history)
+        response[:] = np.maximum(history.max(-1), -history.min(-1)) if peaks else history
+    return responses
