@@ -31,8 +31,7 @@ Place = SinglePlace | Motion
 def checked_place(place: Any, where: str) -> Place:
     """A place as elements keep it: a mapping of single places to shares becomes pairs."""
     if _is_single(place):
-        single: SinglePlace = place
-        return single
+        return place
     pairs = tuple(place.items()) if isinstance(place, Mapping) else place
     try:
         motion: Motion = tuple((one, float(share)) for one, share in pairs)
@@ -294,8 +293,7 @@ class SensorMatrix:
         """
         before = (slice(None),) * (motions.ndim - 1 - axis)
         if self._is_selection:
-            chosen: FloatArray = motions.T[(*before, self._terms[0])].T
-            return chosen
+            return motions.T[(*before, self._terms[0])].T
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
         total: FloatArray | None = None

@@ -72,8 +72,7 @@ class LumpedStructure(Structure):
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         motions = np.array([self._vector(motion_of(place)) for place in places])
-        shapes: FloatArray = motions @ self.modes(values).shapes[0]
-        return shapes
+        return motions @ self.modes(values).shapes[0]
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
         floors = range(1, self.n_floors + 1)

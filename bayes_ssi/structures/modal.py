@@ -307,8 +307,7 @@ def _eigh(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def frequencies_hz(eigenvalues: FloatArray) -> FloatArray:
     """f for (2πf)²."""
-    frequencies: FloatArray = np.sqrt(eigenvalues) / (2.0 * math.pi)
-    return frequencies
+    return np.sqrt(eigenvalues) / (2.0 * math.pi)
 
 
 def scaled_shapes(shapes: FloatArray, main: FloatArray) -> FloatArray:

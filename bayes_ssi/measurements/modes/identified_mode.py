@@ -261,8 +261,7 @@ def of_modes(covariance: FloatArray, places: Sequence[int], m: int, n: int) -> F
     array = np.asarray(covariance, dtype=float)
     if array.shape != (m + m * n, m + m * n):
         return array  # of no use, as is said where it is checked
-    taken: FloatArray = array[np.ix_(rows, rows)]
-    return taken
+    return array[np.ix_(rows, rows)]
 
 
 def _tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArray:

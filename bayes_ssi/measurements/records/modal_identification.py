@@ -201,8 +201,7 @@ def _nats_of_phases(bands: Sequence[Explained]) -> float:
 def _inside(explained: Explained, band: tuple[float, float]) -> list[int]:
     """Places of the modes that are in the search."""
     f = explained.fit.modes.frequencies_hz
-    places: list[int] = np.flatnonzero((f >= band[0]) & (f <= band[1])).tolist()
-    return places
+    return np.flatnonzero((f >= band[0]) & (f <= band[1])).tolist()
 
 
 def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:

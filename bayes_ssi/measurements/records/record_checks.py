@@ -190,8 +190,7 @@ def stationary_part(
 def moving(samples: FloatArray) -> NDArray[np.bool_]:
     """Which sensors (n,) have samples (n, N) that differ by more than rounding."""
     low, high = samples.min(1), samples.max(1)
-    moves: NDArray[np.bool_] = high - low > 1e-12 * np.maximum(np.abs(low), np.abs(high))
-    return moves
+    return high - low > 1e-12 * np.maximum(np.abs(low), np.abs(high))
 
 
 def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:

@@ -309,8 +309,7 @@ class AssembledStructure(PointwiseStructure):
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         """See :meth:`Structure.place_shapes`; by a full solution."""
-        shapes: FloatArray = self.motions(places) @ self.full_modes(values[0]).vectors
-        return shapes
+        return self.motions(places) @ self.full_modes(values[0]).vectors
 
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """By a full solution, at all degrees of freedom where these have labels."""

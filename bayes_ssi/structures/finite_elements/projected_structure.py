@@ -236,8 +236,7 @@ class ProjectedStructure(Structure):
 
 def _sum_of_squares(coefficients: FloatArray, vectors: FloatArray) -> FloatArray:
     """Σ c v vᵀ (B, n, n) for coefficients (B, k) and vectors (1 or B, k, n)."""
-    total: FloatArray = np.einsum("bk,bki,bkj->bij", coefficients, vectors, vectors)
-    return total
+    return np.einsum("bk,bki,bkj->bij", coefficients, vectors, vectors)
 
 
 def modes_at_places(

@@ -324,8 +324,7 @@ def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
     gap = np.minimum(below, above)
     with np.errstate(divide="ignore", invalid="ignore"):
         squared = np.where(gap > 0.0, together / gap, np.inf)
-    bounds: FloatArray = 0.5 * np.minimum(eta, squared[group])
-    return bounds
+    return 0.5 * np.minimum(eta, squared[group])
 
 
 def _shape_errors(
@@ -350,8 +349,7 @@ def _shape_errors(
 
 
 def _sum(coefficients: FloatArray, matrices: FloatArray) -> FloatArray:
-    total: FloatArray = np.tensordot(coefficients, matrices, axes=1)
-    return total
+    return np.tensordot(coefficients, matrices, axes=1)
 
 
 def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
@@ -359,5 +357,4 @@ def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
     before = matrices.shape[1]
     rows = np.concatenate([matrices, columns[:, :before].transpose(0, 2, 1)], axis=1)
     whole = np.concatenate([rows, columns], axis=2)
-    symmetric: FloatArray = 0.5 * (whole + whole.transpose(0, 2, 1))
-    return symmetric
+    return 0.5 * (whole + whole.transpose(0, 2, 1))

@@ -47,8 +47,7 @@ class Factor:
     @cached_property
     def pivots(self) -> FloatArray:
         """D (n,); from then on the factor keeps copies of L and D Lᵀ, larger than itself."""
-        diagonal: FloatArray = self._lu.U.diagonal()
-        return diagonal
+        return self._lu.U.diagonal()
 
     @property
     def n_negative(self) -> int:
@@ -62,13 +61,11 @@ class Factor:
 
     def solve(self, right: FloatArray) -> FloatArray:
         """K⁻¹ times vectors (n,) or (n, k)."""
-        solution: FloatArray = self._lu.solve(np.ascontiguousarray(right))
-        return solution
+        return self._lu.solve(np.ascontiguousarray(right))
 
     def root_times(self, right: FloatArray) -> FloatArray:
         """C times vectors (n, k), where K = C Cᵀ is positive definite."""
-        product: FloatArray = self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
-        return product
+        return self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
 
 
 def _superlu(matrix: Matrix, order: Literal["NATURAL", "MMD_AT_PLUS_A"], problem: str) -> Any:
