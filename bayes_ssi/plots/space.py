@@ -217,8 +217,7 @@ def outline(points: FloatArray, faces: Sequence[Sequence[int]]) -> Corners:
     aligned = np.abs(np.einsum("ni,ni->n", of_sides[first], of_sides[second]))
     # Faces that meet at a larger angle have a line between them: those of a mesh on one wall do
     # not, nor do those around a column of twelve sides.
-    kept: Corners = sides_once[(count != 2) | (aligned < math.cos(math.radians(35.0)))]
-    return kept
+    return sides_once[(count != 2) | (aligned < math.cos(math.radians(35.0)))]
 
 
 def draw_faces(

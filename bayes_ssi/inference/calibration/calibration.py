@@ -213,8 +213,7 @@ def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray |
 def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
     """Orthonormal basis (d, r) of the directions that change the residuals at one point."""
     _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
-    basis: FloatArray = rows[sizes > CALIBRATION.zero_sensitivity * sizes.max()].T
-    return basis
+    return rows[sizes > CALIBRATION.zero_sensitivity * sizes.max()].T
 
 
 @dataclass(frozen=True)
@@ -294,8 +293,7 @@ def _slopes(problem: CalibrationProblem, z: FloatArray, logarithm: Sequence[bool
     low, high = problem.values(z[None] + DIFFERENCE_STEP * np.array([[-1.0], [1.0]]))
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = (np.where(logarithm, np.log(at), at) for at in (low, high))
-    slopes: FloatArray = (high - low) / (2.0 * DIFFERENCE_STEP)
-    return slopes
+    return (high - low) / (2.0 * DIFFERENCE_STEP)
 
 
 def _marginal(jacobian: FloatArray, columns: Sequence[int]) -> FloatArray:
@@ -319,8 +317,7 @@ def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
 def _determined_rows(jacobian: FloatArray) -> FloatArray:
     """Unit directions (r, d) that are determined, the best first."""
     _, singular_values, rows = np.linalg.svd(jacobian, full_matrices=False)
-    determined: FloatArray = rows[singular_values > 1.0]
-    return determined
+    return rows[singular_values > 1.0]
 
 
 def _combinations(

@@ -277,8 +277,7 @@ def central_differences(function: Callable[[FloatArray], FloatArray], z: FloatAr
 def difference_quotients(both: FloatArray) -> FloatArray:
     """Slopes (d, ...) from values (2 d, ...) ahead in each direction, then behind."""
     ahead, behind = np.split(both, 2)
-    slopes: FloatArray = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
-    return slopes
+    return (ahead - behind) / (2.0 * DIFFERENCE_STEP)
 
 
 # Residuals (B, m) of points (B, d), which are those of the rows (B,) of all starts; NaN where the

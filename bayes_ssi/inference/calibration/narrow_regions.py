@@ -276,8 +276,7 @@ class _Descents:
         sizes = np.concatenate([size.ravel() for test in self._errors(low, 0.0) for size in test])
         widest, narrowing = NARROW.widest, NARROW.narrowing
         n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
-        widths: FloatArray = widest / narrowing ** np.arange(n + 1.0)
-        return widths
+        return widest / narrowing ** np.arange(n + 1.0)
 
     def _extended(
         self,

@@ -85,13 +85,11 @@ class ErrorGroup:
 
     def covariance(self, sizes: ErrorSizes) -> FloatArray:
         """Covariance (B or 1, n, n) of the errors, whose components are independent."""
-        covariance: FloatArray = self.identification + self.separation.covariance(sizes)
-        return covariance
+        return self.identification + self.separation.covariance(sizes)
 
     def variances(self, sizes: ErrorSizes) -> FloatArray:
         """Variances (B or 1, n) of single errors."""
-        variances: FloatArray = self.identification.diagonal() + sizes.variance[:, None]
-        return variances
+        return self.identification.diagonal() + sizes.variance[:, None]
 
     def log_ratio(self, errors: FloatArray, sizes: ErrorSizes) -> FloatArray:
         """Log of the joint density over the product of the single ones, (B,).
@@ -411,8 +409,7 @@ def tangents(at: FloatArray, towards: FloatArray) -> FloatArray:
     """
     cosine = (at * towards).sum(axis=-1, keepdims=True)
     # What is at right angles is sin t long, and r_φ is 2 sin(t/2).
-    vectors: FloatArray = (towards - cosine * at) / np.sqrt(0.5 * (1.0 + cosine))
-    return vectors
+    return (towards - cosine * at) / np.sqrt(0.5 * (1.0 + cosine))
 
 
 def turned(vectors: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -422,8 +419,7 @@ def turned(vectors: FloatArray, start: FloatArray, end: FloatArray) -> FloatArra
     """
     along = (vectors * end).sum(axis=-1, keepdims=True)
     cosine = (start * end).sum(axis=-1, keepdims=True)
-    rotated: FloatArray = vectors - along / (1.0 + cosine) * (start + end)
-    return rotated
+    return vectors - along / (1.0 + cosine) * (start + end)
 
 
 def in_common_plane(vectors: FloatArray, shapes: FloatArray) -> FloatArray:

@@ -135,8 +135,7 @@ class PairedModes:
 
 def of_modes(quantity: FloatArray, modes: Places) -> FloatArray:
     """Some modes' quantity (B, …, m), from that of all."""
-    taken: FloatArray = quantity.T[modes].T  # rows of the batch remain next to each other
-    return taken
+    return quantity.T[modes].T  # rows of the batch remain next to each other
 
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:

@@ -289,8 +289,7 @@ def _sum_of_rows(
     for k in range(width):
         unpaired = by.multiply(state[::2], alone[start + k, rows])
         state = by.add(unpaired, state[1::2]) if len(state) > 1 else unpaired
-    total: FloatArray = state[0]
-    return total
+    return state[0]
 
 
 def _moved_on(state: FloatArray, alone: FloatArray, by: _Arithmetic) -> FloatArray:

@@ -68,8 +68,7 @@ def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
 def averaged_ranks(values: FloatArray) -> FloatArray:
     """Ranks (n,) from 1, those of equal values averaged."""
     _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
-    ranks: FloatArray = (np.cumsum(counts) - 0.5 * (counts - 1.0))[which]
-    return ranks
+    return (np.cumsum(counts) - 0.5 * (counts - 1.0))[which]
 
 
 class ParetoTail(NamedTuple):

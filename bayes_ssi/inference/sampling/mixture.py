@@ -96,8 +96,7 @@ class StudentMixture:
             if bend is not None:
                 whitened[k] = bend.straightened(whitened[k])
         whitened *= whitened
-        squares: FloatArray = whitened.sum(axis=1)
-        return squares
+        return whitened.sum(axis=1)
 
     def log_components(self, squared_distances: FloatArray) -> FloatArray:
         """log(weight · density) of every Student-t component at these distances, (K, n)."""
@@ -245,8 +244,7 @@ class Proposal(NamedTuple):
 def log_sum(log_parts: FloatArray) -> FloatArray:
     """log Σ exp of finite numbers over the first axis, faster than the general functions."""
     highest = log_parts.max(axis=0)
-    total: FloatArray = np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
-    return total
+    return np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
 
 
 def n_monomials(n_variables: int, degree: int) -> int:

@@ -98,8 +98,7 @@ class SamplingResult:
     def searches_of_regions(self) -> NDArray[np.intp]:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
         found = self.search.found_by @ self.maxima_of_regions.T
-        counts: NDArray[np.intp] = found.sum(axis=0)
-        return counts
+        return found.sum(axis=0)
 
     @property
     def region_errors(self) -> FloatArray:

@@ -44,10 +44,7 @@ class LocalWorkers(Workers):
     def _new_executor(self, context: Any) -> Executor:
         from loky import ProcessPoolExecutor
 
-        made: Executor = ProcessPoolExecutor(
-            self.n_workers, context=context, initializer=end_with_parent
-        )
-        return made
+        return ProcessPoolExecutor(self.n_workers, context=context, initializer=end_with_parent)
 
     def _content(self, data: bytes) -> Path:
         """Send a file: models may hold large matrices, and each process reads them only once."""
@@ -164,8 +161,7 @@ def usable_cores() -> int:
     """Number of cores that this process may use, by its affinity and its share of the machine."""
     from loky import cpu_count
 
-    n: int = cpu_count()
-    return n
+    return cpu_count()
 
 
 def can_copy() -> bool:

@@ -253,5 +253,4 @@ def _drawn(mixture: StudentMixture, n: int, rng: np.random.Generator) -> FloatAr
 def _latin_hypercube(n: int, d: int, rng: np.random.Generator) -> FloatArray:
     """Draws (n, d) from N(0, I), each coordinate of which has one in every n-th of its prior."""
     strata = rng.permuted(np.tile(np.arange(n)[:, None], (1, d)), axis=0)
-    normal: FloatArray = ndtri((strata + rng.random((n, d))) / n)
-    return normal
+    return ndtri((strata + rng.random((n, d))) / n)
