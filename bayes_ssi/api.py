@@ -61,8 +61,8 @@ from bayes_ssi.structures.geometry import Geometry as Geometry
 from bayes_ssi.structures.geometry import Sensor as Sensor
 from bayes_ssi.structures.lumped import ShearBuilding as ShearBuilding
 from bayes_ssi.structures.modal import Modes as Modes
-from bayes_ssi.structures.response.ground_motion import GroundMotion as GroundMotion
-from bayes_ssi.structures.response.modal_response import Output as Output
+from bayes_ssi.structures.response import GroundMotion as GroundMotion
+from bayes_ssi.structures.response import Output as Output
 from bayes_ssi.structures.rigid_floors import FloorBlock as FloorBlock
 from bayes_ssi.structures.rigid_floors import ShearBuilding3D as ShearBuilding3D
 from bayes_ssi.structures.rigid_floors import floor_sensor as floor_sensor

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayes_ssi.plots.figure_style import STYLE, style
-from bayes_ssi.structures.response.modal_response import Output, transfer_functions
+from bayes_ssi.structures.response import Output, transfer_functions
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

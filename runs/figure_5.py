@@ -27,8 +27,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from bayes_ssi.measurements.records.record_files import read_ground_motion
 from bayes_ssi.plots.figure_style import STYLE, style
-from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion
-from bayes_ssi.structures.response.modal_response import Output, time_histories
+from bayes_ssi.structures.response import UNITS, GroundMotion, Output, time_histories
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "model_classes" / "non_structural_elements.py"

@@ -20,7 +20,7 @@ from bayes_ssi.plots.figure_style import style
 from bayes_ssi.plots.prediction_plots import plot_transfer_functions
 from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.results.predictions.predictions import load_predictions
-from bayes_ssi.structures.response.modal_response import Output, transfer_functions
+from bayes_ssi.structures.response import Output, transfer_functions
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parent / "model_classes"

@@ -19,7 +19,7 @@ ORDER = (
 )  # fmt: skip
 # The same of the folders of a wing; its own modules, "", have a place among them.
 FOLDERS = {
-    "structures": ("", "finite_elements", "emulation", "solver_files", "response"),
+    "structures": ("", "finite_elements", "emulation", "solver_files"),
     "measurements": ("modes", "records"),
     "inference": (
         "likelihood", "model_class", "workers", "sampling", "calibration", "criticism",

@@ -20,8 +20,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 import bayes_ssi as bs
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import Output, time_histories, transfer_functions
+from bayes_ssi.structures.response import GroundMotion, Output, time_histories, transfer_functions
 
 DRAWS, SAMPLES, REPEATS = 500, 18_000, 7
 STIFFNESS = (math.pi / math.sin(math.pi / 14)) ** 2

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import decimate
 
 import bayes_ssi as bs
-from bayes_ssi.structures.response.modal_response import modal_histories
+from bayes_ssi.structures.response import modal_histories
 
 FINER = 4
 N_STOREYS = 3

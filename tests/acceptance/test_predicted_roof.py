@@ -9,7 +9,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.predictions import Predictions
-from bayes_ssi.structures.response.modal_response import Output, transfer_functions
+from bayes_ssi.structures.response import Output, transfer_functions
 from bayes_ssi.studies.ranking.study import load_study
 
 CLASSES = Path(__file__).parents[2] / "model_classes"

@@ -13,7 +13,7 @@ from bayes_ssi.measurements.records.record_files import read_ground_motion
 from bayes_ssi.results.predictions.posterior_draws import PredictionSettings
 from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.structures.response.modal_response import Output
+from bayes_ssi.structures.response import Output
 
 mpl.use("Agg")
 

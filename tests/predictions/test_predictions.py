@@ -17,8 +17,8 @@ from bayes_ssi.results.predictions.posterior_draws import (
 )
 from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
 from bayes_ssi.results.stored_result import as_stored
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import (
+from bayes_ssi.structures.response import (
+    GroundMotion,
     Output,
     time_histories,
     transfer_functions,

@@ -22,8 +22,7 @@ from bayes_ssi.results.predictions.requested_predictions import (
     save_predictions,
 )
 from bayes_ssi.results.stored_result import save_result
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import Output
+from bayes_ssi.structures.response import GroundMotion, Output
 
 mpl.use("Agg")
 

@@ -15,7 +15,7 @@ from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.result_files import write_digests
 from bayes_ssi.results.stored_result import save_result
-from bayes_ssi.structures.response.modal_response import Output
+from bayes_ssi.structures.response import Output
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.ranking.study import load_study

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion, checked_unit
+from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
 
 
 @pytest.mark.parametrize(

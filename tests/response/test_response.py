@@ -13,9 +13,9 @@ from scipy.sparse.linalg import eigsh, spsolve
 
 import bayes_ssi as bs
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import (
+from bayes_ssi.structures.response import (
     GROUND,
+    GroundMotion,
     Output,
     damping_ratios,
     time_histories,

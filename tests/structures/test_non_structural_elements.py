@@ -10,7 +10,7 @@ import pytest
 from scipy.constants import g
 
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.response.modal_response import Output, transfer_functions
+from bayes_ssi.structures.response import Output, transfer_functions
 
 ROOT = Path(__file__).parents[2]
 NO_VALUES = np.empty((1, 0))

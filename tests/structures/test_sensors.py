@@ -7,7 +7,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.structures.geometry import Sensor, SensorMatrix
-from bayes_ssi.structures.response.modal_response import transfer_functions
+from bayes_ssi.structures.response import transfer_functions
 from bayes_ssi.structures.structure import Structure
 
 BUILDING = bs.ShearBuilding3D([2.0, 1.0], [1.5, 1.5], [800.0] * 2, [1800.0] * 2, [5000.0] * 2)

@@ -21,7 +21,7 @@ from bayes_ssi.inference.model_class.configuration import Configuration, label_i
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
-from bayes_ssi.structures.response.modal_response import ground_influence
+from bayes_ssi.structures.response import ground_influence
 from bayes_ssi.structures.structure import Structure
 
 

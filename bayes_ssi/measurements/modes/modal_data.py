@@ -26,7 +26,7 @@ from bayes_ssi.measurements.modes.identified_mode import (
     with_joint_errors,
 )
 from bayes_ssi.structures.modal import mac_of_pairs
-from bayes_ssi.structures.response.modal_response import HEAVY_DAMPING, heavy_damping_warning
+from bayes_ssi.structures.response import HEAVY_DAMPING, heavy_damping_warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)

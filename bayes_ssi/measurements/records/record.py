@@ -14,7 +14,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
 from bayes_ssi.measurements.records.record_checks import remarks_on
-from bayes_ssi.structures.response.ground_motion import UNITS, checked_unit
+from bayes_ssi.structures.response import UNITS, checked_unit
 
 # Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
 QUANTITIES = {

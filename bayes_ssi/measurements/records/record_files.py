@@ -29,7 +29,7 @@ from bayes_ssi.measurements.records.record import (
     checked_unit_of,
     units_of,
 )
-from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion, checked_unit
+from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
 
 # Columns of a file of modes.
 COLUMNS_OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)

@@ -31,9 +31,9 @@ from bayes_ssi.results.predictions.posterior_draws import (
 )
 from bayes_ssi.results.stored_result import StoredResult, load_result
 from bayes_ssi.structures.modal import scaled_shapes, shape_signs
-from bayes_ssi.structures.response.ground_motion import GroundMotion
-from bayes_ssi.structures.response.modal_response import (
+from bayes_ssi.structures.response import (
     Damping,
+    GroundMotion,
     Output,
     time_histories,
     transfer_functions,
@@ -123,7 +123,7 @@ class Predictions:
         """Amplitudes of transfer functions, draws (n, n_places, n_frequencies).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.modal_response.transfer_functions`; messages name the
+        :func:`~bayes_ssi.structures.response.transfer_functions`; messages name the
         class.
         """
 
@@ -140,7 +140,7 @@ class Predictions:
         """Time histories, draws (n, n_places, n_samples).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.modal_response.time_histories`.
+        :func:`~bayes_ssi.structures.response.time_histories`.
         """
         return self._responses(
             lambda structure, values: time_histories(structure, values, motion, output, damping)
@@ -150,7 +150,7 @@ class Predictions:
         """Largest amplitudes of time histories, draws (n, n_places).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.modal_response.time_histories`.
+        :func:`~bayes_ssi.structures.response.time_histories`.
         """
         return self._responses(
             lambda structure, values: time_histories(

@@ -27,11 +27,12 @@ from bayes_ssi.results.predictions.predictions import (
     shown_places,
 )
 from bayes_ssi.results.result_files import read_record, write_csv
-from bayes_ssi.structures.response.ground_motion import UNITS, GroundMotion
-from bayes_ssi.structures.response.modal_response import (
+from bayes_ssi.structures.response import (
     GROUND,
     HEAVY_DAMPING,
+    UNITS,
     Damping,
+    GroundMotion,
     Output,
     Quantity,
     checked_frequencies,
