@@ -72,7 +72,9 @@ def benchmark_building(error: float, off: float) -> bs.ModelClass:
     modes = []
     for j, shape in enumerate(shapes[0, rows, :6].T):
         noise = error * rng.standard_normal(1 + len(rows))
-        measured = shape / np.linalg.norm(shape) + noise[1:]
+        # The sign of an eigenvector, and so that of its noise, would be the machine's choice.
+        largest = shape[np.abs(shape).argmax()]
+        measured = np.sign(largest) * shape / np.linalg.norm(shape) + noise[1:]
         frequency = float(frequencies[0, j] * (1.0 + noise[0]))
         modes.append(bs.IdentifiedMode(str(j + 1), frequency, measured))
     unknown = {key: bs.Parameter("".join(key), bs.LogNormal(1.0, 0.3)) for key in halves}

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -284,3 +285,13 @@ def test_ordinary_data_have_no_warnings(modes):
 def test_shapes_that_vanish_where_both_are_measured_are_not_compared():
     warnings = data(mode("x", 1.0, [0, 0, 1]), mode("y", 1.1, [1, 1, NAN])).warnings()
     assert warnings == ["mode 'y': shape not measured at c"]
+
+
+def test_modes_from_arrays_take_one_number_for_all_or_one_for_each():
+    shapes = np.array([[0.6, 0.8], [0.8, -0.6]])
+    given = partial(bs.ModalData.from_arrays, (1.0, 2.0), shapes, (0.0, 3.0), ("a", "b"))
+    assert [mode.frequency_cov for mode in given(frequency_cov=0.01).modes] == [0.01, 0.01]
+    dampings = [mode.damping for mode in given(damping=(0.02, np.nan)).modes]
+    assert dampings == [0.02, None]
+    with pytest.raises(ValueError, match=r"damping must be one number or 2, .* got shape \(3,\)"):
+        given(damping=(0.02, 0.03, 0.04))

@@ -114,9 +114,21 @@ class ModalData(Displayed):
             sensors: their names.
             source: where the data come from.
             covariance: as of the attribute.
-            columns: other fields of :class:`IdentifiedMode`, (m,) each; NaN where not known.
+            columns: other fields of :class:`IdentifiedMode`, (m,) each or one number for all;
+                NaN where not known.
+
+        Raises:
+            ValueError: lengths do not match, or a mode or the band is not usable.
         """
+        frequencies = np.asarray(frequencies_hz, dtype=float)
         numbers = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
+        for name, column in numbers.items():
+            if column.shape not in ((), frequencies.shape):
+                raise ValueError(
+                    f"ModalData: {name} must be one number or {len(frequencies)}, one for each "
+                    f"mode, got shape {column.shape}"
+                )
+            numbers[name] = np.broadcast_to(column, frequencies.shape)
         modes = tuple(
             IdentifiedMode(
                 str(i + 1),
@@ -124,9 +136,7 @@ class ModalData(Displayed):
                 shape,
                 **{name: float(n[i]) for name, n in numbers.items() if not np.isnan(n[i])},
             )
-            for i, (hz, shape) in enumerate(
-                zip(np.asarray(frequencies_hz), np.asarray(shapes).T, strict=True)
-            )
+            for i, (hz, shape) in enumerate(zip(frequencies, np.asarray(shapes).T, strict=True))
         )
         return cls(modes, checked_band(band_hz), tuple(sensors), source, covariance)
 
