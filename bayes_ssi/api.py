@@ -75,11 +75,11 @@ from bayes_ssi.structures.solver_files.parameter_matrices import (
 from bayes_ssi.structures.space_frame import SpaceFrame as SpaceFrame
 from bayes_ssi.structures.structure import Structure as Structure
 from bayes_ssi.studies.appendages.appendage_search import search as search
+from bayes_ssi.studies.appendages.candidates import SearchSettings as SearchSettings
 from bayes_ssi.studies.appendages.candidates import read_candidates as read_candidates
 from bayes_ssi.studies.appendages.ranked_study import rank as rank
-from bayes_ssi.studies.appendages.search_settings import SearchSettings as SearchSettings
-from bayes_ssi.studies.changes.change_places import ChangeSettings as ChangeSettings
 from bayes_ssi.studies.changes.change_search import changes as changes
+from bayes_ssi.studies.changes.changes_family import ChangeSettings as ChangeSettings
 from bayes_ssi.studies.planning.layout_plans import plan as plan
 from bayes_ssi.studies.planning.plan_record import Layout as Layout
 from bayes_ssi.studies.planning.plan_record import Plan as Plan

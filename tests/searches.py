@@ -6,9 +6,13 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace, places_of
+from bayes_ssi.studies.appendages.candidates import (
+    InfillPlace,
+    PendulumPlace,
+    SearchSettings,
+    places_of,
+)
 from bayes_ssi.studies.appendages.search_result import AppendageSummary, PlaceRecord
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
 from bayes_ssi.studies.search.approximate_evidence import Screened
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)

@@ -16,8 +16,7 @@ from bayes_ssi.commands.options import (
     repeated_option,
     study_argument,
 )
-from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
-from bayes_ssi.commands.terminal import say, show
+from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 GROUP = "NAME=PARAMETER,…"
 
@@ -78,17 +77,9 @@ def changes(
     that the tests would have shown.
     """
     from bayes_ssi.parameters.families import Uniform
-    from bayes_ssi.report.tables.search_tables import (
-        averaged_table,
-        change_notes,
-        change_table,
-        search_table,
-    )
     from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
-    from bayes_ssi.results.stored_result import SEARCH
-    from bayes_ssi.studies.changes.change_places import ChangeSettings
-    from bayes_ssi.studies.changes.change_search import changes as compare
-    from bayes_ssi.studies.changes.changes_family import choose_changes
+    from bayes_ssi.studies.changes.change_search import compare
+    from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
 
     loaded = load(study, only)
     settings = ChangeSettings(
@@ -105,20 +96,7 @@ def changes(
     }
     family = choose_changes(loaded, before, after, settings, **grouping)
     inputs = (settings, family.before, family.after, family.features)
-    place = options.place(loaded, study, f"{study.stem}_changes", "changes", *inputs)
-    n_least = 1 + len(family.features[family.study.names[0]])
-    with options.running(family.study, place, n_least) as run:
-        found = compare(
-            loaded, before, after, settings, options.seed, options.settings, run, **grouping
-        )
-        records = {SEARCH: found.record}
-        result = options.save(found.ranking, records, place, run)
-    place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
-
-    say_misfit(result)
-    show(search_table(found), change_table(found.record), averaged_table(found))
-    say(*change_notes(found), *notes_of(result, best_only=True))
-    options.end(result, records)
+    options.search(loaded, study, "changes", family, inputs, compare)
 
 
 def _names(text: str) -> list[str]:

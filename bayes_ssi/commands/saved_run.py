@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -24,6 +24,7 @@ from bayes_ssi.commands.terminal import (
     say,
     say_in_paragraphs,
     say_warnings,
+    show,
 )
 from bayes_ssi.foundations.displayed import columns
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.workers.workers import Workers
     from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.study import Ranking, Study
+    from bayes_ssi.studies.search.family import Family
+    from bayes_ssi.studies.search.search_record import SearchResult
 
 RESULTS = Path("runs") / "results"
 
@@ -152,6 +155,34 @@ class RunOptions:
         run.report("saving", "result and figures", 1.0)
         place.checkpoint.remove(ranking.study.names)
         return result
+
+    def search(
+        self,
+        study: Study,
+        study_file: Path,
+        kind: str,
+        family: Family[Any],
+        options: Sequence[object],
+        search: Callable[..., SearchResult[Any]],
+    ) -> None:
+        """Search a family of hypotheses, save what was found, print it and exit."""
+        from bayes_ssi.report.tables.search_tables import found
+        from bayes_ssi.results.stored_result import SEARCH
+
+        place = self.place(study, study_file, f"{study_file.stem}_{kind}", kind, *options)
+        with self.running(family.study, place, family.n_hypotheses_of_one) as run:
+            searched = search(family, self.seed, self.settings, run)
+            records = {SEARCH: searched.record}
+            result = self.save(searched.ranking, records, place, run)
+        place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
+        say_misfit(result)
+        for each in found(searched):
+            if isinstance(each, str):
+                say(each)
+            else:
+                show(each)
+        say(*notes_of(result, best_only=True))
+        self.end(result, records)
 
     def end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
         """Print where the result is, and the answer; then exit.

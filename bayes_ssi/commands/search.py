@@ -11,8 +11,7 @@ from bayes_ssi.commands.options import (
     repeated_option,
     study_argument,
 )
-from bayes_ssi.commands.saved_run import RunOptions, notes_of, run_options, say_misfit
-from bayes_ssi.commands.terminal import say, show
+from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 
 @click.command()
@@ -77,54 +76,17 @@ def search(
     hypotheses.
     """
     from bayes_ssi.parameters.families import LogUniform
-    from bayes_ssi.results.stored_result import SEARCH
-    from bayes_ssi.studies.appendages.appendage_search import search as search_appendages
+    from bayes_ssi.studies.appendages.appendage_search import search_on
     from bayes_ssi.studies.appendages.baselines import choose_baselines
-    from bayes_ssi.studies.appendages.candidates import read_candidates
-    from bayes_ssi.studies.appendages.search_settings import SearchSettings
+    from bayes_ssi.studies.appendages.candidates import SearchSettings, read_candidates
 
     loaded = load(study)
-    search_settings = SearchSettings(
+    settings = SearchSettings(
         mass=mass,
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
     candidates = None if candidates_file is None else read_candidates(candidates_file)
-    chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None)
-    inputs = (search_settings, baselines, candidates, present_in)
-    place = options.place(loaded, study, f"{study.stem}_search", "search", *inputs)
-    with options.running(chosen.study, place, chosen.n_hypotheses_of_one) as run:
-        appendages = search_appendages(
-            loaded,
-            search_settings,
-            options.seed,
-            options.settings,
-            run,
-            baselines=baselines or None,
-            candidates=candidates,
-            present_in=present_in or None,
-        )
-        records = {SEARCH: appendages.record}
-        result = options.save(appendages.ranking, records, place, run)
-    place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
-
-    from bayes_ssi.report.tables.search_tables import (
-        appendage_table,
-        averaged_table,
-        baseline_notes,
-        baseline_table,
-        place_table,
-        search_notes,
-        search_table,
-    )
-
-    say_misfit(result)
-    if len(appendages.record.baselines) > 1:
-        show(baseline_table(appendages.record))
-    say(*baseline_notes(appendages.record))
-    show(search_table(appendages), place_table(appendages.record))
-    if several := appendage_table(appendages):
-        show(several)
-    show(averaged_table(appendages))
-    say(*search_notes(appendages), *notes_of(result, best_only=True))
-    options.end(result, records)
+    chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None, settings)
+    inputs = (settings, baselines, candidates, present_in)
+    options.search(loaded, study, "search", chosen, inputs, search_on)

@@ -7,6 +7,7 @@ throughout.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.class_record import ClassRecord
@@ -60,7 +61,7 @@ def answer(result: StoredResult) -> Answer:
     return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(figures))
 
 
-def first_screen(result: StoredResult | Ranking | SearchResult) -> str:
+def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:
     """Warnings, then the answer, a paragraph each."""
     if isinstance(result, SearchResult):
         result = replace(as_stored(result.ranking), search=result.record)

@@ -19,7 +19,7 @@ from bayes_ssi.studies.changes.change_search import (
     PlaceOfChange,
 )
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))

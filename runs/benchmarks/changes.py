@@ -46,8 +46,7 @@ from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
 from bayes_ssi.studies.ranking.study import load_study
-from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen
-from bayes_ssi.studies.search.efforts import EFFORTS, Effort
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, ToScreen, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]

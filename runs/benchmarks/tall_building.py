@@ -15,7 +15,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.ranking.class_sampling import chosen_workers
 
 N_STOREYS, N_MODES = 20, 8

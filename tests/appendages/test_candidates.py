@@ -130,7 +130,7 @@ def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
     result = search(made, ONE, candidates=candidates)
     observed = {each.place.name: each.is_observed for each in result.record.places}
     assert observed == {"pendulum apart": False, "pendulum both": True, "infill tie": True}
-    (note,) = [note for note in search_notes(result) if "says nothing" in note]
+    (note,) = [note for note in search_notes(result.record) if "says nothing" in note]
     assert note.endswith("which move in no mode that a sensor sees: pendulum apart.")
 
 

@@ -11,14 +11,15 @@ from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.studies.appendages.appendage_search import (
     AppendageDraws,
     appendage_draws,
-    hypothesis_records,
     matched,
     matched_appendages,
     ranked_draws,
 )
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.appendages.search_result import AppendagesRecord
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
+from bayes_ssi.studies.search.search_record import records_by_probability
 
 FLOORS, MASS, FLOOR = 5, 0.01, 4
 SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
@@ -61,10 +62,9 @@ def found(baseline, **settings):
     pendulums = tuple(p for p in baselines.features["frame"] if p.word == "pendulum")
     baselines.features["frame"] = pendulums
     tried = tuple(screened_hypotheses(baselines, 0, bs.Run())[0].values())
-    scale = baselines.scales["frame"].mass
-    draws = {each.model_class.name: appendage_draws(each, None, scale) for each in tried}
-    nothing_sampled = SimpleNamespace(posteriors=())
-    rows = hypothesis_records(FamilySearch(nothing_sampled, tried, ()), draws)
+    nothing_sampled = FamilySearch(SimpleNamespace(posteriors=()), tried, ())
+    draws = appendage_draws(baselines, nothing_sampled)
+    rows = records_by_probability(nothing_sampled, draws, AppendagesRecord)
     (one,) = matched_appendages(draws, rows, baselines, tried)
     return one
 

@@ -9,8 +9,7 @@ from scipy.special import logsumexp
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened, ToScreen
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import looks_at, screen_best

@@ -8,8 +8,8 @@ from searches import PENDULUM_3, by_count, places_of_building
 
 from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 
 # Log evidences of one appendage; the others add nothing and lose 4 nats.
 ALONE = {"pendulum 1": 3.0, "pendulum 2": 3.0, "infill 1-2": 2.0, "infill 2-3": 2.0}
@@ -43,7 +43,7 @@ def test_what_is_not_tried_has_the_probability_that_parts_alone_let_expect(bare,
     left = sum(mass for name, mass in masses.items() if name not in tried)
     expected = left / sum(masses.values())
     assert result.record.expected_not_tried == pytest.approx(expected, rel=1e-9)
-    (note,) = [note for note in search_notes(result) if note.startswith("Not tried")]
+    (note,) = [note for note in search_notes(result.record) if note.startswith("Not tried")]
     assert note.startswith("Not tried: 7 with several appendages")
 
 
@@ -51,7 +51,7 @@ def test_nothing_is_said_where_all_are_tried(bare, fake_sampling):
     fake_sampling(by_count(0.0, 9.0, 8.0))
     result = search(bare)
     assert (result.record.n_not_tried, result.record.expected_not_tried) == (0, 0.0)
-    assert not any(note.startswith("Not tried") for note in search_notes(result))
+    assert not any(note.startswith("Not tried") for note in search_notes(result.record))
 
 
 def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
@@ -72,4 +72,4 @@ def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
     assert len(result.record.hypotheses) == 22
     assert sum(row.is_sampled for row in result.record.hypotheses) == 13
     note = "≈: off by +0.00 to +0.20 nats where hypotheses were sampled."
-    assert note in search_notes(result)
+    assert note in search_notes(result.record)

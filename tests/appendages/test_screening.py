@@ -12,9 +12,8 @@ import bayes_ssi as bs
 from bayes_ssi.inference.sampling.estimates import Estimate
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import hypothesis
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
-from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen, screen_all
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen, screen_all
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 

@@ -25,9 +25,8 @@ from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import hypothesis
-from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace
+from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace, SearchSettings
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
 
 
 def test_places_are_floors_and_storeys(augmented):
@@ -334,7 +333,7 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
     result = search(bare, ALL)
     name = next(name for name, places in places_of_hypotheses(result).items() if len(places) == 2)
     posterior = next(p for p in result.ranking.posteriors if p.name == name)
-    for summary in result.appendages(name):
+    for summary in result.record.hypothesis(name).appendages:
         place = summary.place
         assert place.name in name
         for quantity, quantiles in (("mass ratio", summary.mass),
@@ -344,7 +343,7 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
                 posterior.values[:, column], [0.05, 0.5, 0.95], method="inverted_cdf"
             )
             assert quantiles == pytest.approx(tuple(expected))
-    assert result.appendages("no appendage") == ()
+    assert result.record.hypothesis("no appendage").appendages == ()
 
 
 def test_the_record_is_json(bare, fake_sampling):

@@ -8,7 +8,7 @@ from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
@@ -18,7 +18,7 @@ def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
 
 
 def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
-    (infill,) = found_in_case_c.appendages("infill 1-2")
+    (infill,) = found_in_case_c.record.hypothesis("infill 1-2").appendages
     low, _, high = infill.mass
     assert low < 0.075 < high
     assert infill.mass[1] == pytest.approx(0.075, abs=0.01)

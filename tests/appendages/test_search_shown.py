@@ -54,11 +54,11 @@ def of_a_tall_building(fake_sampling):
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
     tables = [
-        table(of_a_tall_building) for table in (search_table, appendage_table, averaged_table)
+        table(of_a_tall_building.record) for table in (appendage_table, averaged_table, place_table)
     ]
-    tables.append(place_table(of_a_tall_building.record))
+    tables.append(search_table(of_a_tall_building))
     shown = [line for table in tables for line in lines(table)]
-    assert max(map(len, [*shown, *search_notes(of_a_tall_building)])) <= 80
+    assert max(map(len, [*shown, *search_notes(of_a_tall_building.record)])) <= 80
     text = "\n".join(shown)
     assert "pendulum 20" in text
     assert "infill 19-20" in text
@@ -80,7 +80,7 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
 def test_masses_have_the_unit_of_the_study(of_a_tall_building):
     record = of_a_tall_building.record
     assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
-    for table in (place_table(record), appendage_table(of_a_tall_building)):
+    for table in (place_table(record), appendage_table(of_a_tall_building.record)):
         assert "vibrating mass (kg)" in [str(column.header) for column in table.columns]
     older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
     assert from_record(SearchRecord, older) == replace(record, mass_unit="")
@@ -88,7 +88,7 @@ def test_masses_have_the_unit_of_the_study(of_a_tall_building):
 
 def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     """At most one appendage on one baseline: those at a place are those of one hypothesis."""
-    assert appendage_table(found_in_case_c) is None
+    assert appendage_table(found_in_case_c.record) is None
     table = place_table(found_in_case_c.record)
     names, probabilities, masses, frequencies = ([*map(str, c.cells)] for c in table.columns)
     assert names[0] == "infill 1-2"
@@ -102,7 +102,7 @@ def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
 
 def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
     rows = [row for row in of_a_tall_building.record.hypotheses if len(row.appendages) > 1]
-    text = "\n".join(lines(appendage_table(of_a_tall_building)))
+    text = "\n".join(lines(appendage_table(of_a_tall_building.record)))
     assert quantity(*rows[0].appendages[1].mass) in text
 
 
@@ -128,7 +128,7 @@ def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
     rows = of_a_tall_building.record.hypotheses
     assert "no appendage" not in [row.name for row in rows[:8]]
     note = f"{n - 9} less probable hypotheses are in the saved result."
-    assert note in search_notes(of_a_tall_building)
+    assert note in search_notes(of_a_tall_building.record)
 
 
 def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
@@ -141,12 +141,12 @@ def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
     assert set(signed.values()) == {True, False}
     assert all(signed[name] == (name not in sampled) for name in signed)
     n, n_all = len(record.hypotheses) - len(sampled), len(record.hypotheses)
-    (note,) = [note for note in search_notes(of_a_tall_building) if "not sampled" in note]
+    (note,) = [note for note in search_notes(of_a_tall_building.record) if "not sampled" in note]
     assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
 
 
 def test_a_note_says_which_mass_the_prior_refers_to(of_a_tall_building):
-    assert search_notes(of_a_tall_building)[0] == (
+    assert search_notes(of_a_tall_building.record)[0] == (
         "Priors of masses are relative to the mean floor mass, 3.2e+05 kg."
     )
 

@@ -10,9 +10,8 @@ from searches import COARSE as OF_FEW
 import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
-from bayes_ssi.studies.changes.change_places import ChangePlace
 from bayes_ssi.studies.changes.change_search import without_influence
-from bayes_ssi.studies.changes.changes_family import choose_changes
+from bayes_ssi.studies.changes.changes_family import ChangePlace, choose_changes
 
 COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
 K = (2.0 * np.pi) ** 2

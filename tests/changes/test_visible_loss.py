@@ -14,7 +14,7 @@ from bayes_ssi.studies.changes.visible_loss import (
     simulated_tests,
     visibilities,
 )
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 
@@ -91,7 +91,7 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     draws = rng.choice(screened.z, 60, p=screened.weights)
 
     def share_shown(loss):
-        factors = [log_bayes_factor(changed, unchanged, z, loss, rng) for z in draws]
+        factors = [log_bayes_factor(changed, unchanged, z, loss, rng, {}) for z in draws]
         return np.mean(np.array(factors) > np.log(odds))
 
     assert share_shown(found.smallest) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))

@@ -17,7 +17,7 @@ from bayes_ssi.results.result_files import write_digests
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response import Output
 from bayes_ssi.studies.appendages.appendage_search import search
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.ranking.study import load_study
 
 ROOF = Output("acceleration", ("floor 2",))

@@ -26,6 +26,8 @@ def building(left):
 class Losses(Family[int]):
     """Storeys, from 1, whose stiffness is anything between none and all of what it was."""
 
+    title = "Losses of stiffness"
+
     def name_of(self, features):
         return " + ".join(f"storey {storey}" for storey in features) or "no loss"
 
@@ -50,7 +52,7 @@ def found():
     whole = bs.ModelClass("whole", building((1.0,) * 3), data, ERROR, pairing={})
     limits = SearchLimits(branches=1)
     losses = Losses(bs.Study("losses", [whole]), {"whole": (1, 2, 3)}, limits)
-    return search_family(losses, "Losses of stiffness", 0, COARSE, bs.Run())
+    return search_family(losses, 0, COARSE, bs.Run())
 
 
 def test_the_storey_that_lost_stiffness_is_found(found):

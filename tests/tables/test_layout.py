@@ -46,7 +46,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         modes_table(case_c),
         search_table(found_in_case_c),
         place_table(found_in_case_c.record),
-        averaged_table(found_in_case_c),
+        averaged_table(found_in_case_c.record),
         sensitivity_table(Sensitivity((setting,))),
     )
 

@@ -119,14 +119,25 @@ def no_maxima(n_dimensions: int) -> Maxima:
     return Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
 
 
-def find_maxima(target: Target, starts: FloatArray, known: Maxima | None = None) -> Maxima:
-    """Climb from every row of ``starts`` (S, d): the distinct maxima reached, and those known."""
+def find_maxima(
+    target: Target,
+    starts: FloatArray,
+    known: Maxima | None = None,
+    covariances: FloatArray | None = None,
+) -> Maxima:
+    """Climb from every row of ``starts`` (S, d): the distinct maxima reached, and those known.
+
+    ``covariances`` (S, d, d) are what is known of those at the maxima; a first ascent finds them if
+    None.
+    """
     d = target.n_dimensions
     known = known or no_maxima(d)
-    unit = np.tile(np.eye(d), (len(starts), 1, 1))
-    rough = _distinct(target, *ascend(target, starts, unit), known)
-    # Ascents along a curved ridge can stop short of its top: continue with the curvature known.
-    new = _distinct(target, *ascend(target, rough.z, rough.covariances), known)
+    if covariances is None:
+        unit = np.tile(np.eye(d), (len(starts), 1, 1))
+        rough = _distinct(target, *ascend(target, starts, unit), known)
+        # Ascents along a curved ridge can stop short of its top: continue with its curvature.
+        starts, covariances = rough.z, rough.covariances
+    new = _distinct(target, *ascend(target, starts, covariances), known)
     maxima = Maxima(
         np.concatenate([known.z, new.z]),
         np.concatenate([known.log_posteriors, new.log_posteriors]),

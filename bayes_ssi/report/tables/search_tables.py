@@ -1,5 +1,6 @@
 """The result of a search for appendages, or for what changed between two tests."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from rich.table import Table
@@ -7,14 +8,32 @@ from rich.table import Table
 from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.report.tables.layout import TABLES, add_row, digits, marked, new_table
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.appendages.search_result import AppendageSearch, SearchRecord
-from bayes_ssi.studies.changes.change_search import ChangeRecord, ChangeSearch
+from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
 from bayes_ssi.studies.search.search_record import FamilyRecord, SearchResult
 
 APPROXIMATELY = "≈ "
 # Of baselines and of hypotheses.
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
+
+
+def found(search: SearchResult[Any]) -> Iterator[Table | str]:
+    """Tables and notes on a search, in the order in which they are read."""
+    record = search.record
+    tables = [search_table(search)]
+    if isinstance(record, SearchRecord):
+        if len(record.baselines) > 1:
+            yield baseline_table(record)
+        yield from baseline_notes(record)
+        tables.append(place_table(record))
+        if several := appendage_table(record):
+            tables.append(several)
+    elif isinstance(record, ChangeRecord):
+        tables.append(change_table(record))
+    yield from tables
+    yield averaged_table(record)
+    yield from search_notes(record)
 
 
 def baseline_table(record: SearchRecord) -> Table:
@@ -45,12 +64,12 @@ def baseline_notes(record: SearchRecord) -> list[str]:
     return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
 
 
-def search_table(search: SearchResult) -> Table:
+def search_table(search: SearchResult[Any]) -> Table:
     """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
     best = search.ranking.comparison.best.log_evidence
     failed = {row.name for row in search.ranking.comparison.classes if row.failed_checks}
     rows = []
-    for row in _shown(search):
+    for row in _shown(search.record):
         sign = "" if row.is_sampled else APPROXIMATELY
         rows.append((
             marked(row.name, row.name in failed),
@@ -94,9 +113,9 @@ def place_table(record: SearchRecord) -> Table:
     return table
 
 
-def appendage_table(search: AppendageSearch) -> Table | None:
+def appendage_table(record: SearchRecord) -> Table | None:
     """The appendages of the probable hypotheses with several of them; None if there are none."""
-    rows = [row for row in _shown(search) if len(row.appendages) > 1]
+    rows = [row for row in _shown(record) if len(row.appendages) > 1]
     rows = [row for row in rows if row.probability >= RANKING.probable]
     if not rows:
         return None
@@ -110,40 +129,43 @@ def appendage_table(search: AppendageSearch) -> Table | None:
         for row in rows
         for i, each in enumerate(row.appendages)
     ]
-    numbers = [search.record.mass_heading, "frequency (Hz)"]
+    numbers = [record.mass_heading, "frequency (Hz)"]
     title = "Appendages of hypotheses with several: medians and 90 % intervals"
     return new_table(title, ["hypothesis", "appendage"], numbers, cells)
 
 
-def _shown(search: SearchResult) -> list[Any]:
+def _shown(record: FamilyRecord) -> list[Any]:
     """The hypotheses that tables show: the most probable ones, and no feature."""
-    rows = enumerate(search.record.hypotheses)
+    rows = enumerate(record.hypotheses)
     return [row for i, row in rows if i < TABLES.most_hypotheses or not row.features]
 
 
-def averaged_table(search: SearchResult) -> Table:
+def averaged_table(record: FamilyRecord) -> Table:
     """The baseline's parameters averaged over all hypotheses, and of the simplest one."""
     fields = ("mean", "sd", "quantile_05", "quantile_95", "naive_mean", "naive_sd")
     rows = [
-        [row.name, *digits(*columns(row, fields).values())]
-        for row in search.record.averaged_parameters
+        [row.name, *digits(*columns(row, fields).values())] for row in record.averaged_parameters
     ]
-    title = f"Parameters averaged over the hypotheses; naive: {search.record.nothing}"
+    title = f"Parameters averaged over the hypotheses; naive: {record.nothing}"
     headings = ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"]
     return new_table(title, ["parameter"], headings, rows)
 
 
-def search_notes(search: AppendageSearch) -> list[str]:
-    """What masses refer to, and what the notes of every search say."""
-    masses = [f"Priors of masses are relative to {mass}." for mass in mass_scales(search.record)]
-    return masses + hypothesis_notes(search)
-
-
-def hypothesis_notes(search: SearchResult) -> list[str]:
-    """Places nobody sees, what hypotheses no table shows, and which were not sampled."""
-    record = search.record
-    notes = [unseen_note(record)] if unseen_note(record) else []
-    n_hidden = len(record.hypotheses) - len(_shown(search))
+def search_notes(record: FamilyRecord) -> list[str]:
+    """What numbers refer to, places nobody sees, and which hypotheses no table shows."""
+    notes = []
+    if isinstance(record, SearchRecord):
+        notes += [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
+    elif isinstance(record, ChangeRecord):
+        if (n_more := len(record.places) - TABLES.most_places) > 0:
+            notes.append(f"{n_more} less probable places are in the saved result.")
+        if record.has_visible:
+            notes.append(
+                "Smallest visible: the loss of all stiffness of that place that these tests would "
+                "have shown, nine times as probable as no change, with probability 0.9."
+            )
+    notes += filter(None, [unseen_note(record)])
+    n_hidden = len(record.hypotheses) - len(_shown(record))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
     notes.extend(unsampled_notes(record))
@@ -212,15 +234,3 @@ def change_table(record: ChangeRecord) -> Table:
             add_row(table, *cells, *([seen] if heading else []))
             of_place = ["", "", ""]
     return table
-
-
-def change_notes(search: ChangeSearch) -> list[str]:
-    """What was compared, and what the notes of every search say."""
-    record, n_more = search.record, len(search.record.places) - TABLES.most_places
-    notes = [f"{n_more} less probable places are in the saved result."] if n_more > 0 else []
-    if record.has_visible:
-        notes.append(
-            "Smallest visible: the loss of all stiffness of that place that these tests would have "
-            "shown, nine times as probable as no change, with probability 0.9."
-        )
-    return notes + hypothesis_notes(search)

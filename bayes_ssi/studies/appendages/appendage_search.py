@@ -22,7 +22,6 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.prior import Prior
@@ -34,9 +33,8 @@ from bayes_ssi.studies.appendages.baselines import (
     mass_name,
     tests_with_appendages,
 )
-from bayes_ssi.studies.appendages.candidates import AppendagePlace
+from bayes_ssi.studies.appendages.candidates import CRITERIA, AppendagePlace, SearchSettings
 from bayes_ssi.studies.appendages.search_result import (
-    AppendageSearch,
     AppendagesRecord,
     AppendageSummary,
     BaselineRecord,
@@ -45,13 +43,12 @@ from bayes_ssi.studies.appendages.search_result import (
     PlaceRecord,
     SearchRecord,
 )
-from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
 from bayes_ssi.studies.search.family import Hypothesis
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
 from bayes_ssi.studies.search.search_record import (
-    Draws,
+    SearchResult,
     averaged_features,
     of_every_search,
     records_by_probability,
@@ -77,23 +74,17 @@ DrawsOfAll = Mapping[str, Mapping[AppendagePlace, AppendageDraws]]
 
 
 def appendage_draws(
-    hypothesis: Hypothesis[AppendagePlace], posterior: Posterior | None, mass_scale: float
-) -> dict[AppendagePlace, AppendageDraws]:
-    of_all = Draws.of(hypothesis, posterior)
-    draws = {}
-    for place in hypothesis.key.features:
-        ratio, frequency = map(of_all.column, (mass_name(place), frequency_name(place)))
-        draws[place] = AppendageDraws(ratio, mass_scale * ratio, frequency, of_all.weights)
+    baselines: Baselines, found: FamilySearch[AppendagePlace]
+) -> dict[str, dict[AppendagePlace, AppendageDraws]]:
+    draws: dict[str, dict[AppendagePlace, AppendageDraws]] = {}
+    for hypothesis in found.hypotheses:
+        name = hypothesis.model_class.name
+        of_all, scale = found.draws[name], baselines.scales[hypothesis.key.baseline].mass
+        of_places = draws[name] = {}
+        for place in hypothesis.key.features:
+            ratio, frequency = map(of_all.column, (mass_name(place), frequency_name(place)))
+            of_places[place] = AppendageDraws(ratio, scale * ratio, frequency, of_all.weights)
     return draws
-
-
-def place_records(
-    draws: DrawsOfAll, probabilities: Mapping[str, float], baselines: Baselines
-) -> tuple[PlaceRecord, ...]:
-    return tuple(
-        PlaceRecord(mixed.summary(place), probability, place not in baselines.unobserved)
-        for place, probability, mixed in averaged_features(draws, probabilities)
-    )
 
 
 class RankedDraws(NamedTuple):
@@ -290,7 +281,7 @@ def search(
     baselines: Sequence[str] | None = None,
     candidates: Sequence[Candidate] | None = None,
     present_in: Sequence[str] | None = None,
-) -> AppendageSearch:
+) -> SearchResult[SearchRecord]:
     """Search for hidden appendages on a baseline structure, or on each of several.
 
     Args:
@@ -314,30 +305,26 @@ def search(
             given twice, there is no class or configuration of such a name, or a hypothesis cannot
             be sampled.
     """
-    settings = settings or SamplingSettings()
     if isinstance(baseline, ModelClass):
         baseline = Study(baseline.name, [baseline])
     chosen = choose_baselines(baseline, baselines, candidates, present_in, search_settings)
-    hidden_in = chosen.classes[0].name if len(chosen.classes) == 1 else baseline.name
-    run = run or Run()
+    return search_on(chosen, seed, settings or SamplingSettings(), run or Run())
+
+
+def search_on(
+    baselines: Baselines, seed: int, settings: SamplingSettings, run: Run
+) -> SearchResult[SearchRecord]:
     with run.working():
-        found = search_family(chosen, f"Appendages hidden in {hidden_in!r}", seed, settings, run)
-        rivals = screen_all([ToScreen(rival, None) for rival in chosen.rivals], seed, run)
-    return AppendageSearch(found.ranking, _record(chosen, rivals, found))
+        found = search_family(baselines, seed, settings, run)
+        rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)
+    return SearchResult(found.ranking, _record(baselines, rivals, found))
 
 
 def _record(
     baselines: Baselines, rivals: Sequence[Screened], found: FamilySearch[AppendagePlace]
 ) -> SearchRecord:
-    draws = {
-        each.model_class.name: appendage_draws(
-            each,
-            found.posteriors.get(each.model_class.name),
-            baselines.scales[each.key.baseline].mass,
-        )
-        for each in found.hypotheses
-    }
-    rows = hypothesis_records(found, draws)
+    draws = appendage_draws(baselines, found)
+    rows = records_by_probability(found, draws, AppendagesRecord)
     return SearchRecord(
         baselines=(
             *sorted(_searched(baselines, rows), key=lambda record: -record.probability),
@@ -350,25 +337,16 @@ def _record(
         present_in=baselines.present_in,
         search_settings=baselines.options,
         probability_of_any=sum(each.probability for each in rows if each.appendages),
-        places=place_records(draws, found.probabilities, baselines),
+        places=tuple(
+            PlaceRecord(appendage, probability, place not in baselines.unobserved)
+            for place, probability, appendage in averaged_features(draws, found.probabilities)
+        ),
         geometry=baselines.geometry,
         hypotheses=rows,
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
         mass_unit=baselines.study.mass_unit,
         **of_every_search(found),
     )
-
-
-def hypothesis_records(
-    found: FamilySearch[AppendagePlace], draws: DrawsOfAll
-) -> tuple[AppendagesRecord, ...]:
-    """All hypotheses with their appendages, the most probable first."""
-
-    def record(name: str, **fields: Any) -> AppendagesRecord:
-        appendages = tuple(own.summary(place) for place, own in draws[name].items())
-        return AppendagesRecord(name=name, appendages=appendages, **fields)
-
-    return records_by_probability(found, record)
 
 
 def _searched(baselines: Baselines, rows: Sequence[AppendagesRecord]) -> Iterator[BaselineRecord]:

@@ -16,15 +16,16 @@ from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
+    CRITERIA,
     AppendagePlace,
     Candidate,
+    SearchSettings,
     are_observed,
     located,
     places_of,
     require_distinct,
     require_on_structure,
 )
-from bayes_ssi.studies.appendages.search_settings import CRITERIA, SearchSettings
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import Family
@@ -176,6 +177,11 @@ class Baselines(Family[AppendagePlace]):
     present_in: tuple[str, ...] | None
     rivals: tuple[ModelClass, ...]  # classes that are compared without appendages
     left_out: Mapping[str, str]  # other classes of the study → why nothing is hung on them
+    name: str  # of the study, or of the only class
+
+    @property
+    def title(self) -> str:
+        return f"Appendages hidden in {self.name!r}"
 
     def name_of(self, features: Sequence[AppendagePlace]) -> str:
         return name_of(features)
@@ -192,10 +198,6 @@ class Baselines(Family[AppendagePlace]):
         for place in self.features[baseline]:
             for end in place.candidate.ends:
                 yield from (single for single, _ in motion_of(end) if single != 0)
-
-    @property
-    def n_hypotheses_of_one(self) -> int:
-        return sum(1 + len(places) for places in self.features.values())
 
     @cached_property
     def scales(self) -> Mapping[str, MassScale]:
@@ -284,6 +286,7 @@ def choose_baselines(
         None if present_in is None else tuple(present_in),
         tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else (),
         left_out,
+        classes[0].name if len(classes) == 1 else study.name,
     )
 
 

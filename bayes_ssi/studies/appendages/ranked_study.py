@@ -19,11 +19,10 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.appendages.search_settings import CRITERIA
+from bayes_ssi.studies.appendages.candidates import CRITERIA
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
-from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen_all
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen_all
 
 ASK = "; ask with bayes-ssi search STUDY"
 

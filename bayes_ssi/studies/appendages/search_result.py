@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.studies.appendages.baselines import MassScale, frequency_name, hypothesis, mass_name
-from bayes_ssi.studies.appendages.candidates import AppendagePlace
-from bayes_ssi.studies.appendages.search_settings import SearchSettings
+from bayes_ssi.studies.appendages.candidates import AppendagePlace, SearchSettings
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.search_record import (
     FamilyRecord,
     HypothesisRecord,
-    SearchResult,
     credible,
 )
 
@@ -176,12 +174,3 @@ class SearchRecord(FamilyRecord):
     def _line(self) -> str:
         places = counted(len(self.places), "place")
         return f"of {places}: an appendage with probability {self.probability_of_any:.4f}"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class AppendageSearch(SearchResult):
-    record: SearchRecord
-
-    def appendages(self, name: str) -> tuple[AppendageSummary, ...]:
-        """The appendages of one hypothesis."""
-        return self.record.hypothesis(name).appendages

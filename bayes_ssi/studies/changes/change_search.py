@@ -8,7 +8,7 @@ its model, since it is wrong in the same way before and after.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,14 +19,18 @@ from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.changes.change_places import ChangePlace, ChangeSettings
-from bayes_ssi.studies.changes.changes_family import SHARED, Changes, choose_changes
+from bayes_ssi.studies.changes.changes_family import (
+    SHARED,
+    ChangePlace,
+    Changes,
+    ChangeSettings,
+    choose_changes,
+)
 from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family_search import FamilySearch, search_family
 from bayes_ssi.studies.search.search_record import (
-    Draws,
     FamilyRecord,
     HypothesisRecord,
     SearchResult,
@@ -127,13 +131,6 @@ class ChangeRecord(FamilyRecord):
         return f"of {places}: a change with probability {self.probability_of_change:.4f}"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ChangeSearch(SearchResult):
-    """The result of a comparison of two tests."""
-
-    record: ChangeRecord
-
-
 @checked
 def changes(
     study: ModelClass | Study,
@@ -148,7 +145,7 @@ def changes(
     places: Mapping[str, Sequence[str]] | None = None,
     left_out: Sequence[str] = (),
     visible: bool = True,
-) -> ChangeSearch:
+) -> SearchResult[ChangeRecord]:
     """What changed between two tests of a structure, or between two groups of tests.
 
     Args:
@@ -172,12 +169,17 @@ def changes(
     """
     if isinstance(study, ModelClass):
         study = Study(study.name, [study])
-    grouping: dict[str, Any] = {"joined": joined, "places": places, "left_out": left_out}
-    family = choose_changes(study, before, after, settings, **grouping)
-    run = run or Run()
-    title = f"Changes from {', '.join(family.before)} to {', '.join(family.after)}"
+    family = choose_changes(
+        study, before, after, settings, joined=joined, places=places, left_out=left_out
+    )
+    return compare(family, seed, sampling or SAMPLING, run or Run(), visible=visible)
+
+
+def compare(
+    family: Changes, seed: int, sampling: SamplingSettings, run: Run, visible: bool = True
+) -> SearchResult[ChangeRecord]:
     with run.working():
-        found = search_family(family, title, seed, sampling or SAMPLING, run)
+        found = search_family(family, seed, sampling, run)
         record = change_record(family, found)
         if visible and record.probability_of_change < VISIBILITY.shown:
             unchanged = [each for each in found.hypotheses if not each.key.features]
@@ -190,7 +192,7 @@ def changes(
                 for each in record.places
             )
             record = replace(record, places=with_visible, has_visible=True)
-    return ChangeSearch(found.ranking, record)
+    return SearchResult(found.ranking, record)
 
 
 class LossDraws(NamedTuple):
@@ -199,6 +201,11 @@ class LossDraws(NamedTuple):
     losses: FloatArray
     weights: FloatArray
 
+    def summary(self, place: ChangePlace) -> ChangeSummary:
+        columns = zip(place.losses, self.losses.T, strict=True)
+        losses = {name: weighted_quantiles(each, self.weights) for name, each in columns}
+        return ChangeSummary(place, losses)
+
 
 def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRecord:
     """What was found, for a search in which none, some or all hypotheses were sampled."""
@@ -206,24 +213,14 @@ def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRe
     shared = []
     for each in found.hypotheses:
         name = each.model_class.name
-        own = Draws.of(each, found.posteriors.get(name))
+        own = found.draws[name]
         draws[name] = {
             place: LossDraws(np.column_stack([own.column(n) for n in place.losses]), own.weights)
             for place in each.key.features
         }
         if SHARED in own.names:
             shared.append((own.column(SHARED), found.probabilities[name] * own.weights))
-
-    def summary(place: ChangePlace, own: LossDraws) -> ChangeSummary:
-        columns = zip(place.losses, own.losses.T, strict=True)
-        losses = {name: weighted_quantiles(each, own.weights) for name, each in columns}
-        return ChangeSummary(place, losses)
-
-    def record(name: str, **fields: Any) -> ChangesRecord:
-        changed = tuple(summary(*item) for item in draws[name].items())
-        return ChangesRecord(name=name, changes=changed, **fields)
-
-    rows = records_by_probability(found, record)
+    rows = records_by_probability(found, draws, ChangesRecord)
     alike, unseen = _alike(rows), without_influence(family)
     of_shared = [np.concatenate(each) for each in zip(*shared, strict=True)]
     return ChangeRecord(
@@ -234,12 +231,12 @@ def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRe
         shared=weighted_quantiles(*of_shared) if shared else None,
         places=tuple(
             PlaceOfChange(
-                summary(place, mixed),
+                change,
                 probability,
                 is_observed=place not in unseen,
                 alike=alike.get(place, ()),
             )
-            for place, probability, mixed in averaged_features(draws, found.probabilities)
+            for place, probability, change in averaged_features(draws, found.probabilities)
         ),
         geometry=None,
         hypotheses=rows,

@@ -26,8 +26,7 @@ from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.parameters import ProductTable, as_product
-from bayes_ssi.studies.changes.change_places import ChangePlace
-from bayes_ssi.studies.changes.changes_family import Changes
+from bayes_ssi.studies.changes.changes_family import ChangePlace, Changes
 from bayes_ssi.studies.search.approximate_evidence import each_in_workers
 from bayes_ssi.studies.search.family import Hypothesis
 
@@ -118,11 +117,13 @@ def _visibility(
 ) -> Visibility:
     """From losses of all sizes, then about where log odds pass what is needed, then the answer."""
 
+    covariances: dict[str, FloatArray] = {}
+
     def log_odds(losses: FloatArray, begin: int) -> FloatArray:
         found = []
         for i, loss in enumerate(losses.tolist(), begin):
             rng = np.random.default_rng(seed_of(f"{changed.name} {i}", seed))
-            found.append(log_bayes_factor(changed, unchanged, z[i], loss, rng))
+            found.append(log_bayes_factor(changed, unchanged, z[i], loss, rng, covariances))
         return np.array(found)
 
     first = np.array(VISIBILITY.first)
@@ -149,15 +150,18 @@ def log_bayes_factor(
     z: FloatArray,
     loss: float,
     rng: np.random.Generator,
+    covariances: dict[str, FloatArray],
 ) -> float:
     """Of a change against none in tests simulated with a loss, by Laplace, in nats.
 
     Args:
         z: (d,), a draw of "nothing changed", in standard-normal coordinates.
+        covariances: name of a class → that of its parameters (1, d, d) in another such test, from
+            which searches gain; it is replaced by that in this one.
     """
-    known = dict(zip(unchanged.parameter_names, z, strict=True))
+    own = dict(zip(unchanged.parameter_names, z, strict=True))
     lost = np.array(
-        [known[p.name] if p.name in known else p.prior.to_normal(loss) for p in changed.parameters]
+        [own[p.name] if p.name in own else p.prior.to_normal(loss) for p in changed.parameters]
     )
     tests = simulated_tests(changed, lost, rng)
 
@@ -167,7 +171,10 @@ def log_bayes_factor(
             for test, each in zip(tests, model_class.configurations, strict=True)
         )
         target = class_target(replace(model_class, configurations=own))
-        return find_maxima(target, start[None]).laplace_estimate.log_evidence
+        known = covariances.get(model_class.name)
+        maxima = find_maxima(target, start[None], covariances=known)
+        covariances[model_class.name] = maxima.covariances[:1]
+        return maxima.laplace_estimate.log_evidence
 
     with threadpool_limits(limits=1, user_api="blas"):
         return log_evidence(changed, lost) - log_evidence(unchanged, z)

@@ -21,8 +21,7 @@ from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import Screened
-from bayes_ssi.studies.search.efforts import EFFORTS
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened
 
 Feature = TypeVar("Feature", bound=Hashable)
 # Names of parameters and n → draws (n, d) of these, in standard-normal coordinates.
@@ -125,6 +124,11 @@ class Family(ABC, Generic[Feature]):
             return EFFORTS.most_sampled
         return most
 
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What the search is called."""
+
     @abstractmethod
     def name_of(self, features: Sequence[Feature]) -> str:
         """What a hypothesis with these features is called, where there is one baseline."""
@@ -142,6 +146,11 @@ class Family(ABC, Generic[Feature]):
     @property
     def classes(self) -> tuple[ModelClass, ...]:
         return tuple(self.study.model_classes)
+
+    @property
+    def n_hypotheses_of_one(self) -> int:
+        """The number of hypotheses with one feature, or none."""
+        return sum(1 + len(features) for features in self.features.values())
 
     def __getitem__(self, name: str) -> ModelClass:
         return next(each for each in self.classes if each.name == name)

@@ -30,8 +30,7 @@ from bayes_ssi.studies.ranking.study import (
     averaged_parameter,
     compare_and_diagnose,
 )
-from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
-from bayes_ssi.studies.search.efforts import EFFORTS, Efforts
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Screened, ToScreen
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
@@ -45,6 +44,17 @@ class Level(NamedTuple, Generic[Feature]):
     log_mass_not_tried: float = -math.inf
 
 
+class Draws(NamedTuple):
+    """Draws of a hypothesis: values (n, d) of its parameters, and weights that add up to one."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    weights: FloatArray
+
+    def column(self, name: str) -> FloatArray:
+        return self.values[:, self.names.index(name)]
+
+
 @dataclass(frozen=True, eq=False)
 class FamilySearch(Generic[Feature]):
     """What a search found: the ranking of what was sampled, and all hypotheses."""
@@ -56,6 +66,20 @@ class FamilySearch(Generic[Feature]):
     @cached_property
     def posteriors(self) -> dict[str, Posterior]:
         return {posterior.name: posterior for posterior in self.ranking.posteriors}
+
+    @cached_property
+    def draws(self) -> dict[str, Draws]:
+        """Name of a hypothesis → draws of its posterior; of screening where it was not sampled."""
+        draws = {}
+        for hypothesis in self.hypotheses:
+            made, screened = hypothesis.model_class, hypothesis.screened
+            if (posterior := self.posteriors.get(made.name)) is None:
+                own = Draws(made.parameter_names, made.values(screened.z), screened.weights)
+            else:
+                n = len(posterior.values)
+                own = Draws(posterior.parameter_names, posterior.values, np.full(n, 1.0 / n))
+            draws[made.name] = own
+        return draws
 
     @cached_property
     def log_masses(self) -> dict[str, float]:
@@ -104,14 +128,14 @@ class FamilySearch(Generic[Feature]):
 
 
 def search_family(
-    family: Family[Feature], title: str, seed: int, settings: SamplingSettings, run: Run
+    family: Family[Feature], seed: int, settings: SamplingSettings, run: Run
 ) -> FamilySearch[Feature]:
     """Screen the hypotheses of a family, sample those on which the answer rests, and rank them."""
     hypotheses, levels = screened_hypotheses(family, seed, run)
     sampled = _sampled(family, hypotheses, seed, settings, run)
     classes, posteriors = zip(*sampled.values(), strict=True)
     weights = {made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()}
-    study = Study(title, classes, prior_weights=weights, mass_unit=family.study.mass_unit)
+    study = Study(family.title, classes, prior_weights=weights, mass_unit=family.study.mass_unit)
     ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
     return FamilySearch(ranking, tuple(hypotheses.values()), tuple(levels))
 

@@ -35,13 +35,15 @@ from bayes_ssi.structures.finite_elements.projected_structure import (
     modes_at_places,
 )
 from bayes_ssi.studies.search.approximate_evidence import (
+    EFFORTS,
+    Effort,
+    Efforts,
     Screened,
     ToScreen,
     each_in_workers,
     scan_draws,
     screen_all,
 )
-from bayes_ssi.studies.search.efforts import EFFORTS, Effort, Efforts
 
 
 class Look(NamedTuple):

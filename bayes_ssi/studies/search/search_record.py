@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, InWords, columns
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.studies.ranking.study import AveragedAndNaive, Ranking, Study
-from bayes_ssi.studies.search.efforts import EFFORTS
-from bayes_ssi.studies.search.family import Feature, Hypothesis
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS
+from bayes_ssi.studies.search.family import Feature
 from bayes_ssi.studies.search.family_search import FamilySearch
 
 T = TypeVar("T")
-F = TypeVar("F", bound=Hashable)
 
 
 def credible(places: Sequence[T], probabilities: Sequence[float]) -> tuple[T, ...]:
@@ -116,12 +113,15 @@ class FamilyRecord(Displayed):
         return [columns(row, names) for row in self.hypotheses]
 
 
+Record = TypeVar("Record", bound=FamilyRecord)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class SearchResult(InWords):
+class SearchResult(InWords, Generic[Record]):
     """The result of a search."""
 
     ranking: Ranking  # of the hypotheses that were sampled; probabilities are among these
-    record: FamilyRecord  # what was found, averaged over all hypotheses
+    record: Record  # what was found, averaged over all hypotheses
 
     def _line(self) -> str:
         return self.record._line()
@@ -130,8 +130,12 @@ class SearchResult(InWords):
         return self.record._rows()
 
 
-def records_by_probability(found: FamilySearch[Feature], record: Callable[..., T]) -> tuple[T, ...]:
-    """All hypotheses, the most probable first; fields are given to ``record`` by name."""
+def records_by_probability(
+    found: FamilySearch[Feature],
+    draws: Mapping[str, Mapping[Feature, Any]],
+    record: Callable[..., T],
+) -> tuple[T, ...]:
+    """All hypotheses, the most probable first: fields by name, then summaries of its features."""
     total_weight = sum(each.prior_weight for each in found.hypotheses)
     probabilities = found.probabilities
     rows = []
@@ -142,15 +146,16 @@ def records_by_probability(found: FamilySearch[Feature], record: Callable[..., T
         evidence = screened if posterior is None else posterior.evidence
         rows.append(
             record(
-                name=name,
-                baseline=each.key.baseline,
-                prior_probability=each.prior_weight / total_weight,
-                probability=probabilities[name],
-                log_evidence=evidence.log_evidence,
-                error=evidence.error,
-                is_sampled=posterior is not None,
-                screened=screened.log_evidence,
-                laplace=screened.laplace,
+                name,
+                each.key.baseline,
+                each.prior_weight / total_weight,
+                probabilities[name],
+                evidence.log_evidence,
+                evidence.error,
+                posterior is not None,
+                screened.log_evidence,
+                screened.laplace,
+                tuple(own.summary(feature) for feature, own in draws[name].items()),
             )
         )
     return tuple(rows)
@@ -166,35 +171,15 @@ def of_every_search(found: FamilySearch[Any]) -> dict[str, Any]:
     }
 
 
-class Draws(NamedTuple):
-    """Draws of a hypothesis: values (n, d) of its parameters, and weights that add up to one."""
-
-    names: tuple[str, ...]
-    values: FloatArray
-    weights: FloatArray
-
-    @classmethod
-    def of(cls, hypothesis: Hypothesis[Any], posterior: Posterior | None) -> Draws:
-        """Those of the posterior; of screening where the hypothesis was not sampled."""
-        if posterior is None:
-            made, screened = hypothesis.model_class, hypothesis.screened
-            return cls(made.parameter_names, made.values(screened.z), screened.weights)
-        n = len(posterior.values)
-        return cls(posterior.parameter_names, posterior.values, np.full(n, 1.0 / n))
-
-    def column(self, name: str) -> FloatArray:
-        return self.values[:, self.names.index(name)]
-
-
 def averaged_features(
-    draws: Mapping[str, Mapping[F, T]], probabilities: Mapping[str, float]
-) -> Iterator[tuple[F, float, T]]:
-    """Every feature, its probability, and its draws over all hypotheses that have it.
+    draws: Mapping[str, Mapping[Feature, Any]], probabilities: Mapping[str, float]
+) -> Iterator[tuple[Feature, float, Any]]:
+    """Every feature, its probability, and the summary of its draws over all that have it.
 
     Draws of a hypothesis, by name, are for each feature a named tuple of arrays (n, ...), of which
-    the ``weights`` add up to one.
+    the ``weights`` add up to one; its method ``summary`` takes the feature.
     """
-    of_feature: dict[F, list[tuple[float, Any]]] = {}
+    of_feature: dict[Feature, list[tuple[float, Any]]] = {}
     for name, features in draws.items():
         for feature, of_one in features.items():
             of_feature.setdefault(feature, []).append((probabilities[name], of_one))
@@ -205,4 +190,4 @@ def averaged_features(
         total = sum(share for share, _ in with_one)
         weighted = [each._replace(weights=share / total * each.weights) for share, each in with_one]
         mixed = type(weighted[0])(*map(np.concatenate, zip(*weighted, strict=True)))
-        yield feature, probability, mixed
+        yield feature, probability, mixed.summary(feature)
