@@ -43,6 +43,8 @@ class FiniteElementSettings:
     shape_error: float = 0.1
     # Where so many full solutions do not suffice, a larger error is accepted and reported.
     most_full_solutions: int = 150
+    # So many in a row that add nothing to a basis: bounds of close modes stay large all the same.
+    most_idle: int = 3
     training_points: int = 512  # Sobol points of the prior among which full solutions are placed
     # Directions that add less than this share of the required accuracy to a mode are left out of a
     # basis; some of them together remain below it.

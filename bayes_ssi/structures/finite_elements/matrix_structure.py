@@ -179,7 +179,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         better = self._copied()
         better._train(required)
-        return better if better.n_full_solutions > self.n_full_solutions else self
+        return better if better.basis.size > self.basis.size else self
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         bounds = self.bounds(values, n_modes)
@@ -205,7 +205,8 @@ class ReducedStructure(ApproximateStructure):
         # In units of what is required, at most: errors shrink as the basis grows, so only that of
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
-        while self.n_full_solutions < FEM.most_full_solutions:
+        idle = 0  # last full solutions that the basis held already, as where modes cross
+        while self.n_full_solutions < FEM.most_full_solutions and idle < FEM.most_idle:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
@@ -221,7 +222,9 @@ class ReducedStructure(ApproximateStructure):
                 if not basis.size:
                     raise
             else:
+                size = basis.size
                 basis = basis.enriched(modes, negligible, self._reference)
+                idle = idle + 1 if basis.size == size else 0
                 whole = self._carrying(basis)
                 self.n_full_solutions += 1
             # No point is solved twice, whatever rounding makes of its bound.
