@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
-from bayes_ssi.inference.calibration.least_squares import Fit
+from bayes_ssi.inference.calibration.least_squares import DeterministicFit
 from bayes_ssi.plots.figure_style import STYLE, style
 
 HERE = Path(__file__).parent
@@ -71,7 +71,9 @@ def draw_modes(ax: Axes, model_class: bs.ModelClass) -> None:
     ax.axis("off")
 
 
-def draw_fits(ax: Axes, classes: dict[str, bs.ModelClass], wrong: Fit, right: bs.Posterior) -> None:
+def draw_fits(
+    ax: Axes, classes: dict[str, bs.ModelClass], wrong: DeterministicFit, right: bs.Posterior
+) -> None:
     """Identified frequencies, and those of the wrong fit and of the right class."""
     for mode in classes[RIGHT].data.modes:
         ax.axvline(mode.frequency_hz, color=STYLE.grey, linestyle=":", linewidth=1, zorder=0)
@@ -98,7 +100,7 @@ def draw_fits(ax: Axes, classes: dict[str, bs.ModelClass], wrong: Fit, right: bs
     ax.set_title("The fit does not show\nwhich model is right")
 
 
-def draw_stiffnesses(ax: Axes, wrong: Fit, right: bs.Posterior) -> None:
+def draw_stiffnesses(ax: Axes, wrong: DeterministicFit, right: bs.Posterior) -> None:
     """Errors of the storey stiffnesses, with 90 % intervals of the right class."""
     y = np.arange(len(STOREYS))
     errors = [100.0 * (value - 1.0) for value in wrong.values]

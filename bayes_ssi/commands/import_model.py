@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
         AlteredModel,
+        MatrixTerm,
         ParameterMatrices,
         Powers,
-        Term,
     )
 
 
@@ -291,13 +291,13 @@ def _write_study(
             file.write(text)
 
 
-def _named(matrices: ParameterMatrices) -> dict[str, Term]:
+def _named(matrices: ParameterMatrices) -> dict[str, MatrixTerm]:
     """Every term of stiffness and mass by a name, from which that of its file is made."""
     terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
     return {_name(symbol, term): term for symbol, term in terms}
 
 
-def _name(symbol: str, term: Term) -> str:
+def _name(symbol: str, term: MatrixTerm) -> str:
     parts = (name if exponent == 1 else f"{name}_{exponent}" for name, exponent in term.powers)
     return "_".join([symbol, *parts])
 

@@ -264,7 +264,7 @@ def test_a_climb_that_does_not_end_fails_a_check():
     record = simulated(2, duration_s=300.0)
     whole = bs.identify(record, BAND, at=TRUTH.frequencies_hz)
     band = whole.bands[0]
-    fitter = Fitter(band.fit.scene, band.fit.one_source)
+    fitter = Fitter(band.fit.spectra, band.fit.one_source)
     start = whole.candidates.of_peaks.at([0]).in_directions(band.fit.data)
     stopped = replace(band, fit=fitter.fit(start, has_phases=False, most_steps=1))
     spectrum = transforms_of(record, BAND).spectra(*BAND, 0.01)

@@ -33,7 +33,7 @@ from bayes_ssi.inference.calibration.least_squares import (
     CALIBRATION,
     DIFFERENCE_STEP,
     CalibrationProblem,
-    Fit,
+    DeterministicFit,
 )
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
@@ -64,8 +64,8 @@ class Calibration(Displayed):
 
     name: str
     parameter_names: tuple[str, ...]
-    before: Fit
-    minima: tuple[Fit, ...]
+    before: DeterministicFit
+    minima: tuple[DeterministicFit, ...]
     shape_weight: float
     undetermined_directions: int
     n_starts: int
@@ -75,7 +75,7 @@ class Calibration(Displayed):
     errors_are_correlated: bool
 
     @property
-    def best(self) -> Fit:
+    def best(self) -> DeterministicFit:
         return self.minima[0]
 
     def _line(self) -> str:

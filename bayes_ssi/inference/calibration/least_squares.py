@@ -43,7 +43,7 @@ class ModeFit:
 
 
 @dataclass(frozen=True)
-class Fit:
+class DeterministicFit:
     """The model at one point in the space of parameters.
 
     Attributes:
@@ -248,7 +248,7 @@ class CalibrationProblem:
         """f_ob, (B,)."""
         return np.sqrt((self.residuals(z) ** 2).sum(1) / self.count)
 
-    def fit(self, values: FloatArray) -> Fit:
+    def fit(self, values: FloatArray) -> DeterministicFit:
         """The model at ``values`` (1, d), compared with the identified modes."""
         fits = []
         for test, likelihood, modes in self.modes(values):
@@ -260,7 +260,7 @@ class CalibrationProblem:
                 fits.append(ModeFit(test.name, label, number, mode.frequency_hz, model_hz, alike))
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
         medians = self._normalised(self.prior_medians)
-        return Fit(
+        return DeterministicFit(
             values=tuple(values.ravel().tolist()),
             objective=float(self.objective(z[None])[0]),
             distance=rms_distance(self._normalised(values.ravel()), medians),

@@ -22,7 +22,7 @@ from bayes_ssi.measurements.records.explained_band import (
 )
 from bayes_ssi.measurements.records.identification_settings import BANDS, FIT, SELECTION
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
-from bayes_ssi.measurements.records.local_model import Scene, scene
+from bayes_ssi.measurements.records.local_model import BandSpectra, band_spectra
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import Resonances, Transforms, local_spectra
 
@@ -42,7 +42,7 @@ class _Band:
     A fit is made once: of the same band it may be needed twice.
     """
 
-    def __init__(self, group: Group, at: Scene) -> None:
+    def __init__(self, group: Group, at: BandSpectra) -> None:
         self.group = group
         self.start = group.modes.in_directions(at.data)
         self.fitters = {one: Fitter(at, one_source=one) for one in (False, True)}
@@ -100,8 +100,8 @@ def _between_bands(
 
 def _bands(transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]) -> list[_Band]:
     groups = groups_of(transforms, modes, band_hz)
-    scenes = [(group, scene_of(transforms, group, modes)) for group in groups]
-    return [_Band(group, at) for group, at in scenes if at is not None]
+    spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
+    return [_Band(group, at) for group, at in spectra if at is not None]
 
 
 def _modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
@@ -122,7 +122,7 @@ def _of_other_reach(
     same = [group for group in groups if np.array_equal(group.modes.frequencies_hz, f)]
     if not same or not band.is_wanted:
         return band
-    at = scene_of(transforms, same[0], modes)
+    at = spectra_of_group(transforms, same[0], modes)
     if at is None:
         return band
     start = same[0].modes.in_directions(at.data)
@@ -267,7 +267,7 @@ def _between(modes: Resonances, i: int, j: int) -> float:
     return float((f[i] * w[j] + f[j] * w[i]) / (w[i] + w[j]))
 
 
-def scene_of(transforms: Transforms, group: Group, known: Resonances) -> Scene | None:
+def spectra_of_group(transforms: Transforms, group: Group, known: Resonances) -> BandSpectra | None:
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
     neighbours = _neighbours(group, known)
     damping = min(float(np.median(group.modes.dampings)), BANDS.most_damping_of_blocks)
@@ -285,7 +285,7 @@ def scene_of(transforms: Transforms, group: Group, known: Resonances) -> Scene |
         max(2, int(n_lines / BANDS.lines_of_a_direction)),
     )
     data = local_spectra(spectra, n_directions)
-    return scene(data, neighbours.in_directions(data))
+    return band_spectra(data, neighbours.in_directions(data))
 
 
 def _neighbours(group: Group, known: Resonances) -> Resonances:

@@ -151,7 +151,7 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
         return np.zeros((0, m), dtype=complex), np.zeros(m)
     factors = np.linalg.inv(np.linalg.cholesky(fit.covariances)).conj().swapaxes(1, 2)
     factors = factors * np.sqrt(data.weights)[:, None, None]
-    at = fit.scene
+    at = fit.spectra
     h = fit.modes.responses(data)
     motions = at.motions(fit.modes, h)
     forces = fit.model.drive.forces(at, motions)

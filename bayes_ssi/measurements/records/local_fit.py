@@ -17,9 +17,9 @@ from scipy.linalg import block_diag
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_model import (
+    BandSpectra,
     Model,
     OneSource,
-    Scene,
     basis,
     coordinates,
     information_of,
@@ -34,7 +34,7 @@ BACKGROUND_SDS = np.array(FIT.background_sds)
 class LocalFit:
     """The most probable modes of a band."""
 
-    scene: Scene
+    spectra: BandSpectra
     model: Model
     has_phases: bool
     # (2m + 2mr)², of (ln f, ln ζ, shapes' real parts, their imaginary parts), mode by mode in each.
@@ -48,7 +48,7 @@ class LocalFit:
 
     @property
     def data(self) -> LocalSpectra:
-        return self.scene.data
+        return self.spectra.data
 
     @property
     def modes(self) -> Resonances:
@@ -86,8 +86,8 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
 
 
 class Fitter:
-    def __init__(self, at: Scene, one_source: bool) -> None:
-        self.scene, self.data, self.one_source = at, at.data, one_source
+    def __init__(self, at: BandSpectra, one_source: bool) -> None:
+        self.spectra, self.data, self.one_source = at, at.data, one_source
         self.matrices = at.data.matrices + np.diag(at.data.floor)
 
     @property
@@ -120,10 +120,10 @@ class Fitter:
                 real = turned(modes.shapes).real
                 real = real / np.linalg.norm(real, axis=0)
                 modes = modes._replace(shapes=real.astype(complex))
-            model = started(self.scene, modes, self.one_source)
+            model = started(self.spectra, modes, self.one_source)
         # Priors of forces stay as those at the start would have them.
         usual = self._sizes(model)
-        e = model.covariances(self.scene)
+        e = model.covariances(self.spectra)
         steps = _Steps(self, model, e, has_phases, usual)
         damping = 1e-2
         for _ in range(most_steps):
@@ -134,7 +134,7 @@ class Fitter:
                 if gain < FIT.settled_gain:
                     break
                 trial = steps.moved(step)
-                tried_e = trial.covariances(self.scene)
+                tried_e = trial.covariances(self.spectra)
                 if self.misfit(tried_e) + self._energy(trial, steps.scales) < value:
                     moved = trial, tried_e
                     damping *= 0.1
@@ -155,7 +155,7 @@ class Fitter:
             The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the
             one that gains most where one source drives all.
         """
-        at, drive = self.scene, fit.model.drive
+        at, drive = self.spectra, fit.model.drive
         steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, self._sizes(fit.model))
         left, right = drive.more(at, fit.model.motions(at), one)
         added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
@@ -216,7 +216,7 @@ class Fitter:
         whiteness = float(chi.sum()) / n_degrees
         left = 0.5 * float(steps.slope @ covariance @ steps.slope)
         return LocalFit(
-            self.scene, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
+            self.spectra, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
             evidence, whiteness,
             allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
             left < FIT.arrived_gain, e,
@@ -251,7 +251,7 @@ class _Steps:
     def __init__(
         self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, usual: FloatArray
     ) -> None:
-        at = fitter.scene
+        at = fitter.spectra
         self.model, self.has_phases = model, has_phases
         self.scales = model.drive.scales(at, model.modes, usual)
         modes, data = model.modes, fitter.data
@@ -286,7 +286,7 @@ class _Steps:
 
     def _derivatives(self, fitter: Fitter) -> FloatArray:
         """Of E by all coordinates but backgrounds (K, P, r²)."""
-        at, modes, drive = fitter.scene, self.model.modes, self.model.drive
+        at, modes, drive = fitter.spectra, self.model.modes, self.model.drive
         h, by_f, by_z = modes.response_slopes(at.data)
         shapes = modes.shapes
         m = shapes.shape[1]

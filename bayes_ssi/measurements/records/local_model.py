@@ -68,8 +68,8 @@ def information_of(inverse: ComplexArray) -> FloatArray:
     return coordinates((left @ inverse).reshape(k, r * r, r, r))
 
 
-class Scene(NamedTuple):
-    """What a model is evaluated on."""
+class BandSpectra(NamedTuple):
+    """The spectra that a model explains, and modes beside their band."""
 
     data: LocalSpectra
     powers: FloatArray  # (3, K): 1, x, x² of the blocks
@@ -83,11 +83,11 @@ class Scene(NamedTuple):
         return np.asarray(both.swapaxes(1, 2))
 
 
-def scene(data: LocalSpectra, neighbours: Resonances) -> Scene:
+def band_spectra(data: LocalSpectra, neighbours: Resonances) -> BandSpectra:
     low, high = data.band_hz
     x = (2.0 * data.frequencies_hz - low - high) / (high - low)
     powers = np.stack([x**0, x, x**2])
-    return Scene(data, powers, neighbours, neighbours.responses(data))
+    return BandSpectra(data, powers, neighbours, neighbours.responses(data))
 
 
 # Left and right (K, 2c, r) of the derivatives of E by the real and imaginary parts of c values, in
@@ -119,27 +119,27 @@ class IndependentLoads(NamedTuple):
         of_modes = self.of_modes + step[r * p :].reshape(-1, r).T
         return IndependentLoads(of_neighbours, of_modes * lengths.conj())
 
-    def matrices(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
+    def matrices(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         """What the modes add to the background (K, r, r)."""
         forces = np.concatenate([self.of_neighbours, self.of_modes], axis=1)
         resonant = motions.swapaxes(1, 2) @ forces.conj().T
         return np.asarray(resonant + resonant.conj().swapaxes(1, 2))
 
-    def forces(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
+    def forces(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         """a_i of each block (K, r, m)."""
         return np.broadcast_to(self.of_modes, (len(motions), *self.of_modes.shape))
 
-    def columns(self, _at: Scene, motions: ComplexArray) -> Columns:
+    def columns(self, _at: BandSpectra, motions: ComplexArray) -> Columns:
         n, r = motions.shape[1:]
         return _columns(
             np.repeat(motions, r, axis=1), np.tile(np.eye(r, dtype=complex), (n, 1)), -1j
         )
 
-    def more(self, at: Scene, _motions: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: BandSpectra, _motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
         return self.columns(at, (one.responses(at.data)[:, None] * one.shapes).swapaxes(1, 2))
 
-    def crosses(self, _at: Scene, motions: ComplexArray) -> ComplexArray:
+    def crosses(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
         return motions.conj()
 
@@ -148,7 +148,7 @@ class IndependentLoads(NamedTuple):
         along = (modes.shapes.conj() * self.of_modes).sum(0).imag
         return np.asarray(4.0 * modes.dampings * along)
 
-    def scales(self, at: Scene, modes: Resonances, usual: FloatArray) -> FloatArray:
+    def scales(self, at: BandSpectra, modes: Resonances, usual: FloatArray) -> FloatArray:
         """Prior covariances (m, r, r) of forces coherent with all that moves at each mode.
 
         That is a background of unit power, and the other modes: S_ij of two modal forces gives
@@ -225,28 +225,28 @@ class OneSource(NamedTuple):
             direct, self.of_neighbours + step[n : n + p], (self.of_modes + step[n + p :]) * lengths
         )
 
-    def motion(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+    def motion(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         """v (K, r)."""
         factors = np.concatenate([self.of_neighbours, self.of_modes])
         return np.asarray(at.powers.T @ self.direct + factors @ motions)
 
-    def matrices(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+    def matrices(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         v = self.motion(at, motions)
         return np.asarray(v[:, :, None] * v[:, None].conj())
 
-    def forces(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+    def forces(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         return self.motion(at, motions)[:, :, None] * self.of_modes.conj()
 
-    def columns(self, at: Scene, motions: ComplexArray) -> Columns:
+    def columns(self, at: BandSpectra, motions: ComplexArray) -> Columns:
         left = _of_one_source(at, motions)
         return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def more(self, at: Scene, motions: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: BandSpectra, motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
         left = one.responses(at.data)[:, :, None] * np.eye(len(one.shapes))
         return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def crosses(self, at: Scene, motions: ComplexArray) -> ComplexArray:
+    def crosses(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
         factors = np.concatenate([at.powers.T, at.of_neighbours], axis=1)
         return np.asarray(factors[:, :, None] * self.motion(at, motions)[:, None].conj())
 
@@ -254,7 +254,7 @@ class OneSource(NamedTuple):
         """4 ζ s (m,), where s is about the part i φ of the forces."""
         return np.asarray(np.abs(self.of_modes) ** 2)
 
-    def scales(self, _at: Scene, _modes: Resonances, usual: FloatArray) -> FloatArray:
+    def scales(self, _at: BandSpectra, _modes: Resonances, usual: FloatArray) -> FloatArray:
         """Factors of modes may have any size."""
         return usual
 
@@ -281,7 +281,7 @@ class OneSource(NamedTuple):
         return np.diag(precisions) + np.outer(fixed, fixed), -precisions * as_reals(self.values)
 
 
-def _of_one_source(at: Scene, motions: ComplexArray) -> ComplexArray:
+def _of_one_source(at: BandSpectra, motions: ComplexArray) -> ComplexArray:
     """Derivatives of v by the values of one source (K, c, r)."""
     r = motions.shape[2]
     direct = at.powers.T[:, :, None, None] * np.eye(r)
@@ -305,16 +305,16 @@ class Model(NamedTuple):
     modes: Resonances
     drive: Drive
 
-    def covariances(self, at: Scene) -> ComplexArray:
+    def covariances(self, at: BandSpectra) -> ComplexArray:
         """E (K, r, r)."""
         smooth = np.einsum("pk,pij->kij", at.powers, self.backgrounds)
         return np.asarray(smooth + self.drive.matrices(at, self.motions(at)))
 
-    def motions(self, at: Scene) -> ComplexArray:
+    def motions(self, at: BandSpectra) -> ComplexArray:
         return at.motions(self.modes, self.modes.responses(at.data))
 
 
-def started(at: Scene, modes: Resonances, one_source: bool) -> Model:
+def started(at: BandSpectra, modes: Resonances, one_source: bool) -> Model:
     """A model with modes whose forces have about the size that the spectra show."""
     r, m = modes.shapes.shape
     p = len(at.neighbours.frequencies_hz)

@@ -71,7 +71,7 @@ Powers = tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class MatrixTerm:
     """A matrix times powers of properties' factors; the constant term has none."""
 
     matrix: sp.csc_array
@@ -89,8 +89,8 @@ class ParameterMatrices:
     """
 
     nominal: ExportedModel
-    stiffness: tuple[Term, ...]
-    mass: tuple[Term, ...]
+    stiffness: tuple[MatrixTerm, ...]
+    mass: tuple[MatrixTerm, ...]
     errors: Mapping[str, float]
 
     def with_parameters(
@@ -107,7 +107,7 @@ class ParameterMatrices:
         names = {name for term in (*self.stiffness, *self.mass) for name, _ in term.powers}
         require_known("parameters: none is given for property", names, parameters)
 
-        def pairs(terms: Sequence[Term]) -> list[tuple[Value, sp.csc_array]]:
+        def pairs(terms: Sequence[MatrixTerm]) -> list[tuple[Value, sp.csc_array]]:
             return [
                 (math.prod((parameters[name] ** e for name, e in term.powers), start=1.0),
                  term.matrix)
@@ -150,7 +150,7 @@ def parameter_matrices(
     terms = []
     for which in ("stiffness", "mass"):
         changes = _Changes.of(which, nominal, [*changed, *checks])
-        fits: dict[tuple[str, ...], Fit] = {}
+        fits: dict[tuple[str, ...], Terms] = {}
         for names in sorted(by_properties, key=len):  # what each changes alone comes first
             possible: list[Powers] = [((names[0], e),) for e in SETTINGS.exponents]
             if len(names) == 2:
@@ -204,7 +204,7 @@ def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.
 
 
 # Each term is a matrix times the product of f^e - 1, which is zero where a property is nominal.
-Fit = tuple[Term, ...]
+Terms = tuple[MatrixTerm, ...]
 
 
 def _change(powers: Powers, factors: Mapping[str, float]) -> float:
@@ -236,7 +236,7 @@ class _Changes:
     def error(self, difference: sp.csc_array) -> float:
         return float(abs(self.scale @ difference @ self.scale).max())
 
-    def left(self, export: AlteredModel, known: Fit) -> sp.csc_array:
+    def left(self, export: AlteredModel, known: Terms) -> sp.csc_array:
         """What an export changes beyond what is known."""
         predicted = sp.csc_array(self.scale.shape)
         for term in known:
@@ -245,7 +245,7 @@ class _Changes:
                 predicted = predicted + change * term.matrix
         return sp.csc_array(self.differences[export] - predicted)
 
-    def missed(self, fit: Fit, check: AlteredModel) -> float:
+    def missed(self, fit: Terms, check: AlteredModel) -> float:
         """The largest error of the prediction of a check, refused where it is too large."""
         error = self.error(self.left(check, fit))
         if error > SETTINGS.tolerance:
@@ -258,8 +258,8 @@ class _Changes:
         return error
 
     def fitted(
-        self, exports: Sequence[AlteredModel], possible: Sequence[Powers], known: Fit
-    ) -> Fit:
+        self, exports: Sequence[AlteredModel], possible: Sequence[Powers], known: Terms
+    ) -> Terms:
         """The fewest powers that, with those ``known``, predict exports of the same properties.
 
         As many powers as there are exports always do: then all that are possible must be wanted,
@@ -286,7 +286,7 @@ class _Changes:
                     for row, difference in zip(design, differences, strict=True)
                 )
                 if error <= SETTINGS.tolerance:
-                    return tuple(map(Term, matrices, powers))
+                    return tuple(map(MatrixTerm, matrices, powers))
                 smallest = min(smallest, error)
         is_single = len(names) == 1
         what = "power of its factor predicts" if is_single else "product of their powers predicts"
@@ -298,7 +298,7 @@ class _Changes:
             f"{'it' if is_single else 'both'} with one more factor, for a sum of powers"
         )
 
-    def multiplied_out(self, chosen: Fit) -> tuple[Term, ...]:
+    def multiplied_out(self, chosen: Terms) -> tuple[MatrixTerm, ...]:
         """Products of f^e - 1 multiplied out, without what is rounding."""
         of_powers: dict[Powers, sp.csc_array] = {(): self.nominal}
         for term in chosen:
@@ -313,5 +313,5 @@ class _Changes:
             kept_entries = sp.csc_array(matrix.multiply(relative > SETTINGS.rounding))
             kept_entries.eliminate_zeros()
             if kept_entries.nnz:
-                terms.append(Term(kept_entries, powers))
+                terms.append(MatrixTerm(kept_entries, powers))
         return tuple(terms)
