@@ -6,8 +6,6 @@ direction at a node: ``{"node 7 x": 0.6, "node 7 y": 0.8}``. It contributes spri
 its host structure, and an element in series adds one degree of freedom of its own.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -26,7 +24,7 @@ class Contribution:
     direction: Motion
 
     @classmethod
-    def on(cls, place: Place, coefficient: Product) -> Contribution:
+    def on(cls, place: Place, coefficient: Product) -> "Contribution":
         return cls(coefficient, motion_of(place))
 
 
@@ -56,7 +54,7 @@ class Element(ABC):
     def masses(self) -> Sequence[Contribution]:
         """What the element adds to the mass matrix."""
 
-    def as_mass(self) -> Element:
+    def as_mass(self) -> "Element":
         """The element without stiffness and dynamics, as in the incorrect model: mass alone."""
         return self
 

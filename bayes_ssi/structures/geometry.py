@@ -6,8 +6,6 @@ moves by u and v and turns by θ, one at (x, y) along x measures u - y θ. That 
 matrix, with terms for these degrees of freedom only, however many the structure has.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -269,7 +267,7 @@ class SensorMatrix:
     @classmethod
     def of(
         cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
-    ) -> SensorMatrix:
+    ) -> "SensorMatrix":
         """From each sensor's motion: degree of freedom → its weight in the measurement."""
         row = {label: i for i, label in enumerate(degrees_of_freedom)}
         longest = max(map(len, motions), default=1)

@@ -5,8 +5,6 @@ reduced basis. A motion w·x combines rows of the structure, which says what row
 the elements' own degrees of freedom, whose rows follow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,7 +32,7 @@ class AffineArray:
         terms: Iterable[tuple[Product, FloatArray]],
         parameters: tuple[Parameter, ...],
         shape: tuple[int, ...],
-    ) -> AffineArray:
+    ) -> "AffineArray":
         """Merge terms with the same powers of parameters: all fixed ones become one array."""
         merged: dict[tuple[tuple[Parameter, float], ...], FloatArray] = {}
         for coefficient, array in terms:
@@ -92,7 +90,7 @@ class AddedTerm(NamedTuple):
     on_ground: float = 0.0  # component by the motion of the ground
 
     @classmethod
-    def of(cls, term: Contribution, rows_of: RowsOf, label: str) -> AddedTerm:
+    def of(cls, term: Contribution, rows_of: RowsOf, label: str) -> "AddedTerm":
         vector: dict[int, float] = {}
         for place, component in term.direction:
             for row, share in rows_of(place, label):
@@ -120,7 +118,7 @@ class CarriedElements:
         size: int,
         shift: float = 0.0,
         taken: Iterable[str] = (),
-    ) -> CarriedElements:
+    ) -> "CarriedElements":
         """Find the rows of elements; ``shift`` is that of a free body, for the springs."""
         labels, known = own_labels(elements), set(taken)
         for label in labels:
@@ -152,7 +150,7 @@ class CarriedElements:
         rows = {row for term in (*self.springs, *self.masses) for row in term.vector}
         return np.array(sorted(row for row in rows if row < self.size), dtype=np.intp)
 
-    def ordered(self, rows: NDArray[np.intp]) -> CarriedElements:
+    def ordered(self, rows: NDArray[np.intp]) -> "CarriedElements":
         """The same elements where row i of the structure has become ``rows[i]``."""
         whole = np.append(rows, np.arange(self.size, self.whole_size))
         springs, masses = (

@@ -8,8 +8,6 @@ first is the one that moves some degree of freedom the farthest, and the others 
 where nothing couples two directions, those are the motions in one direction and in the other.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -103,7 +101,7 @@ class FreeBody(NamedTuple):
     number: int = 0  # of rigid-body modes, which are the lowest
     shift: float = 0.0  # in (rad/s)², by which all (2πf)² are raised; zero where there are none
 
-    def elastic(self, raised: Modes) -> Modes:
+    def elastic(self, raised: "Modes") -> "Modes":
         """The modes above the rigid-body ones, at their own frequencies."""
         if not self.number:
             return raised
@@ -131,7 +129,7 @@ class Modes(NamedTuple):
     frequencies_hz: FloatArray
     shapes: FloatArray
 
-    def repeated(self, n_rows: int) -> Modes:
+    def repeated(self, n_rows: int) -> "Modes":
         """These modes for ``n_rows`` rows, also where a structure without parameters gave one."""
         if len(self.frequencies_hz) == n_rows:
             return self

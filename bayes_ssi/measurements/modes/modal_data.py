@@ -1,7 +1,5 @@
 """Identified modes: frequencies and partial mode shapes of one test, in one frequency band."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence
@@ -104,7 +102,7 @@ class ModalData(Displayed):
         *,
         covariance: FloatArray | None = None,
         **columns: ArrayLike,
-    ) -> ModalData:
+    ) -> "ModalData":
         """Modes labelled 1, 2, … in the order of the arrays.
 
         Args:
@@ -167,14 +165,14 @@ class ModalData(Displayed):
         require_known("no identified mode", [label], by_label)
         return by_label[label]
 
-    def without_shapes(self) -> ModalData:
+    def without_shapes(self) -> "ModalData":
         """The same modes with their frequencies only."""
         modes = tuple(replace(m, shape=None, shape_sd=None) for m in self.modes)
         m = len(modes)
         covariance = None if self.covariance is None else self.covariance[:m, :m]
         return replace(self, modes=modes, sensors=(), covariance=covariance)
 
-    def without_covariance(self) -> ModalData:
+    def without_covariance(self) -> "ModalData":
         """The same modes, each with errors of its own: ``frequency_cov`` and ``shape_sd``."""
         return replace(self, covariance=None)
 

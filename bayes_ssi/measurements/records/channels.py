@@ -22,8 +22,6 @@ does one of ISO time stamps such as ``2024-05-12T10:00:00.010``, also with a spa
 ``T``, and with ``Z`` or an offset at the end.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -60,7 +58,7 @@ class Channels(NamedTuple):
     units: tuple[str, ...] = ()  # every statement of the unit
 
     @classmethod
-    def joined(cls, parts: Sequence[Channels]) -> Channels:
+    def joined(cls, parts: "Sequence[Channels]") -> "Channels":
         """Channels of several files with the same instants; named where all files have names."""
         if len(parts) == 1:
             return parts[0]

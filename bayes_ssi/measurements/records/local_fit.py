@@ -5,8 +5,6 @@ The likelihood is that of complex Wishart matrices, the means of a few transform
 w tr(E⁻¹ dE E⁻¹ dE) of each block, so that Fisher scoring converges in a dozen steps.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -192,7 +190,7 @@ class Fitter:
         value += 0.5 * float((np.abs(model.backgrounds / BACKGROUND_SDS[:, None, None]) ** 2).sum())
         return value + model.drive.energy(model.modes, scales)
 
-    def _log_normalisation(self, model: Model, steps: _Steps) -> float:
+    def _log_normalisation(self, model: Model, steps: "_Steps") -> float:
         """The rest of -ln prior density, up to constants of the band."""
         low, high = self.data.band_hz
         n_modes = model.modes.n_modes
@@ -200,7 +198,7 @@ class Fitter:
         of_modes = n_modes * math.log(math.log(high / low)) - 0.5 * float(np.log(normal).sum())
         return of_modes + model.drive.log_normalisation(model.modes, steps.scales)
 
-    def _described(self, model: Model, e: ComplexArray, steps: _Steps) -> LocalFit:
+    def _described(self, model: Model, e: ComplexArray, steps: "_Steps") -> LocalFit:
         r = self.r
         sign, log_determinant = np.linalg.slogdet(steps.curvature / (2.0 * math.pi))
         misfit = self.misfit(e)

@@ -14,8 +14,6 @@ singular, and the same spectra are v v* + B0 + x B1 + x² B2 with
 v(f) = d0 + x d1 + x² d2 + Σ_i h_i(f) φ_i l_i. Blocks see the mean of h over their width.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import NamedTuple
@@ -112,7 +110,7 @@ class IndependentLoads(NamedTuple):
         """(c,)"""
         return np.concatenate([self.of_neighbours.T.ravel(), self.of_modes.T.ravel()])
 
-    def moved(self, step: ComplexArray, lengths: ComplexArray) -> IndependentLoads:
+    def moved(self, step: ComplexArray, lengths: ComplexArray) -> "IndependentLoads":
         """After a step of the values, and shapes that were divided by ``lengths`` (m,)."""
         r, p = self.of_neighbours.shape
         of_neighbours = self.of_neighbours + step[: r * p].reshape(p, r).T
@@ -218,7 +216,7 @@ class OneSource(NamedTuple):
         """(c,)"""
         return np.concatenate([self.direct.ravel(), self.of_neighbours, self.of_modes])
 
-    def moved(self, step: ComplexArray, lengths: ComplexArray) -> OneSource:
+    def moved(self, step: ComplexArray, lengths: ComplexArray) -> "OneSource":
         n, p = self.direct.size, len(self.of_neighbours)
         direct = self.direct + step[:n].reshape(self.direct.shape)
         return OneSource(

@@ -6,8 +6,6 @@ no matter. Correlations of that signal are free decays (James, Carne and Lauffer
 Hankel matrices give poles at every order (Juang and Pappa 1985); a mode has one pole, not two.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise
@@ -49,7 +47,7 @@ class Candidates(NamedTuple):
     def poles(self) -> Resonances:
         return self.of_peaks.beside(self.others)
 
-    def turned(self, delays_s: FloatArray) -> Candidates:
+    def turned(self, delays_s: FloatArray) -> "Candidates":
         """Candidates of sensors that are no longer late by ``delays_s`` (n,)."""
 
         def on_time(modes: Resonances) -> Resonances:

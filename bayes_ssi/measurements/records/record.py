@@ -1,7 +1,5 @@
 """A vibration record: what the sensors of one setup measured at equal time steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -125,7 +123,7 @@ class Record(Displayed):
             )
         return low, high
 
-    def selected(self, sensors: Sequence[str]) -> Record:
+    def selected(self, sensors: Sequence[str]) -> "Record":
         """The record of some sensors, in the order given.
 
         Args:
@@ -139,7 +137,7 @@ class Record(Displayed):
         rows = [self.sensors.index(name) for name in sensors]
         return replace(self, samples=_read_only(self.samples[rows]), sensors=sensors)
 
-    def detrended(self) -> Record:
+    def detrended(self) -> "Record":
         """The record without each sensor's mean and linear trend."""
         from scipy.signal import detrend
 
@@ -148,7 +146,7 @@ class Record(Displayed):
             row[:] = detrend(row)
         return replace(self, samples=_read_only(samples))
 
-    def decimated_to(self, highest_hz: float) -> Record:
+    def decimated_to(self, highest_hz: float) -> "Record":
         """The record at the lowest rate that keeps all up to ``highest_hz``.
 
         A filter without phase shift against aliases passes 0.8 of the new Nyquist frequency

@@ -14,8 +14,6 @@ the leading real directions of what is left hold all that modes do. In these few
 quiet part of the band has the unit matrix.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -60,12 +58,12 @@ class Transforms(NamedTuple):
         last = self.first + self.values.shape[1] - 1
         return 0.5 * self.line_hz * self.first, 0.5 * self.line_hz * last
 
-    def turned(self, delays_s: FloatArray) -> Transforms:
+    def turned(self, delays_s: FloatArray) -> "Transforms":
         """The lines of sensors that are no longer late by ``delays_s`` (n,)."""
         turns = np.exp(2j * np.pi * np.outer(delays_s, self.frequencies_hz))
         return self._replace(values=self.values * turns)
 
-    def relative_to(self, sensor: int) -> Transforms:
+    def relative_to(self, sensor: int) -> "Transforms":
         """The lines over the level of one sensor's around each: amplification of its motion."""
         power = np.abs(self.values[sensor]) ** 2
         totals = np.concatenate([[0.0], np.cumsum(power)])
@@ -241,25 +239,25 @@ class Resonances(NamedTuple):
     shapes: NDArray[Any]  # (r, m), complex or real, at unit length
 
     @classmethod
-    def none(cls, n: int) -> Resonances:
+    def none(cls, n: int) -> "Resonances":
         return cls(np.empty(0), np.empty(0), np.empty((n, 0), dtype=complex))
 
     @property
     def n_modes(self) -> int:
         return len(self.frequencies_hz)
 
-    def at(self, places: Sequence[int]) -> Resonances:
+    def at(self, places: Sequence[int]) -> "Resonances":
         return Resonances(*(array[..., list(places)] for array in self))
 
-    def without(self, *places: int) -> Resonances:
+    def without(self, *places: int) -> "Resonances":
         return self.at([i for i in range(self.n_modes) if i not in places])
 
-    def joined(self, others: Resonances) -> Resonances:
+    def joined(self, others: "Resonances") -> "Resonances":
         """These modes and others, in ascending order."""
         both = self.beside(others)
         return both.at(np.argsort(both.frequencies_hz, kind="stable").tolist())
 
-    def beside(self, others: Resonances) -> Resonances:
+    def beside(self, others: "Resonances") -> "Resonances":
         """These modes, and then the others."""
         return joined([self, others], axis=-1)
 
@@ -268,7 +266,7 @@ class Resonances(NamedTuple):
         """Half of the half-power bandwidths, ζ f (m,)."""
         return self.dampings * self.frequencies_hz
 
-    def in_directions(self, data: LocalSpectra) -> Resonances:
+    def in_directions(self, data: LocalSpectra) -> "Resonances":
         """Modes of all channels in the directions of a band, at unit length, turned."""
         shapes = data.from_channels @ self.shapes
         lengths = np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)

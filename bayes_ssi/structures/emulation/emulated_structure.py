@@ -1,7 +1,5 @@
 """A structure whose modes are emulated: smooth functions fitted to some of its solutions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
@@ -42,7 +40,9 @@ class FailingPoints:
     succeeded: FloatArray  # (N, d), coordinates where it did not fail
 
     @classmethod
-    def fitted(cls, failed: FloatArray, values: FloatArray, succeeded: FloatArray) -> FailingPoints:
+    def fitted(
+        cls, failed: FloatArray, values: FloatArray, succeeded: FloatArray
+    ) -> "FailingPoints":
         """Fit to points (F, d), with their values, and (N, d) where the model did not fail."""
         if not len(failed):
             return cls(failed, values, None, succeeded)
@@ -89,7 +89,9 @@ class EmulatedStructure(ApproximateStructure):
     Solutions of an emulated structure never change: adding some makes a new structure.
     """
 
-    def __init__(self, exact: Structure, *, fit: EmulatorFit | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, exact: Structure, *, fit: "EmulatorFit | None" = None, seed: int = 0
+    ) -> None:
         """Choose the structure, whose modes may be NaN, or raise; nothing is computed yet.
 
         Args:
@@ -106,7 +108,7 @@ class EmulatedStructure(ApproximateStructure):
         return self._exact
 
     @property
-    def emulator(self) -> EmulatorFit:
+    def emulator(self) -> "EmulatorFit":
         """The solutions and what is fitted to them; the first are made when they are needed."""
         if self._fit is None:
             n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
@@ -166,19 +168,19 @@ class EmulatedStructure(ApproximateStructure):
             f"sensors by {shape:.1g} (at unit length) at a typical draw",
         )
 
-    def _of_fit(self, fit: EmulatorFit) -> Self:
+    def _of_fit(self, fit: "EmulatorFit") -> Self:
         better = copy(self)
         better._fit = fit
         return better
 
-    def _fit_for(self, n_modes: int | None) -> EmulatorFit:
+    def _fit_for(self, n_modes: int | None) -> "EmulatorFit":
         """The fit in which the lowest ``n_modes`` decide."""
         fit, n_needed = self.emulator, n_modes or self.n_modes
         if n_needed == fit.n_needed:
             return fit
         return EmulatorFit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
 
-    def _with(self, fit: EmulatorFit | None, values: FloatArray) -> EmulatorFit:
+    def _with(self, fit: "EmulatorFit | None", values: FloatArray) -> "EmulatorFit":
         """The fit to the solutions of ``fit`` and those at ``values``."""
         x, modes = self._coordinates(values), self._exact.modes_or_nan(values)
         possible = (np.isfinite(modes.frequencies_hz) & (modes.frequencies_hz > 0)).all(axis=1)
@@ -198,7 +200,7 @@ class EmulatedStructure(ApproximateStructure):
         failing = FailingPoints.fitted(failed, values_failed, solved)
         return EmulatorFit.best(solved, modes, failing, n_needed, fit)
 
-    def _worst(self, fit: EmulatorFit, x: FloatArray, allowed: float) -> NDArray[np.intp]:
+    def _worst(self, fit: "EmulatorFit", x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
         chosen: list[int] = []
         for _ in range(EMULATION.batch_per_parameter * len(self.parameters)):
@@ -246,8 +248,8 @@ class EmulatorFit(NamedTuple):
         modes: Modes,
         failing: FailingPoints,
         n_needed: int,
-        before: EmulatorFit | None,
-    ) -> EmulatorFit:
+        before: "EmulatorFit | None",
+    ) -> "EmulatorFit":
         """The fit by the representation that predicts the last half of the solutions best."""
         _, n_dof, n_modes = modes.shapes.shape
         fits, scores = [], []

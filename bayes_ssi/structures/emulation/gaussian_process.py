@@ -7,8 +7,6 @@ maximise the restricted likelihood with one variance for all outputs. What the p
 a point from all others follows in closed form (Dubrule 1983).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,8 +31,8 @@ class GaussianProcess:
         x: FloatArray,
         y: FloatArray,
         weights: FloatArray | float = 1.0,
-        start: GaussianProcess | None = None,
-    ) -> GaussianProcess:
+        start: "GaussianProcess | None" = None,
+    ) -> "GaussianProcess":
         """The process of greatest likelihood; the last points decide where there are many.
 
         Args:
@@ -98,7 +96,7 @@ class GaussianProcess:
         return _correlations(x / self.lengths, self.x / self.lengths)
 
     @cached_property
-    def _solved(self) -> _Solved:
+    def _solved(self) -> "_Solved":
         r = self._correlations(self.x)
         r[np.diag_indices_from(r)] = 1.0 + self.noise
         return _Solved.of(r, trend_terms(self.x, len(self.x)), self.y)
@@ -115,7 +113,7 @@ class _Solved:
     weights: FloatArray  # (N, n_outputs), R⁻¹ (y - F β)
 
     @classmethod
-    def of(cls, r: FloatArray, trend: FloatArray, y: FloatArray) -> _Solved:
+    def of(cls, r: FloatArray, trend: FloatArray, y: FloatArray) -> "_Solved":
         root = scipy.linalg.cholesky(r, lower=True)
         half_trend = scipy.linalg.solve_triangular(root, trend, lower=True)
         half_y = scipy.linalg.solve_triangular(root, y, lower=True)

@@ -4,8 +4,6 @@ The matrices are those of any finite-element program, sparse or dense, as it wro
 coefficient is a number times powers of parameters.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -99,7 +97,7 @@ class AssembledStructure(PointwiseStructure):
         self._carried = CarriedElements((), (), (), size)
 
     @property
-    def without_elements(self) -> AssembledStructure:
+    def without_elements(self) -> "AssembledStructure":
         """The model alone, with the modes that were asked of it."""
         return self._main or self
 

@@ -3,8 +3,6 @@
 A coefficient c_t is a number times powers of parameters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -31,7 +29,7 @@ class AffineMatrix:
     matrices: tuple[Matrix, ...]
 
     @classmethod
-    def of(cls, given: Any, name: str, size: int | None = None) -> AffineMatrix:
+    def of(cls, given: Any, name: str, size: int | None = None) -> "AffineMatrix":
         """Of a user's argument, a matrix, or a list of matrices and pairs (coefficient, matrix)."""
         is_pair = isinstance(given, tuple) and len(given) == 2 and not np.ndim(given[0])
         terms = list(given) if isinstance(given, (list, tuple)) and not is_pair else [given]
@@ -85,13 +83,13 @@ class AffineMatrix:
         first, *others = (coefficient * matrix for coefficient, matrix in each)
         return sp.csc_array(sum(others, start=first))
 
-    def ordered(self, order: NDArray[np.intp]) -> AffineMatrix:
+    def ordered(self, order: NDArray[np.intp]) -> "AffineMatrix":
         matrices = tuple(sp.csc_array(matrix[order][:, order]) for matrix in self.matrices)
         for matrix in matrices:
             matrix.sort_indices()
         return AffineMatrix(self.products, matrices)
 
-    def with_terms(self, size: int, terms: Iterable[AddedTerm]) -> AffineMatrix:
+    def with_terms(self, size: int, terms: Iterable[AddedTerm]) -> "AffineMatrix":
         """This matrix, enlarged to ``size`` by zeros, and terms c w wᵀ."""
         products, matrices = list(self.products), [_enlarged(m, size) for m in self.matrices]
         for coefficient, vector, *_ in terms:
@@ -168,7 +166,7 @@ class System:
         medians: FloatArray,
         influence: FloatArray | None,
         n_modes: int,
-    ) -> System:
+    ) -> "System":
         """Order and check the matrices at the prior medians (1, n_parameters)."""
         # From a diagonally dominant matrix with entries where any has one: positive definite.
         first, *others = (*stiffness.matrices, *mass.matrices)
@@ -202,7 +200,9 @@ class System:
             CarriedElements((), (), (), len(order)),
         )
 
-    def with_elements(self, carried: CarriedElements, parameters: tuple[Parameter, ...]) -> System:
+    def with_elements(
+        self, carried: CarriedElements, parameters: tuple[Parameter, ...]
+    ) -> "System":
         """The system of the model with elements, whose rows are those of the model as given."""
         carried = carried.ordered(self.rows)
         size = carried.whole_size

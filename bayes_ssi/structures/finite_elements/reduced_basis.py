@@ -26,8 +26,6 @@ the stiffness is that of the model without elements and, apart from it, the spri
 norm of residuals is that of the model without elements, and s leaves no residual.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,7 +98,7 @@ class Elongations(NamedTuple):
     inverse: FloatArray  # B⁻¹ (p, p)
 
     @classmethod
-    def of(cls, carried: CarriedElements) -> Elongations:
+    def of(cls, carried: CarriedElements) -> "Elongations":
         a, b = carried.components(carried.own_springs)
         inverse = np.linalg.inv(b).astype(np.float64)
         return cls(carried.acted_on, inverse @ a, inverse)
@@ -133,7 +131,7 @@ class ReducedBasis:
     elongations: Elongations | None = None
 
     @classmethod
-    def empty(cls, reference: Reference) -> ReducedBasis:
+    def empty(cls, reference: Reference) -> "ReducedBasis":
         n, n_sketch = reference.sketch.shape
         n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
         return cls(
@@ -149,7 +147,7 @@ class ReducedBasis:
     def size(self) -> int:
         return int(self.stiffness.shape[1])
 
-    def without_elements(self, reference: Reference) -> ReducedBasis:
+    def without_elements(self, reference: Reference) -> "ReducedBasis":
         if self.n_before is None:
             return self
         n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
@@ -165,7 +163,7 @@ class ReducedBasis:
 
     def carrying(
         self, carried: CarriedElements, negligible: float, reference: Reference
-    ) -> ReducedBasis:
+    ) -> "ReducedBasis":
         """The basis that carries some elements, from one without any."""
         if not carried.springs and not carried.masses:
             return self
@@ -221,7 +219,7 @@ class ReducedBasis:
         on_main[self.elongations.rows] -= self.elongations.follow.T @ on_own
         return np.concatenate([self.vectors.T @ on_main, self.elongations.inverse.T @ on_own])
 
-    def combined(self, directions: FloatArray) -> ReducedBasis:
+    def combined(self, directions: FloatArray) -> "ReducedBasis":
         """A basis of some combinations of these vectors, orthonormal columns (N, n)."""
         return ReducedBasis(
             directions.T @ self.stiffness @ directions,
@@ -232,7 +230,9 @@ class ReducedBasis:
             self.vectors @ directions,
         )
 
-    def enriched(self, modes: Eigenpairs, negligible: float, reference: Reference) -> ReducedBasis:
+    def enriched(
+        self, modes: Eigenpairs, negligible: float, reference: Reference
+    ) -> "ReducedBasis":
         """The basis extended by the parts of some modes of the full model that lie outside it.
 
         Directions that add less than ``negligible`` to a mode, in energy, are left out. Of a model
@@ -242,7 +242,7 @@ class ReducedBasis:
         energies = np.einsum("nm,nm->m", new, reference.matrix @ new)
         return self.spanning(new[:, energies > negligible**2], negligible, reference)
 
-    def spanning(self, new: FloatArray, negligible: float, reference: Reference) -> ReducedBasis:
+    def spanning(self, new: FloatArray, negligible: float, reference: Reference) -> "ReducedBasis":
         """The basis extended by vectors (n, k), but for what is ``negligible`` in energy."""
         new = new / np.sqrt(np.einsum("nm,nm->m", new, reference.matrix @ new))
         for _ in range(2):  # once leaves rounding errors

@@ -1,7 +1,5 @@
 """A finite-element model as a program exported it: what readers of files get, return, and check."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -148,7 +146,7 @@ class ExportedModel:
         moved = {each: np.equal(of_rows, each) * 1.0 for each in TRANSLATIONS if each in of_rows}
         return {direction: float(r @ (self.mass @ r)) for direction, r in moved.items()}
 
-    def with_rows(self, labels: Sequence[str], spring: float | None = None) -> ExportedModel:
+    def with_rows(self, labels: Sequence[str], spring: float | None = None) -> "ExportedModel":
         """The model with rows for displacements that constraints tie to others.
 
         A row without mass hangs on those that move it by a spring, ½ k (u - Σ c_i u_i)²: as no

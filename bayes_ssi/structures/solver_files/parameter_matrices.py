@@ -16,8 +16,6 @@ exports with both altered give terms θ_j^e θ_k^f in the same way, from what th
 alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is nominal.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -226,7 +224,7 @@ class _Changes:
     differences: Mapping[AlteredModel, sp.csc_array]
 
     @classmethod
-    def of(cls, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> _Changes:
+    def of(cls, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> "_Changes":
         nominal = getattr(model, which)
         diagonal = np.sqrt(abs(nominal.diagonal()))
         diagonal[diagonal == 0.0] = diagonal.max()
