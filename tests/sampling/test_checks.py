@@ -163,7 +163,7 @@ def test_a_region_that_the_compressions_missed_is_reported(sampled):
         first = np.flatnonzero(in_first_region(sampled, each.draws))
         kept = np.resize(first, len(each.draws))
         missing.append(
-            replace(each, draws=each.draws[kept], log_likelihoods=each.log_likelihoods[kept])
+            replace(each, draws=each.draws[kept], log_posteriors=each.log_posteriors[kept])
         )
     (check,) = replace(sampled, compressions=tuple(missing)).failed_checks
     assert check.startswith(

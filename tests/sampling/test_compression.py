@@ -13,7 +13,7 @@ from bayes_ssi.inference.sampling.compression import (
     compression_estimate,
 )
 from bayes_ssi.inference.sampling.maxima import find_maxima
-from bayes_ssi.inference.sampling.target import Target
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
 # Prior N(0, I), one observation of each coordinate.
@@ -59,7 +59,8 @@ def test_the_particles_are_distributed_as_the_posterior():
     tolerance = 6.0 / math.sqrt(2000)  # they are correlated a little
     np.testing.assert_array_less(np.abs(particles.draws.mean(0) - MEAN) / POSTERIOR_SD, tolerance)
     np.testing.assert_allclose(particles.draws.std(0), POSTERIOR_SD, rtol=tolerance)
-    np.testing.assert_array_equal(particles.log_likelihoods, gaussian(particles.draws))
+    likelihood_times_prior = gaussian(particles.draws) + log_standard_normal(particles.draws)
+    np.testing.assert_array_equal(particles.log_posteriors, likelihood_times_prior)
     np.testing.assert_array_equal(particles.log_likelihoods_passed, gaussian(particles.passed))
 
 

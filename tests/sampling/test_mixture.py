@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture, fit_mixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture, fit_mixture
 from bayes_ssi.inference.sampling.settings import MIXTURES
 
 MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, gammaincc, gammaln, log_ndtr, logsumexp, ndtri_exp, pdtrc
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 
 LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
 

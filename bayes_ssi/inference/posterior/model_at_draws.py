@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, joined
+from bayes_ssi.foundations.arrays import FloatArray, Places, evenly_spaced_indices, joined
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.model_class.configuration import Configuration, label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.structures.response import ground_influence
 from bayes_ssi.structures.structure import Structure

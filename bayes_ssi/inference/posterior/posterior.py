@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
@@ -22,7 +22,6 @@ from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.model_at_draws import KEPT, ConfigurationModes, DatumTerms
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes

@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM, edges
@@ -34,7 +34,6 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
 )
 from bayes_ssi.inference.sampling.diagnostics import r_hat
 from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal

@@ -8,31 +8,27 @@ Salomone et al. 2018), or subset simulation (Au and Beck 2001).
 
 Only the order of the likelihoods counts. Unlike powers of the likelihood, levels pass from a broad
 region to a narrow one however much higher the narrow one is, and reach likelihoods that are
-positive in a tiny part of the prior alone. Equal likelihoods are ranked by a number drawn for each
-particle, so that every level keeps the same share of them.
+positive in a tiny part of the prior alone.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.sampling.diagnostics import averaged_ranks
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.sampling.maxima import Maxima
-from bayes_ssi.inference.sampling.mixture import Proposal
-from bayes_ssi.inference.sampling.mixture_fitting import fit_mixture
+from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
+from bayes_ssi.inference.sampling.mixture import Proposal, fit_mixture
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.sampling.settings import COMPRESSION, MIXTURES
-from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.target import LogDensity, Target, log_standard_normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +37,7 @@ class Compression:
 
     # (n_particles, d), distributed as the posterior, in standard-normal coordinates.
     draws: FloatArray
-    log_likelihoods: FloatArray  # (n_particles,)
+    log_posteriors: FloatArray  # (n_particles,), likelihood times prior density
     passed: FloatArray  # (m, d), all particles on the way, at their levels
     log_likelihoods_passed: FloatArray  # (m,)
     log_evidence: float
@@ -50,11 +46,6 @@ class Compression:
     log_evidence_error: float
     # By about how much it is too low, for particles that fell behind their levels.
     behind: float
-
-    @cached_property
-    def log_posteriors(self) -> FloatArray:
-        """Likelihood times prior density, (n_particles,)."""
-        return self.log_likelihoods + log_standard_normal(self.draws)
 
     def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
         """``n`` of the particles at random, with repetition only where there are fewer."""
@@ -79,8 +70,7 @@ def compress_prior(
 
     Moves proposed from the very particles that they move, or from copies of these, would favour
     some of them: the particles of each compression move with respect to those of the other, level
-    by level in turn. Given those, they are distributed as if they were alone. Proposals around the
-    known maxima keep the shares of separate regions right.
+    by level in turn. Proposals around known maxima keep the shares of separate regions right.
     """
     climbs = [_Climb(target, maxima, n_particles, np.random.default_rng(seed)) for seed in seeds]
     _move_in_turn(climbs)
@@ -131,6 +121,7 @@ class _Climb:
         self.log_prior_left, self.log_evidence = math.log(possible), -math.inf
         self._variance = (1.0 - possible) / len(self.positions)
         self._memory, self._behind = 1.0, 0.0
+        # Every level keeps the same share of particles with equal likelihoods.
         self._ranks_of_equals = rng.random(len(self.positions))
         self._left: list[_Left] = []
         # The log-likelihood, and the rank among equals, 0 to 1, above which particles are.
@@ -176,14 +167,17 @@ class _Climb:
 
         copies = np.resize(rng.permutation(len(self.positions)), self._n)
         positions, before = self.positions[copies], self.log_likelihoods[copies]
-        proposal, ranks = self._proposal(level, others), _ranks(before, rng)
-        values = log_standard_normal(positions), before
-        sampler, start = begin(log_density, positions, values, proposal, rng, others)
+        sets = self._maxima.level_sets(level)
+        proposal, ranks = self._proposal(sets, others), _ranks(before, rng)
+        redrawn, values = self._redrawn(sets, positions, before, log_density)
+        sampler, start = begin(
+            log_density, redrawn, (log_standard_normal(redrawn), values), proposal, rng, others
+        )
         left = 1.0
         states = sampler.sample(
             start, iterations=COMPRESSION.most_moves, store=False, skip_initial_state_check=True
         )
-        for made, state in enumerate(states, start=1):
+        for made, state in enumerate(states, start=2):
             last = left
             left = max(
                 _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
@@ -205,13 +199,35 @@ class _Climb:
         least = np.where(self.log_likelihoods == level, rank, 0.0)
         self._ranks_of_equals = least + (1.0 - least) * rng.random(self._n)
 
-    def _proposal(self, level: float, others: FloatArray) -> Proposal:
+    def _redrawn(
+        self, sets: LevelSets, positions: FloatArray, values: FloatArray, log_density: LogDensity
+    ) -> tuple[FloatArray, FloatArray]:
+        """Positions and log-likelihoods after particles in a maximum's level set move within it.
+
+        Where the log-likelihood is quadratic, draws of the prior in the set are above the level.
+        Of other proposals hardly any is, in many dimensions: nearly all of a set is near its edge.
+        """
+        which = sets.first_around(positions)
+        drawn, moving = [positions[:0]], [which[:0]]
+        for k in range(len(sets.at)):
+            members = np.flatnonzero(which == k)
+            drawn.append(sets.draw(k, len(members), self._rng))
+            moving.append(members[: len(drawn[-1])])
+        z, rows = np.concatenate(drawn), np.concatenate(moving)
+        there = sets.first_around(z) == which[rows]
+        z, rows = z[there], rows[there]
+        log_densities, log_likelihoods = log_density(z)
+        taken = log_densities > -math.inf
+        positions, values = positions.copy(), values.copy()
+        positions[rows[taken]], values[rows[taken]] = z[taken], log_likelihoods[taken]
+        return positions, values
+
+    def _proposal(self, sets: LevelSets, others: FloatArray) -> Proposal:
         n, d = others.shape
         n_components = max(1, n // (COMPRESSION.particles_per_component * d))
         mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng).widened()
-        around_maxima = self._maxima.above(level)
-        if around_maxima is not None:
-            mixture = mixture.mixed_with(around_maxima, COMPRESSION.maxima_share)
+        if len(sets.at):
+            mixture = mixture.mixed_with(sets.as_mixture(), COMPRESSION.maxima_share)
         # Few particles may all be copies of one, to which no mixture can be fitted.
         differ = bool(np.ptp(others, axis=0).any())
         mixture = mixture.with_prior_component(COMPRESSION.prior_share)
@@ -236,7 +252,7 @@ class _Climb:
         chosen = systematic_indices(np.concatenate(weights), n, self._rng)
         return Compression(
             passed[chosen],
-            log_likelihoods[chosen],
+            log_likelihoods[chosen] + log_standard_normal(passed[chosen]),
             passed,
             log_likelihoods,
             log_evidence,
@@ -246,10 +262,7 @@ class _Climb:
 
 
 def _move_in_turn(climbs: Sequence[_Climb]) -> None:
-    """Move both, the second with respect to where the first has moved.
-
-    As in emcee's own moves, this leaves their joint distribution as it should be.
-    """
+    """Move both, the second with respect to where the first has moved."""
     first, second = climbs
     first.move(second.positions)
     second.move(first.positions)

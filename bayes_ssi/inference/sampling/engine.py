@@ -2,13 +2,12 @@
 
 1. Independent searches (``multistart``) find the maxima of the posterior (``maxima``).
 2. Importance draws (``importance``) from Laplace's approximation around them, bent along thin
-   ridges, give a mixture close to the posterior (``mixture``, ``mixture_fitting``), where the
+   ridges, give a mixture close to the posterior (``mixture``), where the
    target knows its problem, its searches agree, and the draws are good. Else two independent
    compressions of the prior (``compression``) carry particles to the regions around the maxima and
    to others, from which further ascents begin, and the mixture is fitted to the particles.
 3. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior, with
-   proposals from that mixture. Where importance draws from it serve as posterior draws, short ones
-   check where these do not go.
+   proposals from that mixture.
 4. Mixture importance sampling gives the evidence and the share of the posterior in each region
    (``regions``).
 5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an
@@ -42,8 +41,7 @@ from bayes_ssi.inference.sampling.importance import (
     bridge_sampling,
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
-from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
-from bayes_ssi.inference.sampling.mixture_fitting import choose_mixture
+from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture, choose_mixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
@@ -90,7 +88,7 @@ def sample_target(
 
 @dataclass(frozen=True)
 class _Sampling:
-    """One run: what its steps share."""
+    """What the steps of one run share."""
 
     target: Target
     settings: SamplingSettings
@@ -135,10 +133,7 @@ class _Sampling:
         return coarse._sampled(search, maxima.as_mixture(), maxima, first, walkers, [])
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
-        """The result without particles; None where Laplace's approximation does not suffice.
-
-        Mixtures are fitted to the importance draws until these serve, and are few enough.
-        """
+        """The result without particles; None where Laplace's approximation does not suffice."""
         around_maxima = search.maxima.as_mixture()
         first = self.sampler.sample(around_maxima.widened())
         if not self._serves(first):
@@ -240,11 +235,10 @@ class _Sampling:
     ) -> tuple[tuple[Ensemble, ...], ImportanceSample]:
         """Independent ensembles, and importance draws from a mixture that suits the posterior.
 
-        The mixture of ``trial`` proposes the ensembles' moves. Where its importance draws serve as
-        posterior draws, and there was no doubt that called for compressions, short chains check
-        them. Otherwise chains become as long as they should, but walkers that mix slowly are
-        stopped. Where chains or particles are where importance draws are not, chains continue from
-        their positions with a mixture fitted to their draws.
+        Where importance draws serve, and no doubt called for compressions, short chains check
+        them. Others become as long as they should, but those that mix slowly are stopped. Where
+        chains or particles are where importance draws are not, chains continue from their
+        positions with a mixture fitted to their draws.
         """
         chains, max_steps = self.chains, self.settings.max_steps
         wanted_error = self.settings.log_evidence_error
@@ -302,8 +296,7 @@ class _Sampling:
     ) -> ImportanceSample:
         """A trial of a mixture fitted to two ensembles; ``trial`` if that suits their draws better.
 
-        The efficiency of importance draws does not decide: unlike the draws of the ensembles,
-        they do not show a region that their mixture lacks.
+        Importance draws do not decide: they do not show a region that their mixture lacks.
         """
         draws, held_out = (ensemble.draws for ensemble in ensembles)
         held_out = self._thinned(held_out)
@@ -330,10 +323,9 @@ class _Sampling:
         return draws if len(draws) <= n else self.rng.choice(draws, n, replace=False)
 
     def _proposal(self, trial: ImportanceSample) -> Proposal:
-        """The mixture of ``trial`` as the ensembles' proposal.
+        """The mixture of ``trial``, each component with its share, as the ensembles' proposal.
 
-        Draws that lost a region leave its component too little weight; the importance draws give
-        every component its share.
+        Draws that lost a region leave its component too little weight.
         """
         mixture = trial.mixture.reweighted(trial.z, trial.weights).with_prior_component()
         # The better the mixture, the less is left for other moves to do.
@@ -377,10 +369,9 @@ class _Sampling:
     def _maxima_of(
         self, regions: Regions, sample: ImportanceSample, maxima: Maxima
     ) -> NDArray[np.bool_]:
-        """Whether maxima are in regions, (n_regions, m): at their tops, for the searches.
+        """Whether maxima are in regions or at their tops, (n_regions, m).
 
-        These count as one what is hardly apart, such as the two edges of a narrow stripe without a
-        likelihood, and climb to only one of them.
+        Searches count as one what is hardly apart, such as the two edges of a narrow stripe.
         """
         numbers = np.arange(regions.n_regions)[:, None]
         inside = regions.assign(maxima.z) == numbers

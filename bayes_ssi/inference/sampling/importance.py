@@ -9,30 +9,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
+from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times, pareto_tail
 from bayes_ssi.inference.sampling.ensembles import Ensemble
 from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import IMPORTANCE, MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
-
-class ScoredDraws(Protocol):
-    """Draws (n, d) of an ensemble, or particles, and their likelihood times prior density."""
-
-    @property
-    def draws(self) -> FloatArray: ...
-
-    @property
-    def log_posteriors(self) -> FloatArray: ...
+# Their draws (n, d), and the log of likelihood times prior density of each.
+ScoredDraws = Ensemble | Compression
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +132,6 @@ class ImportanceSample:
             for half in halves
         ]
 
-    def with_more(self, more: ImportanceSample) -> ImportanceSample:
-        """These draws and ``more`` from the same mixture."""
-        both = zip(self._by_draw, more._by_draw, strict=True)
-        return ImportanceSample(self.mixture, *map(np.concatenate, both))
-
     @property
     def _by_draw(self) -> tuple[NDArray[Any], ...]:
         return self.z, self.log_likelihoods, self.log_proposals, self.strata
@@ -189,12 +177,11 @@ class ImportanceSampler:
     ) -> ImportanceSample:
         """``sample`` and more draws, until the log evidence's error is ``wanted_error``.
 
-        The number of draws follows from the present error. Where the weights have a heavy tail, a
-        single one is heavy, or the efficiency is too low, components are first added at the
-        heaviest draws (incremental mixture importance sampling, Raftery and Bao 2010). So they are
-        at the heaviest of ``others`` where these weigh more: a walker or particle that stays where
-        no importance draw goes may be stuck, or stand for a part of the posterior, which the draws
-        from such a component decide. Then all draws are new.
+        Where the weights have a heavy tail, a single one is heavy, or the efficiency is too low,
+        components are first added at the heaviest draws (incremental mixture importance sampling,
+        Raftery and Bao 2010), or at the heaviest of ``others`` where these weigh more: a walker or
+        particle that stays where no importance draw goes may be stuck, or stand for a part of the
+        posterior, which the draws from such a component decide. Then all draws are new.
         """
         least_missing = IMPORTANCE.least_missing * wanted_error
         left_to_add = IMPORTANCE.most_added
@@ -263,7 +250,9 @@ class ImportanceSampler:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)
         wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
-        return sample.with_more(self._draw(sample.mixture, max(wanted - n, self.batch)))
+        more = self._draw(sample.mixture, max(wanted - n, self.batch))
+        both = zip(sample._by_draw, more._by_draw, strict=True)
+        return ImportanceSample(sample.mixture, *map(np.concatenate, both))
 
     def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
         """``n`` draws, of every component in proportion to its weight."""

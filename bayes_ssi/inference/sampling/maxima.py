@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
-from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials, n_monomials
+from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials
 from bayes_ssi.inference.sampling.regions import lowest_between
 from bayes_ssi.inference.sampling.settings import MAXIMA, MIXTURES, REGIONS, RIDGES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
@@ -63,29 +63,78 @@ class Maxima:
         factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)
         return _mixture(self.z, factors, self.log_masses)
 
-    def above(self, log_likelihood: float) -> StudentMixture | None:
-        """Components like the prior above a level of the likelihood; None if no maximum is.
-
-        A quadratic log-likelihood is above the level within an ellipsoid of squared radius
-        r² = 2 (highest - level), times whose uniform distribution has the covariance
-        r²/(d + 2) · (precision of the likelihood)⁻¹: that of likelihood^((d + 2)/r²), for which
-        the prior is accounted for as for the posterior.
-        """
+    def level_sets(self, log_likelihood: float) -> "LevelSets":
+        """Where the log-likelihood, as a quadratic at each maximum, is above a level."""
+        precisions, axes = np.linalg.eigh(self.precisions)
+        at = np.einsum("mij,mi->mj", axes, self.z)
+        # No precision is below the prior's, 1, but for rounding.
+        curvatures = np.maximum(precisions - 1.0, 0.0)
         heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
-        above = heights > 1e-6  # less is rounding
-        if not above.any():
-            return None
-        z = self.z[above]
-        powers = 0.5 * (z.shape[1] + 2) / heights[above, None]
-        # No precision is below the prior's, 1, but for rounding, which large powers would enlarge.
-        precisions, axes = np.linalg.eigh(self.precisions[above])
-        variances = 1.0 / (powers * np.maximum(precisions - 1.0, 0.0) + 1.0)
-        # The likelihood alone, as a quadratic, has slope z at the posterior's maximum z.
-        along = powers * variances * precisions * np.einsum("mij,mi->mj", axes, z)
-        means = np.einsum("mij,mj->mi", axes, along)
-        log_masses = 0.5 * np.log(variances).sum(1) - 0.5 * (means**2).sum(1)
-        tails = MIXTURES.tails_within(z.shape[1])
-        return _mixture(means, axes * np.sqrt(variances)[:, None], log_masses, tails)
+
+        def normal(log_powers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            """Means and variances of prior · e^(κ q), and the mean of q."""
+            powers = np.exp(log_powers)[:, None]
+            variances = 1.0 / (1.0 + powers * curvatures)
+            means = powers * variances * (1.0 + curvatures) * at
+            away = means - at
+            rises = at * away - 0.5 * curvatures * (away**2 + variances)
+            return means, variances, heights + rises.sum(axis=1)
+
+        low, high = (np.full(len(at), end) for end in MAXIMA.log_powers)
+        while np.ptp([low, high], axis=0).max(initial=0.0) > MAXIMA.log_power_error:
+            middle = 0.5 * (low + high)
+            above = normal(middle)[2] > 0.0
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        found = np.isfinite(heights) & (high < MAXIMA.log_powers[1])
+        sets = axes, at, curvatures, heights, np.exp(high), *normal(high)[:2]
+        return LevelSets(*(values[found] for values in sets))
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSets:
+    """Parts of the prior in which quadratics q are positive, one around each of m maxima.
+
+    In principal coordinates u, q = h + a·(u - a) - Σ c (u - a)²/2, as the maximum of the posterior
+    is at a. Of all normal densities prior · e^(κ q), the one in which the mean of q is zero has
+    the largest share of draws that serve, by rejection, as draws of the prior where q > 0.
+    """
+
+    axes: FloatArray  # (m, d, d), of the principal coordinates, as columns
+    at: FloatArray  # (m, d), a
+    curvatures: FloatArray  # (m, d), c
+    heights: FloatArray  # (m,), h
+    powers: FloatArray  # (m,), κ of that density
+    means: FloatArray  # (m, d), its own, in principal coordinates
+    variances: FloatArray  # (m, d)
+
+    def as_mixture(self) -> StudentMixture:
+        """One component like the prior within each set."""
+        log_masses = 0.5 * np.log(self.variances).sum(1) - 0.5 * (self.means**2).sum(1)
+        means = np.einsum("mij,mj->mi", self.axes, self.means)
+        factors = self.axes * np.sqrt(self.variances)[:, None]
+        return _mixture(means, factors, log_masses, MIXTURES.tails_within(means.shape[1]))
+
+    def first_around(self, z: FloatArray) -> NDArray[np.intp]:
+        """The first set that each of ``z`` (n, d) is in, (n,); m for none."""
+        inside = [self._q(k, z @ axes) > 0.0 for k, axes in enumerate(self.axes)]
+        return np.argmax([*inside, np.ones(len(z), dtype=bool)], axis=0)
+
+    def draw(self, k: int, n: int, rng: np.random.Generator) -> FloatArray:
+        """``n`` draws (n, d) of the prior within a set, or fewer where hardly any is accepted."""
+        sds, drawn = np.sqrt(self.variances[k]), np.empty((0, self.at.shape[1]))
+        for _ in range(MAXIMA.most_rounds_of_draws):
+            u = self.means[k] + sds * rng.standard_normal((n, len(sds)))
+            q = self._q(k, u)
+            accepted = (q > 0.0) & (rng.exponential(size=n) > self.powers[k] * q)
+            drawn = np.concatenate([drawn, u[accepted]])
+            if len(drawn) >= n:
+                break
+        return np.asarray(drawn[:n] @ self.axes[k].T)
+
+    def _q(self, k: int, u: FloatArray) -> FloatArray:
+        """q of one set at ``u`` (n, d), (n,)."""
+        away = u - self.at[k]
+        return np.asarray(self.heights[k] + away @ self.at[k] - 0.5 * away**2 @ self.curvatures[k])
 
 
 def reached(
@@ -339,7 +388,7 @@ def _ridge(
     wide, thin, weights = np.empty((m, 0)), np.empty((d - m, 0)), np.empty(0)
     found = None
     for degree in range(2, RIDGES.highest_degree + 1):
-        n_fitted = n_monomials(m, degree)
+        n_fitted = math.comb(m + degree, degree)  # monomials, the constant included
         if n_fitted > RIDGES.most_monomials:
             break
         n_points = n_fitted + max(n_fitted, RIDGES.least_points_left)
@@ -364,16 +413,10 @@ def _ridge(
 def bend_along(
     wide: FloatArray, thin: FloatArray, weights: FloatArray, degree: int
 ) -> tuple[Bend, FloatArray]:
-    """Thin coordinates as polynomials of wide ones, by weighted least squares.
+    """Thin coordinates (k, n) of points on a ridge as polynomials of wide ones (m, n), whitened.
 
-    Args:
-        wide: (m, n), whitened coordinates of points on a ridge.
-        thin: (k, n), coordinates of these points, in standard deviations across the ridge.
-        weights: (n,), at most one.
-
-    Returns:
-        The bend of all coordinates, the wide ones first, and the width (m + k,) of each: one, but
-        for what the polynomials leave.
+    By least squares with weights (n,) of at most one. Returns the bend of all coordinates, the wide
+    ones first, and the width (m + k,) of each: one, but for what the polynomials leave.
     """
     terms, _ = monomials(wide, degree)
     weighted = terms * weights

@@ -4,7 +4,6 @@ emcee's own accept/reject step visits one walker after another, which for a vect
 costs as much as the likelihood itself. Imported only where sampling begins, since emcee is.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,11 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.packages import importing_without
 from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.inference.sampling.target import LogDensity
 
 with importing_without("scipy.stats", package="emcee"):  # of which it has a move not used here
     import emcee
     from emcee.moves.red_blue import RedBlueMove
-
-# Positions (n, d) → log density and log-likelihood, (n,) each.
-LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class _BatchAcceptance(RedBlueMove):

@@ -14,9 +14,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.inference.sampling.mixture import Chart
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.inference.sampling.settings import REGIONS
 from bayes_ssi.inference.sampling.target import Target
 

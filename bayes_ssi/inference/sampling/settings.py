@@ -47,11 +47,7 @@ class SamplingSettings:
                 )
 
     def n_particles(self, n_dimensions: int) -> int:
-        """The number of particles for this number of parameters.
-
-        Raises:
-            ValueError: fewer were requested than these need.
-        """
+        """The number of particles; ValueError where fewer were requested than these need."""
         if self.particles is None:
             # Of fewer, those at the ends of a thin ridge are lost by chance, level after level: of
             # half as many, so much that errors are twice those claimed.
@@ -91,6 +87,12 @@ class MaximaSettings:
     within: float = 0.1
     # A maximum with less than e^-12, 6 in a million, of the mass is left out.
     negligible_log_mass: float = -12.0
+    # Logs of powers of the likelihood that leave the prior as it is, and with which a quadratic
+    # reaches no more than 1e-7 nats, which is rounding, above a level; their error costs few draws.
+    log_powers: tuple[float, float] = (-20.0, 18.0)
+    log_power_error: float = 0.01
+    # In fifty dimensions one draw in thirteen is accepted.
+    most_rounds_of_draws: int = 50
 
     # Searches are repeated, up to this multiple of the wanted number, while a maximum with more
     # than this share of the posterior, by Laplace's approximation, was found by only one of them.

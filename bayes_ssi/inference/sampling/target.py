@@ -16,6 +16,8 @@ POINTS_TO_CHECK = 3
 # Coordinates end here: farther out the prior's density, and the probability that the mapping to
 # parameters begins with, vanish in double precision. Proposals with heavy tails go there.
 FARTHEST = 38.0
+# Positions (n, d) → log density and log-likelihood, (n,) each.
+LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def log_standard_normal(z: FloatArray) -> FloatArray:

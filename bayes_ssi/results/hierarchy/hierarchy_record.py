@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked, require_known
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
 from bayes_ssi.results.hierarchy.populations import Population
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json

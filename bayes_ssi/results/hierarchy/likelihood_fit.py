@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.mixture_fitting import fit_mixture
+from bayes_ssi.inference.sampling.mixture import fit_mixture
 from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import log_standard_normal
 

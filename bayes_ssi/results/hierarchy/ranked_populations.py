@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import betaincc
 
 from bayes_ssi.foundations.argument_types import checked, require_known
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.inference.criticism.adequacy import (
     inadequacy_in_words,
@@ -23,7 +23,6 @@ from bayes_ssi.inference.criticism.adequacy import (
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,

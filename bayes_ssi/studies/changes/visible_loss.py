@@ -17,13 +17,12 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
 from bayes_ssi.inference.sampling.maxima import find_maxima
-from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.parameters import ProductTable, as_product
 from bayes_ssi.studies.changes.changes_family import ChangePlace, Changes

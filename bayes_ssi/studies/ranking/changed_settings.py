@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import require_known
+from bayes_ssi.foundations.arrays import systematic_indices
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy, inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.estimates import Estimate
-from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior

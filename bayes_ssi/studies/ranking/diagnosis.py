@@ -24,7 +24,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, joined
 from bayes_ssi.inference.criticism.adequacy import Hint, adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
@@ -33,7 +33,6 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import is_approximate, with_exact_structures
 from bayes_ssi.inference.posterior_sampling.sample import emulated_again
 from bayes_ssi.inference.sampling.maxima import ascend
-from bayes_ssi.inference.sampling.resampling import evenly_spaced_indices
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.measurements.modes.modal_data import ModalData

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
@@ -26,7 +26,6 @@ from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.resampling import systematic_indices
 from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.run import Run
