@@ -49,9 +49,9 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 @repeated_option(
     "--band",
     "bands",
-    "[NAME=]LOW,HIGH",
-    "Band of the search for modes in Hz, of configuration NAME where there are several; may be "
-    "repeated.",
+    "LOW,HIGH",
+    "Band of the search for modes in Hz, NAME=LOW,HIGH of configuration NAME where there are "
+    "several; may be repeated.",
 )
 @repeated_option(
     "--weight",
