@@ -130,25 +130,25 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
         raise ValueError(f"{path}: no mode below the column names")
 
     stated = _read_statements(lines)
-    band = band_hz if band_hz is not None else stated.band_hz
-    if band is None:
+    bands = stated["band_hz"] if band_hz is None else [band_hz]
+    if not bands:
         raise ValueError(
             f"{path}: no band; add a line such as '# band_hz, 0, 6' above the column names: the "
             "lowest and highest frequency (Hz) of the search for modes"
         )
-    low, high = band
+    low, high = bands[0]
     sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
-    if stated.companion is not None:
-        beside = path.parent / stated.companion
+    for name in stated["identification"]:
+        beside = path.parent / name
         content = _read_companion(beside, path)
         covariance = _covariance_of(content, beside, modes, sensors)
         identifications = content.identifications
     try:
         return ModalData(
-            modes, (low, high), sensors, stated.source, covariance, identifications,
-            stated.failed_checks,
+            modes, (low, high), sensors, "".join(stated["source"]), covariance, identifications,
+            tuple(stated["failed_check"]),
         )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -266,16 +266,9 @@ def _column_names(line: _Line) -> list[str]:
     return names
 
 
-@dataclass
-class _Statements:
-    source: str = ""
-    band_hz: Sequence[float] | None = None
-    failed_checks: tuple[str, ...] = ()
-    companion: str | None = None
-
-
-def _read_statements(lines: list[_Line]) -> _Statements:
-    stated = _Statements()
+def _read_statements(lines: list[_Line]) -> dict[str, list[Any]]:
+    """Key → what its lines state: texts, and the two frequencies of a band."""
+    stated: dict[str, list[Any]] = {key: [] for key in (*ONCE, "failed_check")}
     first: dict[str, int] = {}
     is_below = False
     for line in lines:
@@ -285,22 +278,18 @@ def _read_statements(lines: list[_Line]) -> _Statements:
         key, values = line.key_and_cells()
         if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
-        if key == "source":
-            stated.source = ", ".join(values)
-        elif key == "failed_check":
-            stated.failed_checks += (", ".join(values),)
-        elif key == "covariance":
-            raise line.error("of an earlier version; identify again, or remove it and its file")
-        elif key == "identification":
-            if len(values) != 1:
-                raise line.error(f"{key} needs the name of one file, got {values!r}")
-            stated.companion = values[0]
-        elif key == "band_hz":
+        if key == "band_hz":
             if not line.decimal_comma:
                 values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
             if len(values) != 2:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
-            stated.band_hz = [line.parse(float, value, "band_hz") for value in values]
+            stated[key].append([line.parse(float, value, "band_hz") for value in values])
+        elif key == "identification" and len(values) != 1:
+            raise line.error(f"{key} needs the name of one file, got {values!r}")
+        elif key in stated:
+            stated[key].append(", ".join(values))
+        elif key == "covariance":
+            raise line.error("of an earlier version; identify again, or remove it and its file")
         elif is_below:
             raise line.error(
                 "a row beginning with '#' below the column names that holds no key; comments "

@@ -36,20 +36,6 @@ class IdentificationSettings:
 
 
 @dataclass(frozen=True)
-class SpectraSettings:
-    """Blocks of lines, and their spectra in few directions."""
-
-    fewest_tapers: int = 3  # of two, blocks overlap: a quarter of the information counts twice
-    level_width: float = 0.001  # to either side of a line, over which a sensor's level is a mean
-    fewest_level_lines: int = 8  # half lines of that mean
-    quiet_share: float = 1.0 / 3.0  # of a band's blocks: its background
-    # Added to every direction, as shares of its quiet power and of the mean of all: a background
-    # that vanishes in some direction would explain blocks of few lines without bound.
-    floor_share: float = 0.1
-    mean_floor_share: float = 0.001
-
-
-@dataclass(frozen=True)
 class ModeCandidateSettings:
     """Poles that orders agree on, and peaks of the spectra."""
 
@@ -72,7 +58,16 @@ class ModeCandidateSettings:
 
 @dataclass(frozen=True)
 class BandSettings:
-    """Which modes share a band, how far it reaches, and in which blocks and directions."""
+    """Blocks of lines and their spectra, which modes share a band, and how far it reaches."""
+
+    fewest_tapers: int = 3  # of two, blocks overlap: a quarter of the information counts twice
+    level_width: float = 0.001  # to either side of a line, over which a sensor's level is a mean
+    fewest_level_lines: int = 8  # half lines of that mean
+    quiet_share: float = 1.0 / 3.0  # of a band's blocks: its background
+    # Added to every direction, as shares of its quiet power and of the mean of all: a background
+    # that vanishes in some direction would explain blocks of few lines without bound.
+    floor_share: float = 0.1
+    mean_floor_share: float = 0.001
 
     # Reach beyond the modes: bandwidths, but no farther than a share of the frequency or fewer
     # bandwidths, and no less than a smaller share or so many lines.
@@ -99,7 +94,7 @@ class BandSettings:
 
 @dataclass(frozen=True)
 class BandFitSettings:
-    """Priors of the model of a band, and when a climb to the most probable model ends."""
+    """Priors of the model of a band, when a climb to it ends, and which modes it keeps."""
 
     damping: float = 0.015  # most probable before
     log_damping_sd: float = 1.0
@@ -118,11 +113,7 @@ class BandFitSettings:
     most_steps: int = 40
     arrived_gain: float = 0.5  # nats that Newton's step would gain where a climb has not arrived
 
-
-@dataclass(frozen=True)
-class ModeSelectionSettings:
-    """Which modes and which explanation of a band are kept: what each must gain, in nats."""
-
+    # What modes and explanations must gain to be kept, in nats, and where a mode or two are tried.
     nats_of_a_mode: float = 3.0  # without a clear peak: one in e³ is there; also of one source
     nats_of_phases: float = 5.0  # sensors are in step but for few records
     # One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
@@ -197,10 +188,8 @@ class OtherMethodSettings:
 
 
 IDENTIFICATION = IdentificationSettings()
-SPECTRA = SpectraSettings()
 CANDIDATES = ModeCandidateSettings()
 BANDS = BandSettings()
 FIT = BandFitSettings()
-SELECTION = ModeSelectionSettings()
 CHECKS = RecordCheckSettings()
 METHODS = OtherMethodSettings()

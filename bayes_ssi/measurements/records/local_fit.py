@@ -105,10 +105,7 @@ class Fitter:
         return float(self.data.weights @ (logs + traces))
 
     def fit(
-        self,
-        start: Resonances | LocalFit,
-        has_phases: bool,
-        most_steps: int = FIT.most_steps,
+        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int = FIT.most_steps
     ) -> LocalFit:
         if isinstance(start, LocalFit):
             model = start.model

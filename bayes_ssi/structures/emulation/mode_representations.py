@@ -85,8 +85,9 @@ class TrackedModes:
             logs[row], shapes[row] = _matched(
                 logs[row], shapes[row], logs[nearest], shapes[nearest]
             )
+        q, _ = np.linalg.qr(trend_terms(x, len(x)))  # for fits of first or second degree
         for _ in range(3):  # again, by what the others expect; it settles in one or two
-            of_others = _smoothed(x, np.hstack([logs, shapes.reshape(len(x), -1)]))
+            of_others = q @ (q.T @ np.hstack([logs, shapes.reshape(len(x), -1)]))
             expected_shapes = of_others[:, self.n_modes :].reshape(shapes.shape)
             for row in range(len(x)):
                 logs[row], shapes[row] = _matched(
@@ -135,12 +136,6 @@ def _matched(
     _, order = linear_sum_assignment(1.0 - products**2 + distance**2)
     signs = np.sign(products[np.arange(len(order)), order])
     return logs[order], shapes[:, order] * np.where(signs == 0.0, 1.0, signs)
-
-
-def _smoothed(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Predictions (N, n_outputs) of a least-squares fit of first or second degree."""
-    q, _ = np.linalg.qr(trend_terms(x, len(x)))
-    return np.asarray(q @ (q.T @ y))
 
 
 Representation = ModalOperator | TrackedModes

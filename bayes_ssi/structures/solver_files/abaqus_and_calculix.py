@@ -228,13 +228,7 @@ def read_calculix(source: Source) -> Matrices:
         matrix_of_lines(path, numbers, len(labels), to_the_last="column")
         for path, numbers in zip(files, entries, strict=True)
     ]
-    return Matrices(
-        pair,
-        files,
-        labels=labels,
-        geometry=geometry,
-        notes=tuple(notes),
-    )
+    return Matrices(pair, files, labels=labels, geometry=geometry, notes=tuple(notes))
 
 
 # Keywords whose option INPUT names a file with their data lines, or with more of the deck.
