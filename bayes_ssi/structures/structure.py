@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values, values_at
+from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.geometry import (
     Candidate,
     Geometry,
@@ -29,9 +30,6 @@ from bayes_ssi.structures.geometry import (
     motion_of,
 )
 from bayes_ssi.structures.modal import ModalModel, Modes
-
-if TYPE_CHECKING:
-    from bayes_ssi.structures.elements import Element
 
 T = TypeVar("T")
 
