@@ -78,7 +78,8 @@ def hypothesis(
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
     prior = _frequency_prior(baseline, tests, options)
-    changed = baseline.with_any_pairing(name or name_of(places))
+    own_name = " + ".join(place.name for place in places)
+    changed = baseline.with_any_pairing(name or own_name or Baselines.nothing)
     if not places:
         return changed
     mass = (scale or scale_of(baseline, present_in)).mass
@@ -99,11 +100,6 @@ def hypothesis(
         return structure
 
     return changed.with_structures(carrying)
-
-
-def name_of(places: Sequence[AppendagePlace]) -> str:
-    """What a hypothesis with these appendages is called, where there is one baseline."""
-    return " + ".join(place.name for place in places) or "no appendage"
 
 
 def tests_with_appendages(
@@ -172,6 +168,8 @@ def frequency_name(place: AppendagePlace) -> str:
 class Baselines(Family[AppendagePlace]):
     """The classes that a search hangs appendages on, and what it compares them with."""
 
+    nothing = "no appendage"
+
     options: SearchSettings  # what an appendage may be
     # Names of the configurations that have appendages; all if None.
     present_in: tuple[str, ...] | None
@@ -182,9 +180,6 @@ class Baselines(Family[AppendagePlace]):
     @property
     def title(self) -> str:
         return f"Appendages hidden in {self.name!r}"
-
-    def name_of(self, features: Sequence[AppendagePlace]) -> str:
-        return name_of(features)
 
     def hypothesis(
         self, baseline: ModelClass, features: Sequence[AppendagePlace], name: str

@@ -115,20 +115,7 @@ def places_of(
     structure: Structure,
     where: str,
 ) -> tuple[ChangePlace, ...]:
-    """The places of change of a class: those that are given, then every other parameter alone.
-
-    Args:
-        parameters: names of those that can change.
-        joined: name of a place → parameters that lose one share.
-        places: name of a place → parameters of which each loses a share of its own.
-        left_out: parameters that do not change.
-        structure: which says how high parameters are.
-        where: begins messages.
-
-    Raises:
-        ValueError: a parameter is unknown or named twice, two places have one name, or none is
-            left.
-    """
+    """Those that are given, then every other parameter alone; ``where`` begins messages."""
     groups = [(name, tuple(names), True) for name, names in joined.items()]
     groups += [(name, tuple(names), False) for name, names in places.items()]
     named = [*left_out, *(one for _, names, _ in groups for one in names)]
@@ -153,16 +140,16 @@ def places_of(
 class Changes(Family[ChangePlace]):
     """Classes of a study, and the places where their parameters may have changed."""
 
+    nothing = "nothing changed"
+
     options: ChangeSettings
     before: tuple[str, ...]  # names of tests
     after: tuple[str, ...]
+    amounts: Mapping[str, float]  # name of a test → how much of the common loss it has
 
     @property
     def title(self) -> str:
         return f"Changes from {', '.join(self.before)} to {', '.join(self.after)}"
-
-    def name_of(self, features: Sequence[ChangePlace]) -> str:
-        return " + ".join(place.name for place in features) or "nothing changed"
 
     def hypothesis(
         self, baseline: ModelClass, features: Sequence[ChangePlace], name: str
@@ -176,7 +163,7 @@ class Changes(Family[ChangePlace]):
     def _losses(self, features: Sequence[ChangePlace], test: Configuration) -> Iterator[Loss]:
         for place in features:
             prior: Prior = self.options.loss
-            amounts = dict.fromkeys(self.after, 1.0)
+            amounts: Mapping[str, float] = dict.fromkeys(self.after, 1.0)
             if place.is_common:
                 assert self.options.common_sd is not None
                 prior = TruncatedNormal(0.0, self.options.common_sd, -1.0, 1.0)
@@ -184,22 +171,6 @@ class Changes(Family[ChangePlace]):
             if amount := amounts.get(test.name, 0.0):
                 for loss, names in place.losses.items():
                     yield from (Loss(name, Parameter(loss, prior), amount) for name in names)
-
-    @cached_property
-    def amounts(self) -> dict[str, float]:
-        """Name of a test → how much of the common loss it has."""
-        covariate = self.options.covariate
-        if covariate is None:
-            return dict.fromkeys(self.after, 1.0)
-        for name in (*self.before, *self.after):
-            if name not in covariate:
-                raise ValueError(f"covariate: no value of test {name!r}")
-        reference = sum(covariate[name] for name in self.before) / len(self.before)
-        apart = {name: covariate[name] - reference for name in (*self.before, *self.after)}
-        largest = max(map(abs, apart.values()))
-        if largest == 0.0:
-            raise ValueError("covariate: it is the same in all tests, so it explains no change")
-        return {name: each / largest for name, each in apart.items()}
 
     # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
 
@@ -319,10 +290,24 @@ def choose_changes(
             of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
             found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)
         features[each.name] = found
-    family = Changes(chosen, features, options, before, after)
-    if options.common_sd is not None:
-        _ = family.amounts  # refuses a covariate that it cannot use
-    return family
+    return Changes(chosen, features, options, before, after, _amounts(options, before, after))
+
+
+def _amounts(
+    options: ChangeSettings, before: Sequence[str], after: Sequence[str]
+) -> dict[str, float]:
+    covariate = options.covariate
+    if covariate is None:
+        return dict.fromkeys(after, 1.0)
+    for name in (*before, *after):
+        if name not in covariate:
+            raise ValueError(f"covariate: no value of test {name!r}")
+    reference = sum(covariate[name] for name in before) / len(before)
+    apart = {name: covariate[name] - reference for name in (*before, *after)}
+    largest = max(map(abs, apart.values()))
+    if largest == 0.0:
+        raise ValueError("covariate: it is the same in all tests, so it explains no change")
+    return {name: each / largest for name, each in apart.items()}
 
 
 def _of_tests(

@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -111,6 +111,8 @@ class SearchLimits:
 class Family(ABC, Generic[Feature]):
     """Hypotheses that add some of several features to one of several baselines."""
 
+    nothing: ClassVar[str]  # name of a hypothesis without any feature
+
     study: Study  # the baselines, with their prior weights
     features: Mapping[str, tuple[Feature, ...]]  # name of a baseline → what may be added to it
     options: SearchLimits
@@ -129,9 +131,9 @@ class Family(ABC, Generic[Feature]):
     def title(self) -> str:
         """What the search is called."""
 
-    @abstractmethod
-    def name_of(self, features: Sequence[Feature]) -> str:
+    def name_of(self, features: Sequence[Any]) -> str:
         """What a hypothesis with these features is called, where there is one baseline."""
+        return " + ".join(feature.name for feature in features) or self.nothing
 
     @abstractmethod
     def hypothesis(

@@ -179,16 +179,6 @@ def _numbers(z: FloatArray) -> np.ndarray:
 H = TypeVar("H", bound=Hashable)
 
 
-class _Step(NamedTuple):
-    """Which hypotheses go on to an effort, the highest first."""
-
-    effort: Effort
-    most: int  # number of these
-    at_once: int | None = None  # so many go on between two judgements of those left; all if None
-    least: float = -math.inf  # those lower than this stay, a log mass;
-    share_left: float = 0.0  # and those that together have no more than this share of the others
-
-
 def screen_best(
     hypotheses: Sequence[ToScreen],
     weights: Sequence[float],
@@ -214,20 +204,25 @@ def screen_best(
     def log_masses(results: Mapping[int, Screened]) -> FloatArray:
         return np.array([log_weights[i] + each.log_evidence for i, each in results.items()])
 
-    def going_on(heights: FloatArray, step: _Step) -> dict[int, Screened]:
-        """The results of those that go on, by number; ``heights`` (n,) are log masses so far."""
+    def going_on(
+        heights: FloatArray, effort: Effort, most: int, at_once: int = n, least: float = -math.inf
+    ) -> dict[int, Screened]:
+        """The results of the highest at least as high as ``least``, by number.
+
+        Where they go on a few at once, those left that cannot matter are not screened.
+        """
         order = np.argsort(-heights, kind="stable")
         left = np.logaddexp.accumulate(heights[order][::-1])[::-1]
-        chosen = [int(i) for i in order[: step.most] if heights[i] >= step.least]
+        chosen = [int(i) for i in order[:most] if heights[i] >= least]
         results: dict[int, Screened] = {}
         while len(results) < len(chosen):
-            if results and step.share_left:
-                least = logsumexp(log_masses(results)) + math.log(step.share_left)
-                if left[len(results)] < least:
+            if results:
+                others = logsumexp(log_masses(results)) + math.log(efforts.share_left_out)
+                if left[len(results)] < others:
                     break
             begin = len(results)
-            some = chosen[begin : begin + (step.at_once or len(chosen))]
-            screened = screen_all([hypotheses[i] for i in some], seed, run, step.effort)
+            some = chosen[begin : begin + at_once]
+            screened = screen_all([hypotheses[i] for i in some], seed, run, effort)
             results.update(zip(some, screened, strict=True))
         return results
 
@@ -235,22 +230,19 @@ def screen_best(
     results: dict[int, Screened]
     if len(looks := looks_at(hypotheses, seed, run)) == n:
         bounds = log_weights + [looks[i].greatest for i in range(n)]
-        results = going_on(
-            bounds,
-            _Step(efforts.quick, most, efforts.most_full, share_left=efforts.share_left_out),
-        )
+        results = going_on(bounds, efforts.quick, most, efforts.most_full)
         gaps = [looks[i].greatest - each.log_evidence for i, each in results.items()]
         gap = float(np.median(gaps))
         names = [each.model_class.parameter_names for each in hypotheses]
         results = {i: looks[i].as_screened(names[i], gap) for i in range(n)} | results
     elif n > most:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.scan)))
-        results |= going_on(log_masses(results), _Step(efforts.quick, most))
+        results |= going_on(log_masses(results), efforts.quick, most)
     else:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.quick)))
     of_all = np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results)))
     least = float(of_all) + math.log(efforts.share_for_full)
-    results |= going_on(log_masses(results), _Step(efforts.full, efforts.most_full, least=least))
+    results |= going_on(log_masses(results), efforts.full, efforts.most_full, least=least)
     return [results[i] for i in range(n)]
 
 
