@@ -233,19 +233,20 @@ def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
     """
     if any(each.coordinates for each in plan.candidates):
         return _layout_in_space(plan, ax)
-    heights = plan.heights.values()
+    # Without heights one above the other.
+    heights = [i if c.height is None else c.height for i, c in enumerate(plan.candidates, 1)]
     ax = axes_of(ax, (STYLE.width, 1.2 + 0.35 * len({*heights})))
-    ax.plot([0.0, 0.0], [0.0, max(heights, default=1.0)], color=STYLE.grey, linewidth=1.5)
+    ax.plot([0.0, 0.0], [0.0, max(heights)], color=STYLE.grey, linewidth=1.5)
     ax.plot([-0.5, 0.5], [0.0, 0.0], color="black", linewidth=2.0)
     beside: dict[float, int] = {}
-    for name, height in plan.heights.items():
+    for candidate, height in zip(plan.candidates, heights, strict=True):
         place = beside[height] = beside.get(height, -1) + 1
-        chosen = name in plan.best.sensors
+        chosen = candidate.name in plan.best.sensors
         ax.plot(0.9 * place, height, linestyle="none", marker="o", markersize=8.0,
                 color=STYLE.vermilion if chosen else "white", markeredgecolor="black",
                 label=CHOSEN if chosen else OTHER)  # fmt: skip
-        ax.text(0.9 * place + 0.1, height, name, va="center", fontsize=STYLE.small)
-    ax.set_xlim(-0.6, 0.9 * max(beside.values(), default=0) + 1.2)
+        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=STYLE.small)
+    ax.set_xlim(-0.6, 0.9 * max(beside.values()) + 1.2)
     ax.margins(y=0.1)
     ax.axis("off")
     legend_below(ax, 2)

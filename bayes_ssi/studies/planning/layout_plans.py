@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -165,7 +165,13 @@ def _with_candidates(
     for each in classes:
         of_class = f"model class {each.model_class.name!r}: candidate"
         each.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
-    places = [located(place, classes[0].structure) for place in places]
+    heights: dict[str, float] = {}
+    for each in classes:
+        heights |= each.structure.heights()
+    places = [
+        replace(located(place, classes[0].structure), height=heights.get(place.name, place.height))
+        for place in places
+    ]
     return [replace(each, candidates=tuple(places)).made_accurate() for each in classes]
 
 
@@ -273,17 +279,24 @@ class _Planning:
         layouts = served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
         return self._simulated(self.classes, layouts)
 
-    def _worth_of(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
+    def _worths(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
+        """What a layout is worth on simulated tests, computed once for each layout."""
         if self.aim == CLASS:
-            return lambda layout: class_worth(simulated, layout)
+            return cache(lambda layout: class_worth(simulated, layout))
         quantities = []
         for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
             before = _quantity(planned, planned.drawn_before, self.aim)
             _check_variation(before, planned.model_class.name)
-            quantities.append(
-                (_quantity(planned, own.z[simulated.true_class == c], self.aim), before)
-            )
-        return lambda layout: quantity_worth(simulated, layout, quantities)
+            at_draws = _quantity(planned, own.z[simulated.true_class == c], self.aim)
+            quantities.append((at_draws, before))
+        return cache(lambda layout: quantity_worth(simulated, layout, quantities))
+
+    @cached_property
+    def _worth(self) -> Callable[[Sensors], Worth]:
+        return self._worths(self._whole)
+
+    def _gain(self, layout: Sensors) -> float:
+        return self._whole.mean(self._worth(layout).values)[0]
 
     @cached_property
     def _shapes(self) -> FloatArray:
@@ -296,100 +309,91 @@ class _Planning:
         inside = (modes.frequencies_hz[0] > low) & (modes.frequencies_hz[0] < high)
         return modes.shapes[0][:, inside]
 
-    def _layout(self, sensors: Sensors, worth: Worth) -> Layout:
-        naming = self._whole.mean(worth.named)[0] if self.aim == CLASS else None
-        names = tuple(self.classes[0].candidates[i].name for i in sensors)
-        band = self.classes[0].configuration.data.band_hz
-        gain = self._whole.mean(worth.values)
-        shapes = self._shapes[list(sensors)]
+    def _layout(self, sensors: Sensors) -> Layout:
+        worth, shapes = self._worth(sensors), self._shapes[list(sensors)]
         between = mac(shapes, shapes)[np.triu_indices(shapes.shape[1], 1)]
-        largest_mac = float(between.max(initial=0.0)) if len(sensors) > 1 else np.nan
-        return Layout(names, band, *gain, naming, largest_mac)
+        return Layout(
+            tuple(self.classes[0].candidates[i].name for i in sensors),
+            self.classes[0].configuration.data.band_hz,
+            *self._whole.mean(worth.values),
+            self._whole.mean(worth.named)[0] if self.aim == CLASS else None,
+            float(between.max(initial=0.0)) if len(sensors) > 1 else np.nan,
+        )
 
     def plan(self, study: str, configuration: str) -> Plan:
         """The plan, without alternatives."""
-        n_sensors, part = self.n_sensors, self._whole.part(*PLANNING.n_searched)
-        of_part = self._worth_of(part)
+        part = self._whole.part(*PLANNING.n_searched)
+        of_part = self._worths(part)
         search = LayoutSearch(
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
         )
-        habit = effective_independence(self._shapes, n_sensors, self.fixed)
+        habit = effective_independence(self._shapes, self.n_sensors, self.fixed)
         numbered: list[Sensors] = []
-        for number in range(max(2, len(self.fixed)), n_sensors + 1):
+        for number in range(max(2, len(self.fixed)), self.n_sensors + 1):
             numbered.append(search.best(number, numbered[-1] if numbered else self.fixed))
         if len(self.fixed) < 2:  # at one sensor no shape is measured: one is as good as another
             numbered.insert(0, self.fixed or self.free[:1])
-        exhaustive = search.is_exhaustive(n_sensors)
+        exhaustive = search.is_exhaustive(self.n_sensors)
         other = numbered[-1] if exhaustive else search.exchanged(habit)
-        tried = [layout for layout in search.tried if len(layout) == n_sensors]
+        tried = [layout for layout in search.tried if len(layout) == self.n_sensors]
         some = sorted(tried, key=search.tried.__getitem__)[-PLANNING.n_shown :] or numbered[-1:]
-
-        worth_of = self._worth_of(self._whole)
-        worth = {layout: worth_of(layout) for layout in {*some, *numbered, other}}
-        mean = self._whole.mean
-        some.sort(key=lambda layout: -mean(worth[layout].values)[0])
-        best, numbered[-1] = some[0], some[0]
-        by_number = tuple(self._layout(each, worth[each]) for each in numbered)
-        largest = max(layout.gain for layout in by_number)
-        named = self.classes[0].candidates
-        present = self.classes[0].configuration.data.sensors
+        some.sort(key=self._gain, reverse=True)
+        best = numbered[-1] = some[0]
+        by_number = tuple(map(self._layout, numbered))
+        enough = PLANNING.enough * max(layout.gain for layout in by_number)
+        first = self.classes[0]
+        measured = first.configuration.data.sensors
         compared = {
             "effective independence": habit,
-            "sensors of the data": tuple(i for i, c in enumerate(named) if c.name in present),
+            "sensors of the data": tuple(
+                i for i, place in enumerate(first.candidates) if place.name in measured
+            ),
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
-        heights: dict[str, float] = {}
-        for each in self.classes:
-            heights |= each.structure.heights()
-        p = self._whole.probabilities
-        bias = mean(worth[best].bias)[0]
+        p, worth = self._whole.probabilities, self._worth(best)
+        bias = self._whole.mean(worth.bias)[0]
         return Plan(
             study=study,
             aim=self.aim if isinstance(self.aim, str) else self.aim.__name__,
             classes={each.model_class.name: each.probability for each in self.classes},
-            is_after_a_test=self.classes[0].posterior is not None,
+            is_after_a_test=first.posterior is not None,
             configuration=configuration,
-            layouts=tuple(self._layout(each, worth[each]) for each in some),
-            compared={k: self._layout(v, worth_of(v)) for k, v in compared.items() if v},
+            layouts=tuple(map(self._layout, some)),
+            compared={what: self._layout(each) for what, each in compared.items() if each},
             alternatives={},
             by_number=by_number,
-            knee=min(
-                len(each.sensors) for each in by_number if each.gain >= PLANNING.enough * largest
-            ),
-            changes=tuple(self._changes(best, worth[best], worth_of)),
+            knee=min(len(each.sensors) for each in by_number if each.gain >= enough),
+            changes=tuple(self._changes(best)),
             greatest=float(-(p * np.log(p)).sum()) if self.aim == CLASS else None,
             n_tried=len(search.tried),
             is_exhaustive=exhaustive,
-            other_start=mean(worth[other].values)[0] - mean(worth[best].values)[0],
+            other_start=self._gain(other) - self._gain(best),
             n_tests=len(self._whole.true_class),
-            effective_draws=float(np.median(worth[best].draws)),
+            effective_draws=float(np.median(worth.draws)),
             bias=bias,
-            failed_checks=tuple(_failed_checks(worth[best].draws, bias)),
-            candidates=named,
-            heights={c.name: heights.get(c.name, i) for i, c in enumerate(named, 1)},
-            geometry=self.classes[0].structure.geometry,
+            failed_checks=tuple(_failed_checks(worth.draws, bias)),
+            candidates=first.candidates,
+            geometry=first.structure.geometry,
         )
 
-    def _changes(
-        self, best: Sensors, worth: Worth, worth_of: Callable[[Sensors], Worth]
-    ) -> Iterator[Change]:
+    def _changes(self, best: Sensors) -> Iterator[Change]:
         """What one sensor less or more, and smaller errors, would change, on the same tests."""
         names = [place.name for place in self.classes[0].candidates]
-        less = {
-            f"without {names[i]}": tuple(j for j in best if j != i)
+        changed = {
+            f"without {names[i]}": self._worth(tuple(j for j in best if j != i))
             for i in best
             if i not in self.fixed and len(best) > 1
         }
-        more = {f"with {names[i]}": tuple(sorted((*best, i))) for i in self.free if i not in best}
-        for what, layout in (less | more).items():
-            yield Change(what, *self._whole.mean(worth_of(layout).values - worth.values))
+        for i in self.free:
+            if i not in best:
+                changed[f"with {names[i]}"] = self._worth(tuple(sorted((*best, i))))
         # The same tests but for their errors, with draws for this layout alone.
         smaller = [replace(c, error_factor=PLANNING.smaller) for c in self.classes]
-        better = self._simulated(smaller, [best])
-        changed = self._worth_of(better)(best).values - worth.values
         known = self.classes[0].identification_errors.any()
         which = "errors of identification" if known else "all errors"
-        yield Change(f"{which} half as large", *self._whole.mean(changed))
+        changed[f"{which} half as large"] = self._worths(self._simulated(smaller, [best]))(best)
+        for what, worth in changed.items():
+            yield Change(what, *self._whole.mean(worth.values - self._worth(best).values))
 
 
 def _failed_checks(draws: FloatArray, bias: float) -> Iterator[str]:

@@ -147,7 +147,6 @@ class Plan(Displayed):
         bias: of the best gain, expected from few draws.
         failed_checks: why these numbers may be wrong, a sentence each.
         candidates: where sensors may be.
-        heights: of candidates in a drawing, in storeys above the ground, or one above the other.
         geometry: of the structure, for drawings.
     """
 
@@ -171,7 +170,6 @@ class Plan(Displayed):
     bias: float
     failed_checks: tuple[str, ...]
     candidates: tuple[Candidate, ...]
-    heights: Mapping[str, float]
     geometry: Geometry | None
 
     @property
