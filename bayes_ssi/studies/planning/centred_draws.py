@@ -82,25 +82,29 @@ def centred_draws(
         ratios, unpaired = log_ratios(planned, seen, pool, 1.0)
         # The best pairs, whether they exclude one another or not.
         matched = unpaired + np.maximum(ratios.max(axis=4), 0.0).sum(axis=3)
-        z = pool_z[_resampled(matched, rng)]
+        z = pool_z[_resampled(matched, PLANNING.n_starts, rng)]
         for added in PLANNING.narrowing:
             z, precisions = _searched(planned, seen, z, added, rng)
         if planned.n_structural < z.shape[2]:  # the sizes of errors are inferred
             log_weights, draws = _draws(planned, seen, z, precisions, n_draws, rng)
             # These draws know which sizes explain the test; those of the pool do not.
-            z = np.take_along_axis(draws.z, _resampled(log_weights, rng)[..., None], axis=1)
+            n_starts = max(PLANNING.n_starts, n_draws // PLANNING.draws_of_a_start)
+            again = _resampled(log_weights, n_starts, rng)
+            z = np.take_along_axis(draws.z, again[..., None], axis=1)
             z, precisions = _searched(planned, seen, z, 0.0, rng)
         _, draws = _draws(planned, seen, z, precisions, n_draws, rng)
         parts.append(draws)
     return joined(parts)
 
 
-def _resampled(log_weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+def _resampled(
+    log_weights: FloatArray, n_starts: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
     """Places (n, R) drawn after the log weights (S, n, k) of each layout; none decides alone."""
     k = log_weights.shape[2]
     log_shares = log_weights - logsumexp(log_weights, axis=2, keepdims=True)
     log_shares = np.minimum(log_shares, -0.5 * math.log(k))[:, :, None]
-    noise = rng.gumbel(size=(*log_weights.shape[:2], PLANNING.n_starts, k))
+    noise = rng.gumbel(size=(*log_weights.shape[:2], n_starts, k))
     return np.asarray(np.concatenate((log_shares + noise).argmax(axis=3), axis=1))
 
 
@@ -187,7 +191,7 @@ def _searched(
     shifted[:, :, np.arange(1, d + 1), np.arange(d)] += h
     modes = planned.modes(shifted)
     at = SeenModes(*(each[:, :, 0] for each in modes))
-    layout = np.repeat(np.arange(len(seen.sensors)), PLANNING.n_starts)
+    layout = np.repeat(np.arange(len(seen.sensors)), r // len(seen.sensors))
     ratios, _ = log_ratios(planned, seen, at, added)
     chosen, _ = _sampled_pairings(ratios, layout, rng)
 

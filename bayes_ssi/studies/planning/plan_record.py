@@ -46,6 +46,9 @@ class PlanningNumbers:
     n_for_moments: int = 2000  # draws of which moments are taken
     n_pool: int = 600  # draws of a class, of which those that suit a test start its searches
     n_starts: int = 4  # for each of the layouts that draws serve
+    # Where sizes of errors are inferred, draws about every point where a second search of a layout
+    # ends: more points, close together, fill the many directions that data leave wide.
+    draws_of_a_start: int = 25
     n_of_a_size: int = 2  # layouts that draws serve, of two sensors and of as many as are planned
     # Errors of frequencies and shapes that are added at first, the distance between a test and the
     # nearest draws; and their share in every Gauss-Newton step, none at last.
