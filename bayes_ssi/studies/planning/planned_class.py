@@ -115,27 +115,23 @@ class PlannedClass:
         matrix = structure.sensor_matrix(terms)
         per_row = len(structure.degrees_of_freedom) * structure.n_modes
         step = max(1, PLANNING.batch // per_row)
-        values, parts = self.structural_values(z.reshape(-1, z.shape[-1])), []
-        for first in range(0, len(values), step):
-            modes = structure.modes_or_nan(values[first : first + step])
-            shapes = np.einsum("ct,btm->bcm", shares, matrix.apply(modes.shapes))
-            parts.append((modes.frequencies_hz, seen_shapes(shapes)))
-        frequencies, shapes = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return SeenModes(
-            frequencies.reshape(*z.shape[:-1], -1),
-            shapes.reshape(*z.shape[:-1], *shapes.shape[1:]),
-            self.error_variances(z),
-        )
+        rows, parts = z.reshape(-1, z.shape[-1]), []
+        for first in range(0, len(rows), step):
+            some = rows[first : first + step]
+            modes = structure.modes_or_nan(self.structural_values(some))
+            shapes = seen_shapes(np.einsum("ct,btm->bcm", shares, matrix.apply(modes.shapes)))
+            parts.append(SeenModes(modes.frequencies_hz, shapes, self.error_variances(some)))
+        every = joined(parts)
+        return SeenModes(*(array.reshape(*z.shape[:-1], *array.shape[1:]) for array in every))
 
     def error_variances(self, z: FloatArray) -> FloatArray:
-        """Squared errors (…, 2) of frequencies, as fractions, and shapes, at z (…, n)."""
+        """Squared errors (B, 2) of frequencies, as fractions, and shapes, at z (B, n)."""
         n_own = len(self._sizes.parameters)
-        values = values_at(self.parameters[:n_own], z[..., :n_own].reshape(-1, n_own))
-        prediction_var = self._sizes.evaluate(values).reshape(*z.shape[:-1], 2) ** 2
+        values = values_at(self.parameters[:n_own], z[:, :n_own])
+        prediction_var = self._sizes.evaluate(values) ** 2
         if not self.identification_errors.any():
             return np.asarray(prediction_var * self.error_factor**2)
-        identified = self.identification_errors * self.error_factor
-        return np.asarray(prediction_var + np.square(identified))
+        return np.asarray(prediction_var + (self.identification_errors * self.error_factor) ** 2)
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """z (n, n_parameters), drawn from what is known of them."""
