@@ -22,7 +22,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, UpdatedModes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.studies.appendages.appendage_search import search

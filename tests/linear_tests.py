@@ -7,7 +7,7 @@ from scipy.special import logsumexp, ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.results.hierarchy.populations import SingleTest
 
 STANDARD = bs.Normal(0.0, 1.0)

@@ -28,7 +28,7 @@ from simulated import print_bands
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
 from bayes_ssi.results.hierarchy.populations import (
     Population,

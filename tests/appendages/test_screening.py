@@ -9,7 +9,7 @@ import pytest
 from searches import INFILL_12, ONE, PENDULUM_1, screened
 
 import bayes_ssi as bs
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings

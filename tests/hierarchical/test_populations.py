@@ -5,7 +5,7 @@ import pytest
 from linear_tests import exact_log_evidence, linear_tests, log_normal
 
 import bayes_ssi as bs
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.results.hierarchy.populations import (
     Population,
     PopulationLikelihood,

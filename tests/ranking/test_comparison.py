@@ -117,6 +117,21 @@ def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     assert comparison.classes[1].against == "prior probability only"
 
 
+def test_what_an_unseen_region_can_do_to_a_ranking(make_posterior):
+    """0.075 % of the prior at most: the best rises by ln(1 + e^(17.7 - 16)) nats."""
+    best = make_posterior("3", 16.0, most_unseen_evidence=17.7)
+    others = [make_posterior(f"1-{i}", 0.0, most_unseen_evidence=15.9 + 0.2 * i) for i in (0, 1)]
+    words = bs.compare([best, *others]).unseen
+    assert "a region of 0.075 % of its prior with a probability of 5 %" in words
+    assert words.endswith(
+        "the log evidence of the best class would rise by 1.9 nats at most; 1 of 2 other classes "
+        "could reach that of the best."
+    )
+    assert math.log1p(math.exp(1.7)) == pytest.approx(1.9, abs=0.05)
+    unknown = bs.compare([best, make_posterior("1-a", 0.0)]).unseen
+    assert unknown.endswith("smaller ones are found where slopes or residuals lead there.")
+
+
 def test_one_class_alone(make_posterior):
     (row,) = bs.compare([make_posterior("a", -5.0)]).classes
     assert (row.probability, row.against, row.probability_text) == (1.0, "best", "> 0.9999")

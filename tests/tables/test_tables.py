@@ -68,10 +68,11 @@ def test_a_remark_marks_no_class(make_posterior):
 
 def test_notes_name_the_scale(make_posterior):
     actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1)])
-    evidence, misfit = comparison_notes(actual)
+    evidence, misfit, unseen = comparison_notes(actual)
     assert evidence == "Evidence against: scale of Kass and Raftery (1995)."
     # A standard-normal variable is farther from zero one time in a hundred.
     assert misfit.endswith("one right class in a hundred is beyond 2.6 sd.")
+    assert unseen == actual.unseen
 
 
 def test_prior_probabilities_have_a_column_where_they_differ(make_posterior):

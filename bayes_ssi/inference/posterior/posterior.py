@@ -21,7 +21,7 @@ from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.model_at_draws import KEPT, ConfigurationModes, DatumTerms
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes
@@ -122,6 +122,8 @@ class Posterior(Displayed):
         largest_unseen_mass: prior mass of a region that no prior draw of the searches hit with a
             probability of 5 %, as in
             :attr:`~bayes_ssi.inference.sampling.multistart.MultistartSearch.largest_unseen_mass`.
+        most_unseen_evidence: the most log evidence that such a region can hold: that of data which
+            agree exactly throughout; None where the pairing is inferred or errors are correlated.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         edges: settings at whose edge most of it lies, so that it depends on them.
@@ -172,6 +174,7 @@ class Posterior(Displayed):
     remarks: tuple[str, ...] = ()
     frequency_error: float = 0.0
     emulators: tuple[Any, ...] = ()
+    most_unseen_evidence: float | None = None
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
-from bayes_ssi.inference.sampling.diagnostics import averaged_ranks
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate, averaged_ranks
 from bayes_ssi.inference.sampling.ensembles import Walkers
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
 from bayes_ssi.inference.sampling.mixture import Proposal, fit_mixture
 from bayes_ssi.inference.sampling.regions import local_maxima

@@ -1,13 +1,15 @@
-"""Diagnostics of chains and importance weights."""
+"""Diagnostics of chains and importance weights, and estimates of a log evidence."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp, ndtri
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.settings import CHECKS
 
 
 def autocorrelation_times(chain: FloatArray) -> FloatArray:
@@ -120,3 +122,46 @@ def pareto_tail(weights: FloatArray) -> ParetoTail:
     mean = float(chances @ trials)
     k = float(np.log1p(-mean * excess).mean())
     return ParetoTail((n_tail * k + 5.0) / (n_tail + 10.0), -k / mean, threshold, share)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A log evidence with its standard error, in nats."""
+
+    log_evidence: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.log_evidence:.3f} ± {self.error:.3f}"
+
+
+@dataclass(frozen=True)
+class EvidenceEstimate:
+    """An estimate of the log evidence by one method, which checks the quoted one."""
+
+    name: str
+    log_evidence: float  # in nats
+    # Its standard error; None where it is unknown and nothing is judged by the estimate.
+    error: float | None = None
+    # A smaller difference from the quoted value is no disagreement, whatever the errors.
+    tolerance: float = 0.0
+
+    def agrees_with(self, quoted: Estimate) -> bool:
+        """Whether the difference from the quoted value is within the errors or the tolerance."""
+        if self.error is None:
+            return True
+        allowed = max(CHECKS.standard_errors * math.hypot(self.error, quoted.error), self.tolerance)
+        return abs(self.log_evidence - quoted.log_evidence) <= allowed
+
+    def shifted(self, correction: float, error: float) -> "EvidenceEstimate":
+        """This estimate plus a correction that has a standard error of its own."""
+        return replace(
+            self,
+            log_evidence=self.log_evidence + correction,
+            error=None if self.error is None else math.hypot(self.error, error),
+        )
+
+    def __str__(self) -> str:
+        if self.error is None:
+            return f"{self.log_evidence:.3f}"
+        return str(Estimate(self.log_evidence, self.error))

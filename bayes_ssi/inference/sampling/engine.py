@@ -13,8 +13,6 @@
 5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an
    ensemble, the compressions, the searches, the regions. Disagreement without particles begins
    again with them (2.); with them, it is a warning in the result.
-
-The numbers by which all of them decide are in ``settings``.
 """
 
 import math
@@ -32,8 +30,8 @@ from bayes_ssi.inference.sampling.compression import (
     compress_prior,
     compression_estimate,
 )
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
 from bayes_ssi.inference.sampling.importance import (
     ImportanceSample,
     ImportanceSampler,

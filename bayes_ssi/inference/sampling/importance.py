@@ -17,9 +17,13 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.sampling.compression import Compression
-from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times, pareto_tail
+from bayes_ssi.inference.sampling.diagnostics import (
+    Estimate,
+    EvidenceEstimate,
+    autocorrelation_times,
+    pareto_tail,
+)
 from bayes_ssi.inference.sampling.ensembles import Ensemble
-from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.settings import IMPORTANCE, MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.estimates import EvidenceEstimate
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials
 from bayes_ssi.inference.sampling.regions import lowest_between
 from bayes_ssi.inference.sampling.settings import MAXIMA, MIXTURES, REGIONS, RIDGES

@@ -1,8 +1,6 @@
 """Everything that sampling one target produces, and checks of it: estimates that should agree.
 
 A group of checks is one function in ``_CHECKS`` that yields a sentence for each thing that fails.
-No check can reveal a region that every part of the sampling missed; the agreement of independent
-searches is the best evidence that there is none.
 """
 
 from collections.abc import Iterator
@@ -14,9 +12,8 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.compression import Compression
-from bayes_ssi.inference.sampling.diagnostics import r_hat
+from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate, r_hat
 from bayes_ssi.inference.sampling.ensembles import Ensemble
-from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch

@@ -61,6 +61,7 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
         f"{CRITICISM.limit_sds:.1f} sd.",
     ]
     notes = scales if with_scales else []
+    notes += [comparison.unseen] if comparison.unseen else []
     if any(row.failed_checks for row in comparison.classes):
         notes.append("(!): a check failed, as said below.")
     if comparison.remarks:

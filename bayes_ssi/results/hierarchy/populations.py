@@ -21,8 +21,8 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.estimates import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
 from bayes_ssi.parameters.families import HalfNormal, Normal

@@ -22,7 +22,7 @@ from bayes_ssi.inference.criticism.adequacy import (
 )
 from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,

@@ -18,7 +18,7 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior

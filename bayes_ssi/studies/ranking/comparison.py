@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.argument_types import checked, require_known
@@ -170,6 +171,8 @@ class Comparison(Displayed):
     # Failed checks that concern all classes: of the data, such as of how the modes were identified,
     # and why an appendage may be missing from all of them.
     common_checks: tuple[Check, ...] = ()
+    # Which regions the searches for maxima can have missed, and what these can hold; a sentence.
+    unseen: str = ""
 
     @property
     def has_equal_priors(self) -> bool:
@@ -270,7 +273,29 @@ def compare(
     # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
     rows = [_row(each, ranked, priors[each.name], probabilities[each.name]) for each in ranked]
-    return Comparison(tuple(rows), ranked[0].data_digest)
+    return Comparison(tuple(rows), ranked[0].data_digest, unseen=_unseen(ranked, weights))
+
+
+def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
+    """How large a region no search may have seen, and what it can do to the ranking at most."""
+    share = 100.0 * max(each.largest_unseen_mass for each in ranked)
+    words = (
+        f"Unseen: no prior draw of a class's searches hits a region of {share:.2g} % of its prior "
+        "with a probability of 5 %; smaller ones are found where slopes or residuals lead there."
+    )
+    masses, highest = [], []
+    for each in ranked:
+        if each.most_unseen_evidence is None:
+            return words
+        own, log_weight = each.evidence.log_evidence, math.log(weights[each.name])
+        masses.append(log_weight + own)
+        highest.append(log_weight + float(np.logaddexp(own, each.most_unseen_evidence)))
+    n_reaching = sum(mass >= masses[0] for mass in highest[1:])
+    return (
+        f"{words} If all data agreed exactly in it, the log evidence of the best class would rise "
+        f"by {highest[0] - masses[0]:.2g} nats at most; {n_reaching} of {len(ranked) - 1} other "
+        "classes could reach that of the best."
+    )
 
 
 def class_probabilities(

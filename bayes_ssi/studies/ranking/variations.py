@@ -19,8 +19,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes, known_at_draws
-from bayes_ssi.inference.sampling.diagnostics import pareto_tail
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate, pareto_tail
 from bayes_ssi.inference.sampling.settings import IMPORTANCE
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior

@@ -16,7 +16,7 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     more_accurate,
 )
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.structure import Structure

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
-from bayes_ssi.inference.sampling.estimates import Estimate
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.maxima import ascend
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
