@@ -60,6 +60,9 @@ class ChangeSettings(SearchLimits):
     loss: Prior = field(default_factory=lambda: Uniform(0.0, 1.0))
     common_sd: float | None = None
     covariate: Mapping[str, float] | None = None
+    # Where nothing changed, each of many places has some hundredths: sampling one takes as long as
+    # screening forty, and corrects its share by a tenth.
+    most_unsampled: float = 0.1
     # What is not shared has any order of size, down to a hundredth of an error.
     shared: Prior | None = field(default_factory=lambda: NearOne(1e-4))
 
