@@ -358,11 +358,16 @@ def test_a_run_that_was_killed_before_it_kept_anything_is_said_to_begin_again(
     with checkpoint.locked():
         left = (directory / "lock").read_bytes()
     assert said == []
-    directory.mkdir()
-    (directory / "lock").write_bytes(left)  # as the kill left it
+    directory.mkdir()  # as the earliest kill left it
     with checkpoint.locked():
         assert said == ["an earlier run was interrupted before it kept an evaluation; begins again"]
+    directory.mkdir()
+    (directory / "lock").write_bytes(left)  # a later one
+    with checkpoint.locked():
+        assert said[1:] == said[:1]
         checkpoint.journal(one_k, 7, SETTINGS).close()
     (directory / "lock").write_bytes(left)
     with checkpoint.locked():
-        assert len(said) == 1, "a journal speaks for itself"
+        assert len(said) == 2, "a journal speaks for itself"
+        checkpoint.journal(one_k, 7, SETTINGS).close()
+    assert said[2:] == [f"model class {one_k.name!r}: begins again, as no evaluation was kept"]

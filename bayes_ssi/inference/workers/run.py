@@ -128,6 +128,7 @@ class Checkpoint:
         """The journal of one model class, closed by the caller; a damaged one is replaced."""
         self.directory.mkdir(exist_ok=True)
         path = self._path(model_class.name)
+        begun = path.exists()
         run = {
             "model class": model_class.name,
             "definition": _definition(model_class),
@@ -143,10 +144,10 @@ class Checkpoint:
             if not self.discard_others:
                 raise
         else:
-            if journal.n_kept:
-                self.say(
-                    f"model class {model_class.name!r}: resumes after {journal.n_kept} evaluations"
-                )
+            if begun:
+                kept = f"resumes after {journal.n_kept} evaluations"
+                words = kept if journal.n_kept else "begins again, as no evaluation was kept"
+                self.say(f"model class {model_class.name!r}: {words}")
             return journal
         _remove(path)
         return Journal(path, run, self.say)
@@ -158,11 +159,12 @@ class Checkpoint:
         Where an earlier run was killed before it began a journal, as in the first steps of a
         search, a message says so.
         """
+        begun = self.directory.is_dir()
         self.directory.mkdir(exist_ok=True)
         left_behind = [path.name for path in self.directory.iterdir()]
         # A journal without evaluations: its lock ends with this process, however that ends.
         lock = Journal(self.directory / LOCK, {})
-        if LOCK in left_behind and not any(name.endswith((SUFFIX, SAVING)) for name in left_behind):
+        if begun and not any(name.endswith((SUFFIX, SAVING)) for name in left_behind):
             self.say("an earlier run was interrupted before it kept an evaluation; begins again")
         try:
             yield
