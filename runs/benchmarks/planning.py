@@ -10,7 +10,7 @@ exhaustive: all 495 layouts of 4 of 12 floors, and the greedy search.
 frame: 6 of 36 sensors of a finite-element model of 2302 degrees of freedom.
 forecasts: 200 other tests with the best, an evenly spread and the worst layout of two sensors: the
 share in which the right class wins beside the forecast; with best and worst also by ranking some.
-steel: what a sensor on a brace of the steel frame would have been worth.
+steel: what a sensor on a brace of the steel frame would have been worth (--tests 400 --inner 3000).
 """
 
 import argparse

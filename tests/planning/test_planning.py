@@ -74,6 +74,15 @@ def simulated_plan(classes, n_tests, n_draws, seed):
     return SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
 
 
+def test_draws_serve_layouts_that_a_plan_can_have():
+    """Fixed sensors are in all of them; where nothing is left to choose they are alone."""
+    served = served_layouts((1, 4), (0, 2, 3), 3, seed=0)
+    assert served[0] == (0, 1, 2, 3, 4)
+    assert all({1, 4} <= set(layout) for layout in served)
+    assert {len(layout) for layout in served[1:]} == {2, 3}
+    assert served_layouts((0, 1), (2,), 2, seed=0) == [(0, 1, 2), (0, 1)]
+
+
 @pytest.mark.parametrize(("d", "sd"), [(2, 0.05), (3, 0.3), (12, 0.05), (12, 0.2), (36, 0.08)])
 def test_errors_of_shapes_have_the_likelihoods_density(d, sd):
     """The same survival as the length of normal numbers, by quadrature on the sphere."""
