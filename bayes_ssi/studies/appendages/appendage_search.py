@@ -50,7 +50,6 @@ from bayes_ssi.studies.search.family_search import FamilySearch, search_family
 from bayes_ssi.studies.search.search_record import (
     SearchResult,
     averaged_features,
-    of_every_search,
     records_by_probability,
 )
 
@@ -345,7 +344,7 @@ def _record(
         hypotheses=rows,
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
         mass_unit=baselines.study.mass_unit,
-        **of_every_search(found),
+        **found.findings,
     )
 
 

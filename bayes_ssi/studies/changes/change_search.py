@@ -35,7 +35,6 @@ from bayes_ssi.studies.search.search_record import (
     HypothesisRecord,
     SearchResult,
     averaged_features,
-    of_every_search,
     records_by_probability,
 )
 
@@ -240,7 +239,7 @@ def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRe
         ),
         geometry=None,
         hypotheses=rows,
-        **of_every_search(found),
+        **found.findings,
     )
 
 

@@ -74,7 +74,6 @@ class Visibility(NamedTuple):
         return cls(float(slope), float(level), scatter, math.sqrt(needed - floor))
 
     def probability(self, loss: float) -> float:
-        """That it would be shown."""
         return float(ndtr((self.level + self.slope * loss - self.needed) / self.scatter))
 
     @property
@@ -115,7 +114,6 @@ def _visibility(
     changed: ModelClass, unchanged: ModelClass, z: FloatArray, needed: float, seed: int
 ) -> Visibility:
     """From losses of all sizes, then about where log odds pass what is needed, then the answer."""
-
     covariances: dict[str, FloatArray] = {}
 
     def log_odds(losses: FloatArray, begin: int) -> FloatArray:

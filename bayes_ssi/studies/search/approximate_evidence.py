@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -142,12 +143,10 @@ class ToScreen(NamedTuple):
 def screen_all(
     hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = EFFORTS.full
 ) -> list[Screened]:
-    n_done = 0
+    numbers = count(1)
 
     def done(_: int) -> None:
-        nonlocal n_done
-        n_done += 1
-        run.report("all hypotheses", "screening", n_done / len(hypotheses))
+        run.report("all hypotheses", "screening", next(numbers) / len(hypotheses))
 
     return each_in_workers(partial(screen, seed=seed, effort=effort), hypotheses, run, done)
 
@@ -297,7 +296,6 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
 
 
 def _columns(model_class: ModelClass, simpler: Screened) -> list[int]:
-    """The columns of the simpler hypothesis's parameters among those of the class."""
     return [model_class.parameter_names.index(name) for name in simpler.parameter_names]
 
 

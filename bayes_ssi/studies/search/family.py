@@ -129,7 +129,7 @@ class Family(ABC, Generic[Feature]):
     @property
     @abstractmethod
     def title(self) -> str:
-        """What the search is called."""
+        """Of the search."""
 
     def name_of(self, features: Sequence[Any]) -> str:
         """What a hypothesis with these features is called, where there is one baseline."""
@@ -151,7 +151,6 @@ class Family(ABC, Generic[Feature]):
 
     @property
     def n_hypotheses_of_one(self) -> int:
-        """The number of hypotheses with one feature, or none."""
         return sum(1 + len(features) for features in self.features.values())
 
     def __getitem__(self, name: str) -> ModelClass:

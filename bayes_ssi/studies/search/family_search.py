@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -95,19 +95,18 @@ class FamilySearch(Generic[Feature]):
         return {name: math.exp(mass - log_total) for name, mass in self.log_masses.items()}
 
     @property
-    def most_probability_unsampled(self) -> float:
+    def findings(self) -> dict[str, Any]:
+        """Fields of a record, whatever was searched for."""
         approximate = {each.model_class.name: each.approximate_log_mass for each in self.hypotheses}
         sampled = {name: self.log_masses[name] for name in approximate if name in self.posteriors}
-        return most_probability_unsampled(approximate, sampled)
-
-    @property
-    def n_not_tried(self) -> int:
-        return sum(level.n_not_tried for level in self.levels)
-
-    @property
-    def expected_not_tried(self) -> float:
+        log_total = float(logsumexp(list(self.log_masses.values())))
         not_tried = float(logsumexp([level.log_mass_not_tried for level in self.levels]))
-        return float(expit(not_tried - float(logsumexp(list(self.log_masses.values())))))
+        return {
+            "most_probability_unsampled": most_probability_unsampled(approximate, sampled),
+            "averaged_parameters": tuple(self.averaged_parameters()),
+            "n_not_tried": sum(level.n_not_tried for level in self.levels),
+            "expected_not_tried": float(expit(not_tried - log_total)),
+        }
 
     def averaged_parameters(self) -> Iterator[AveragedAndNaive]:
         """The baselines' parameters averaged over hypotheses that were sampled."""

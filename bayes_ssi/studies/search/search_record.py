@@ -161,16 +161,6 @@ def records_by_probability(
     return tuple(rows)
 
 
-def of_every_search(found: FamilySearch[Any]) -> dict[str, Any]:
-    """Fields of a :class:`FamilyRecord`, whatever was searched for."""
-    return {
-        "most_probability_unsampled": found.most_probability_unsampled,
-        "averaged_parameters": tuple(found.averaged_parameters()),
-        "n_not_tried": found.n_not_tried,
-        "expected_not_tried": found.expected_not_tried,
-    }
-
-
 def averaged_features(
     draws: Mapping[str, Mapping[Feature, Any]], probabilities: Mapping[str, float]
 ) -> Iterator[tuple[Feature, float, Any]]:
