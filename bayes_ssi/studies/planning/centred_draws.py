@@ -27,8 +27,6 @@ from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.studies.planning.plan_record import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes, SimulatedTests
 
-FIRST_ERRORS = np.array(PLANNING.first_errors)
-
 
 class CentredDraws(NamedTuple):
     """K draws of a class about each of N tests, each with a pairing."""
@@ -119,7 +117,7 @@ def log_ratios(
         shapes left out.
     """
     frequencies, shape_of_modes, variances = modes
-    variances = variances + np.square(added * FIRST_ERRORS)
+    variances = variances + np.square(np.multiply(added, PLANNING.first_errors))
     identification, band_hz = planned.model_class.identification, planned.configuration.data.band_hz
     missed = identification.log_missed(frequencies, variances[..., :1], band_hz)
     log_spurious = math.log(identification.expected_spurious_modes / (band_hz[1] - band_hz[0]))
@@ -196,7 +194,7 @@ def _searched(
     chosen, _ = _sampled_pairings(ratios, layout, rng)
 
     index, used = np.maximum(chosen, 0)[:, :, None], (chosen >= 0)[:, :, None]
-    sd = np.sqrt(at.variances + np.square(added * FIRST_ERRORS))[:, :, None]
+    sd = np.sqrt(at.variances + np.square(np.multiply(added, PLANNING.first_errors)))[:, :, None]
     logs = np.take_along_axis(np.log(modes.frequencies_hz), index, axis=3)
     of_frequencies = (logs - np.log(seen.frequencies_hz)[:, None, None]) / sd[..., :1]
     shapes = np.take_along_axis(modes.shapes, index[:, :, :, None], axis=4)
