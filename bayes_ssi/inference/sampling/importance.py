@@ -3,8 +3,6 @@
 Bridge sampling, which checks it, joins those draws with others from the posterior.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -128,7 +126,7 @@ class ImportanceSample:
         heaviest = self.log_weights.max() + 1e-6
         return max((float(np.mean(of_other > heaviest)) for of_other in log_weights), default=0.0)
 
-    def split_in_two(self, rng: np.random.Generator) -> list[ImportanceSample]:
+    def split_in_two(self, rng: np.random.Generator) -> "list[ImportanceSample]":
         """The draws in two equal parts, at random."""
         halves = np.array_split(rng.permutation(len(self.z)), 2)
         return [

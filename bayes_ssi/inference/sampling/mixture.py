@@ -5,8 +5,6 @@ become w_j = v_j + P_j(v_1, …, v_m) with polynomials P_j of the wide ones: a m
 1, so that a density of v is one of w.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,7 +35,7 @@ class Bend:
         """Coordinates w (d, n) of v (d, n)."""
         return self._shifted(v, 1.0)
 
-    def widened(self, factor: float) -> Bend:
+    def widened(self, factor: float) -> "Bend":
         """The bend of the same ridge for a component ``factor`` times as wide."""
         _, degrees = monomials(np.zeros((self.n_wide, 1)), self.degree)
         coefficients = self.coefficients * factor ** (degrees - 1.0)
@@ -133,7 +131,7 @@ class StudentMixture:
         share = float(self.weights[-1])
         return np.logaddexp(math.log1p(-share) + log_pdf_without, math.log(share) + last.log_pdf(z))
 
-    def chart(self, z: FloatArray) -> Chart | None:
+    def chart(self, z: FloatArray) -> "Chart | None":
         """That of the bent component to which most of the draws ``z`` (n, d) belong, if any."""
         if not any(self.bends):
             return None
@@ -148,12 +146,14 @@ class StudentMixture:
         n = max(64, 2**18 // (self.means.size + 2 * n_terms))
         return np.split(z, range(n, len(z), n))
 
-    def with_prior_component(self, prior_share: float = MIXTURES.defensive_share) -> StudentMixture:
+    def with_prior_component(
+        self, prior_share: float = MIXTURES.defensive_share
+    ) -> "StudentMixture":
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return replace(self, weights=weights, prior_share=prior_share)
 
-    def widened(self) -> StudentMixture:
+    def widened(self) -> "StudentMixture":
         """This mixture and, with a defensive share, its components at twice their width.
 
         They cover what lies just beyond a mixture that was fitted to draws, as the ends of a
@@ -164,8 +164,8 @@ class StudentMixture:
         return self.mixed_with(replace(self, factors=2.0 * self.factors, bends=bends, dof=dof))
 
     def mixed_with(
-        self, other: StudentMixture, share: float = MIXTURES.defensive_share
-    ) -> StudentMixture:
+        self, other: "StudentMixture", share: float = MIXTURES.defensive_share
+    ) -> "StudentMixture":
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
             np.concatenate([self.weights * (1.0 - share), other.weights * share]),
@@ -175,7 +175,7 @@ class StudentMixture:
             bends=self._all_bends + other._all_bends,
         )
 
-    def reweighted(self, z: FloatArray, weights: FloatArray) -> StudentMixture:
+    def reweighted(self, z: FloatArray, weights: FloatArray) -> "StudentMixture":
         """The same components with the shares that weighted draws ``z`` (n, d) give them.
 
         All components share the defensive share equally: a walker could hardly leave a region

@@ -10,8 +10,6 @@ places share what these do to the modes. Draw by draw, the appendage of the lowe
 first: places may change hands, even between the draws of one hypothesis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -96,7 +94,7 @@ class RankedDraws(NamedTuple):
     weights: FloatArray
     by_data: FloatArray  # weights under a prior that is uniform in the logarithm of mass
 
-    def where(self, chosen: NDArray[np.bool_]) -> RankedDraws:
+    def where(self, chosen: NDArray[np.bool_]) -> "RankedDraws":
         columns: Iterable[Any] = (column[chosen] for column in self)
         return RankedDraws(*columns)
 

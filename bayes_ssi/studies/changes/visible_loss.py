@@ -6,8 +6,6 @@ a change there is than none. That rises with the loss, and scatters from simulat
 line through its root says where nine in ten are above the odds that count as shown.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import partial
@@ -66,7 +64,7 @@ class Visibility(NamedTuple):
     @classmethod
     def fitted(
         cls, losses: FloatArray, log_odds: FloatArray, needed: float, floor: float
-    ) -> Visibility:
+    ) -> "Visibility":
         """To simulations: ``losses`` and ``log_odds`` (n,), and the log odds that are needed."""
         roots = np.sqrt(np.maximum(log_odds - floor, 0.0))
         slope, level = np.polyfit(losses, roots, 1)

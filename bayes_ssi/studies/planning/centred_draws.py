@@ -11,8 +11,6 @@ frequencies alone and all candidates among them. The weights of draws are exact,
 search costs is effective draws, which are counted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -48,7 +46,7 @@ class Seen(NamedTuple):
     sensors: NDArray[np.bool_]  # (S, n_candidates)
 
     @classmethod
-    def of(cls, tests: SimulatedTests, layouts: Sequence[Sequence[int]]) -> Seen:
+    def of(cls, tests: SimulatedTests, layouts: Sequence[Sequence[int]]) -> "Seen":
         sensors = np.zeros((len(layouts), tests.shapes.shape[1]), dtype=bool)
         shapes = np.zeros((len(layouts), *tests.shapes.shape))
         for i, layout in enumerate(layouts):

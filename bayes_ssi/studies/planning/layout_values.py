@@ -5,8 +5,6 @@ with p(D | C) the average over the class's draws about each test. A layout reads
 same tests and of the same draws: nothing is simulated again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -64,7 +62,7 @@ class SimulatedPlan:
         n_tests: int,
         n_draws: int,
         seed: int,
-    ) -> SimulatedPlan:
+    ) -> "SimulatedPlan":
         """As many tests of every class, since a rare one is not less in doubt.
 
         Draws serve these layouts, and frequencies alone, which most parameters explain.
@@ -78,7 +76,7 @@ class SimulatedPlan:
         draws = tuple(centred_draws(c, tests, [(), (), *layouts], n_draws, r) for c, r in about)
         return cls(tuple(classes), tests, np.repeat(np.arange(len(classes)), n), draws)
 
-    def part(self, n_tests: int, n_draws: int) -> SimulatedPlan:
+    def part(self, n_tests: int, n_draws: int) -> "SimulatedPlan":
         """Some tests of every class, with some of their draws, for searches."""
         rows = slice(None, None, max(1, len(self.true_class) // n_tests))
         draws = []

@@ -8,8 +8,6 @@ layouts their errors: τ is the direction of ε across u, and t has the probabil
 which is about t/σ. Layouts are so compared on the same errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -59,7 +57,7 @@ class PlannedClass:
     posterior: Posterior | None = None
     error_factor: float = 1.0  # of errors of identification, or of all where these are not known
 
-    def made_accurate(self) -> PlannedClass:
+    def made_accurate(self) -> "PlannedClass":
         """With an approximate structure accurate enough where it will be used."""
         if not self.structure.is_approximate:
             return self
@@ -68,7 +66,7 @@ class PlannedClass:
         required = Requirement(self.structural_values(z), *errors.tolist())
         return self.with_structure(self.structure.accurate_at(required))
 
-    def with_structure(self, structure: Structure) -> PlannedClass:
+    def with_structure(self, structure: Structure) -> "PlannedClass":
         return replace(self, configuration=replace(self.configuration, structure=structure))
 
     @property
@@ -185,7 +183,7 @@ class SimulatedTests(NamedTuple):
     shape_sd: FloatArray  # (N,), σ
 
     @classmethod
-    def joined(cls, parts: Sequence[SimulatedTests]) -> SimulatedTests:
+    def joined(cls, parts: "Sequence[SimulatedTests]") -> "SimulatedTests":
         """Tests of several classes, with as many places for modes as any of them needs."""
         most = max(part.frequencies_hz.shape[1] for part in parts)
         wider = []
@@ -195,7 +193,7 @@ class SimulatedTests(NamedTuple):
             wider.append(cls(found, np.pad(shapes, room), np.pad(noise, room), shape_sd))
         return joined(wider)
 
-    def rows(self, which: slice) -> SimulatedTests:
+    def rows(self, which: slice) -> "SimulatedTests":
         return SimulatedTests._make(array[which] for array in self)
 
     def identified_shapes(self, layout: Sequence[int]) -> FloatArray:

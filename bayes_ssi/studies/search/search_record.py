@@ -1,7 +1,5 @@
 """What every search stores: its hypotheses, and what it averaged over them."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
