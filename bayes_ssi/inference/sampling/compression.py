@@ -127,17 +127,13 @@ class _Climb:
         # Particles that are not drawn from the prior are to be copied and moved.
         self._level: tuple[float, float] | None = (-math.inf, 1.0) if possible < 1.0 else None
 
-    @property
-    def _log_mass(self) -> float:
-        return self.log_prior_left - math.log(self._n)
-
     def leave_lowest(self) -> None:
         """Set the lowest particles aside, at a level that the survivors are above."""
         order = np.lexsort((self._ranks_of_equals, self.log_likelihoods))
         lost, kept = order[: -self._n_surviving], order[-self._n_surviving :]
         values = self.log_likelihoods[lost]
         self._left.append(self._as_left(lost))
-        added = self._log_mass + float(logsumexp(values))
+        added = self._left[-1].log_mass + float(logsumexp(values))
         self.log_evidence = float(np.logaddexp(self.log_evidence, added))
         self.log_prior_left += math.log(self._n_surviving / self._n)
         self._level = float(values[-1]), float(self._ranks_of_equals[lost[-1]])
@@ -145,7 +141,8 @@ class _Climb:
 
     def _as_left(self, chosen: NDArray[np.intp]) -> _Left:
         positions, values = self.positions[chosen], self.log_likelihoods[chosen]
-        return _Left(positions, values, self._log_mass, self._memory, self._behind)
+        log_mass = self.log_prior_left - math.log(self._n)
+        return _Left(positions, values, log_mass, self._memory, self._behind)
 
     def move(self, others: FloatArray) -> None:
         """Copy and move the survivors, if there was a level.

@@ -274,7 +274,7 @@ class _Sampling:
             agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit
             if settled or (fast and agree and trial.share_beyond(others) <= wanted_error):
                 break
-            walkers = [ensemble.walkers for ensemble in ensembles]
+            walkers = [Walkers(e.positions[-1], e.log_posteriors[-1]) for e in ensembles]
             before = trial.efficiency
             trial = self._refitted(around_maxima, ensembles, trial)
             # Mixtures hardly fit this posterior, but well enough for importance draws.

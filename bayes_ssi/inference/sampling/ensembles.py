@@ -40,10 +40,6 @@ class Ensemble:
         return self.positions.reshape(-1, self.positions.shape[-1])
 
     @property
-    def walkers(self) -> Walkers:
-        return Walkers(self.positions[-1], self.log_posteriors[-1])
-
-    @property
     def effective_sample_sizes(self) -> FloatArray:
         """Effective sample size for the mean of each coordinate, (d,)."""
         return self.log_posteriors.size / self.autocorrelation_times
