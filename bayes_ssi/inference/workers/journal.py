@@ -35,7 +35,7 @@ from bayes_ssi.inference.workers.workers import Evaluated, Workers, evaluate
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure, SubstituteStructure
 
-FORMAT = 5
+FORMAT = 6
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
     # Written batches survive a crash of the process, if not of the machine.
