@@ -118,7 +118,7 @@ def test_a_suggestion_is_no_batch_of_coordinates(path):
         ({**RUN, "searches": 4}, "searches null there and 4 here"),
         ({"seed": 7}, 'model class "each k" there and null here'),
         ({**RUN, "model class": "x" * 80}, f'"each k" there and "{"x" * 56}... here'),
-        ({**RUN, "format": 99}, "format 5 there and 99 here"),
+        ({**RUN, "format": 99}, "format 6 there and 99 here"),
     ],
 )  # fmt: skip
 def test_the_journal_of_another_run_is_refused(path, run, difference):
