@@ -280,8 +280,8 @@ def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
     """How large a region no search may have seen, and what it can do to the ranking at most."""
     share = 100.0 * max(each.largest_unseen_mass for each in ranked)
     words = (
-        f"Unseen: no prior draw of a class's searches hits a region of {share:.2g} % of its prior "
-        "with a probability of 5 %; smaller ones are found where slopes or residuals lead there."
+        "Unseen: with a probability of 5 %, no prior draw of a class's searches hits a region of "
+        f"{share:.2g} % of its prior; smaller ones are found where slopes or residuals lead there."
     )
     masses, highest = [], []
     for each in ranked:
@@ -292,7 +292,7 @@ def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
         highest.append(log_weight + float(np.logaddexp(own, each.most_unseen_evidence)))
     n_reaching = sum(mass >= masses[0] for mass in highest[1:])
     return (
-        f"{words} If all data agreed exactly in it, the log evidence of the best class would rise "
+        f"{words} If all data agreed exactly there, the log evidence of the best class would rise "
         f"by {highest[0] - masses[0]:.2g} nats at most; {n_reaching} of {len(ranked) - 1} other "
         "classes could reach that of the best."
     )
