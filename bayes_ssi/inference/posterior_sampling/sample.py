@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
+from bayes_ssi.foundations.arviz_functions import r_hat
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM, edges
@@ -34,7 +35,6 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     refined,
 )
-from bayes_ssi.inference.sampling.diagnostics import r_hat
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import SamplingSettings
@@ -212,7 +212,7 @@ def sample_as_it_is(
         ),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=float(r_hat(list(values)).max()),
+        r_hat=float(r_hat(values).max()),
         autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
         acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
         n_evaluations=sampled.n_evaluations,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
-from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate, averaged_ranks
+from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
 from bayes_ssi.inference.sampling.mixture import Proposal, fit_mixture
@@ -316,7 +316,9 @@ def _risen(before: FloatArray, after: FloatArray) -> float:
     Of n particles above a level, a share e^-x is above the rest by x nats; the log of the rank from
     the top falls by as much as they rise.
     """
-    log_ranks = np.log(averaged_ranks(-np.concatenate([before, after])))
+    from scipy.stats import rankdata  # takes long to import, but arviz does so anyway
+
+    log_ranks = np.log(rankdata(-np.concatenate([before, after])))
     return float(log_ranks[: len(before)].mean() - log_ranks[len(before) :].mean())
 
 

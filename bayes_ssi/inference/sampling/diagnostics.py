@@ -1,12 +1,9 @@
-"""Diagnostics of chains and importance weights, and estimates of a log evidence."""
+"""Autocorrelation times of chains, and estimates of a log evidence."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtri
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.settings import CHECKS
@@ -32,96 +29,6 @@ def autocorrelation_times(chain: FloatArray) -> FloatArray:
     # Rounding may leave a covariance to draws that are all the same.
     differ = np.ptp(chain, axis=(0, 1)) > 0.0
     return np.where(differ & np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
-
-
-def r_hat(chains: Sequence[FloatArray]) -> FloatArray:
-    """Rank-normalised split R-hat of each coordinate, (d,) (Vehtari et al. 2021), as in arviz.
-
-    Every chain is split in halves, all draws are replaced by normal scores of their ranks, and the
-    spread between the halves is compared with that within; the same for distances from the median.
-    The larger of both is returned.
-
-    A chain of n steps with autocorrelation time τ has a mean that scatters: even where all is well,
-    R-hat exceeds 1 by about τ/n.
-
-    Args:
-        chains: one or more, (n_steps, d); of longer ones the middle is left out.
-    """
-    n = min(len(chain) for chain in chains) // 2
-    halves = np.stack([half for chain in chains for half in (chain[:n], chain[-n:])])
-    distances = np.abs(halves - np.median(halves, axis=(0, 1)))
-    return np.maximum(_r_hat_of_ranks(halves), _r_hat_of_ranks(distances))
-
-
-def _r_hat_of_ranks(parts: FloatArray) -> FloatArray:
-    """R-hat of normal scores (Blom 1958) of the ranks of ``parts`` (n_parts, n, d); (d,)."""
-    size, n = parts[..., 0].size, parts.shape[1]
-    columns = parts.reshape(size, -1).T
-    ranks = np.array([averaged_ranks(column) for column in columns]).T.reshape(parts.shape)
-    scores = ndtri((ranks - 0.375) / (size + 0.25))
-    within = scores.var(axis=1, ddof=1).mean(axis=0)
-    between = scores.mean(axis=1).var(axis=0, ddof=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.sqrt((n - 1) / n + between / within)
-    moves, differ = np.ptp(parts, axis=1).any(axis=0), np.ptp(parts, axis=(0, 1)) > 0.0
-    return np.where(moves, ratio, np.where(differ, np.inf, 1.0))
-
-
-def averaged_ranks(values: FloatArray) -> FloatArray:
-    """Ranks (n,) from 1, those of equal values averaged."""
-    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(counts) - 0.5 * (counts - 1.0))[which]
-
-
-class ParetoTail(NamedTuple):
-    """A generalised Pareto distribution fitted to the largest weights."""
-
-    k: float  # its shape; -inf where the tail is flat, NaN where there are too few weights
-    scale: float
-    threshold: float
-    share: float
-
-    def beyond_the_largest(self, n: float) -> float:
-        """What weights larger than the largest of ``n`` add to their mean on average.
-
-        The mean excess of the distribution over its (1 - 1/n) quantile; infinite for k >= 1.
-        """
-        if not -math.inf < self.k < 1.0:
-            return 0.0 if self.k < 1.0 else math.inf
-        excess = self.scale * math.expm1(self.k * math.log(self.share * n)) / self.k
-        beyond = self.threshold + excess + (self.scale + self.k * excess) / (1.0 - self.k)
-        return beyond / n
-
-
-def pareto_tail(weights: FloatArray) -> ParetoTail:
-    """The tail of positive weights (n,), by the fit of Zhang and Stephens (2009).
-
-    The tail is the largest min(n/5, 3√n) weights, as for Pareto-smoothed importance sampling,
-    whose weak prior, 10 draws at k = 1/2, steadies short tails.
-    """
-    n = len(weights)
-    n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
-    if n_tail < 5:
-        return ParetoTail(math.nan, math.nan, math.nan, math.nan)
-    largest = np.sort(weights)[-n_tail - 1 :]
-    threshold, share = float(largest[0]), n_tail / n
-    excess = largest[1:] - threshold
-    if not excess[-1] > 1e-10 * largest[-1]:
-        # Weights that are equal but for rounding.
-        return ParetoTail(-math.inf, 0.0, threshold, share)
-    n_trials = 30 + int(math.sqrt(n_tail))
-    quartile = excess[int(n_tail / 4 + 0.5) - 1]
-    if not quartile > 1e-290 * excess[-1]:
-        # Too few weights matter for their tail to have a shape.
-        return ParetoTail(math.inf, math.inf, threshold, share)
-    trials = 1.0 - np.sqrt(n_trials / (np.arange(1, n_trials + 1) - 0.5))
-    trials = 1.0 / excess[-1] + trials / (3.0 * quartile)
-    shapes = np.log1p(-trials[:, None] * excess).mean(axis=1)
-    log_profile = n_tail * (np.log(-trials / shapes) - shapes - 1.0)
-    chances = np.exp(log_profile - logsumexp(log_profile))
-    mean = float(chances @ trials)
-    k = float(np.log1p(-mean * excess).mean())
-    return ParetoTail((n_tail * k + 5.0) / (n_tail + 10.0), -k / mean, threshold, share)
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
+from bayes_ssi.foundations.arviz_functions import pareto_k
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import (
     Estimate,
     EvidenceEstimate,
     autocorrelation_times,
-    pareto_tail,
 )
 from bayes_ssi.inference.sampling.ensembles import Ensemble
 from bayes_ssi.inference.sampling.mixture import StudentMixture
@@ -73,13 +73,13 @@ class ImportanceSample:
         """The effective sample size as a share of the draws."""
         return self.effective_sample_size / len(self.z)
 
-    @property
+    @cached_property
     def pareto_k(self) -> float:
         """Shape of the generalised Pareto distribution of the largest weights.
 
         Below one half, the mean of the weights has a finite variance.
         """
-        return pareto_tail(self.weights).k
+        return pareto_k(self.log_weights)
 
     @property
     def estimate(self) -> Estimate:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arviz_functions import r_hat
 from bayes_ssi.inference.sampling.compression import Compression
-from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate, r_hat
+from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Ensemble
 from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
@@ -63,7 +64,8 @@ class SamplingResult:
         Walkers of one ensemble depend on one another, ensembles do not. Together they are so many
         that, unlike R-hat between short chains of single walkers, it is near 1 where all is well.
         """
-        return float(r_hat([part.draws for part in self.draws]).max())
+        n = min(len(part.draws) for part in self.draws)
+        return float(r_hat(np.stack([part.draws[:n] for part in self.draws])).max())
 
     @property
     def evidence(self) -> Estimate:

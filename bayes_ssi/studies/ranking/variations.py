@@ -16,10 +16,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arviz_functions import pareto_k
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes, known_at_draws
-from bayes_ssi.inference.sampling.diagnostics import Estimate, pareto_tail
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import IMPORTANCE
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
@@ -197,10 +198,10 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
         return no_answer("no draw is possible in the changed class")
     ratios = np.exp(log_weights - top)
     mean, n = float(ratios.mean()), _n_independent(posterior, n_draws)
-    tail = pareto_tail(ratios)
-    k, unseen = tail.k, tail.beyond_the_largest(n)
-    if ratios.max() <= RANKING.untailed_weight * mean:
-        k, unseen = -math.inf, 0.0
+    untailed = ratios.max() <= RANKING.untailed_weight * mean
+    k = -math.inf if untailed else pareto_k(log_weights)
+    # The mean of a power law beyond the largest weight w, which one in n exceeds, is w / (1 - k).
+    unseen = float(ratios.max()) / (n * (1.0 - k)) if k < 1.0 else math.inf
     error = math.hypot(float(ratios.std()) / math.sqrt(n), unseen) / mean
     weights = ratios / ratios.sum()
     problem = _problem(known, changed, values, weights, k, n)
