@@ -172,14 +172,16 @@ def make_posterior():
             "relative_spreads": (0.25,) * len(names),
             "prior_quantiles": np.array([[-2.0, 0.0, 4.0]] * len(names)),
             "effective_sample_sizes": np.full(len(names), 400.0),
+            "tail_effective_sample_sizes": np.full(len(names), 350.0),
             "evidence": Evidence(
                 log_evidence, error, 1500.0, 0.2, 2000, log_evidence + 3.0, (check,)
             ),
             "regions": (Region(1.0, 0.0, 4, (1.0, 1.0), (0.0,) * len(names)),),
             "maxima": np.zeros((1, len(names))),
             "r_hat": 1.001,
+            "burn_in": 25,
             "autocorrelation_time": 2.0,
-            "acceptance": 0.5,
+            "acceptance_fraction": 0.5,
             "n_evaluations": 20000,
             "n_searches": 4,
             "largest_unseen_mass": 7.5e-4,

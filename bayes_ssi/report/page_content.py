@@ -121,7 +121,7 @@ def page_content(
         "shortest": IDENTIFICATION.shortest_decays,
         "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),
-        "checks": [(row, posterior, _chain_lengths(posterior)) for row, posterior in ranked],
+        "checks": ranked,
         "check_names": check_names(stored.posteriors),
         "search": stored.search,
         "of_appendages": appendages is not None,
@@ -219,12 +219,6 @@ def _of_configuration(
         "has_misfit": bool(misfits),
         "has_mac": any(mode.mac_after is not None for mode in updated.values()),
     }
-
-
-def _chain_lengths(posterior: Posterior) -> float:
-    """Steps of the chains over the longest autocorrelation time; NaN where that is zero."""
-    time = posterior.autocorrelation_time
-    return posterior.draws.shape[1] / time if time > 0 else math.nan
 
 
 def _identifications(

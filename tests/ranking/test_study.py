@@ -105,7 +105,8 @@ def test_prior_weights_enter_the_ranking(tiny_ranking, tiny_study):
 def test_settings_reach_the_sampling(tiny_study):
     settings = bs.SamplingSettings(max_steps=20)
     ranking = bs.rank(tiny_study.only(["one k"]), settings=settings)
-    assert ranking.posteriors[0].draws.shape[1] == 20
+    posterior = ranking.posteriors[0]
+    assert posterior.draws.shape[1] + posterior.burn_in == 20
     assert ranking.settings is settings
 
 

@@ -11,8 +11,9 @@ from scipy.special import ndtr, ndtri
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import edges
 from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.ensembles import ChainStatistics
 from bayes_ssi.inference.sampling.regions import Regions
-from bayes_ssi.inference.sampling.settings import ChainSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
@@ -34,22 +35,13 @@ def two_bumps(z):
 
 @pytest.fixture(scope="module")
 def sampled():
-    """A result in which all is well, to be spoilt one thing at a time; two regions, long chains."""
-    long_chains = ChainSettings(steps_of_check=1000)
-    seed = np.random.SeedSequence(4)
-    there = sample_target(Target(two_bumps, 2), seed, chains=long_chains)
-    return replace(there, resampled=())  # what is checked of chains, where they are the draws
+    """A result in which all is well, to be spoilt one thing at a time; two regions."""
+    return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
 
 
 def test_nothing_fails_where_all_is_well(sampled):
     assert sampled.regions.n_regions == 2
     assert sampled.failed_checks == []
-
-
-def spoil_length(s):
-    return replace(s, ensembles=tuple(
-        replace(e, autocorrelation_times=np.full(2, e.n_steps / 49.0)) for e in s.ensembles[:1]
-    ) + s.ensembles[1:])  # fmt: skip
 
 
 def spoil_r_hat(s):
@@ -59,7 +51,8 @@ def spoil_r_hat(s):
     positions = np.resize(second.positions[kept], second.positions.shape)
     log_posteriors = np.resize(second.log_posteriors[kept], second.log_posteriors.shape)
     stuck = replace(second, positions=positions, log_posteriors=log_posteriors)
-    return replace(s, ensembles=(first, stuck))
+    chains = ChainStatistics(np.concatenate([first.chains, stuck.chains]))
+    return replace(s, ensembles=(first, stuck), chains=chains)
 
 
 def spoil_bridge(s):
@@ -92,7 +85,9 @@ def spoil_tail(s):
     log_likelihoods = s.importance.log_likelihoods.copy()
     log_likelihoods[order] += np.log(heavy / weights[order])
     return replace(
-        s, wanted_error=math.inf, importance=replace(s.importance, log_likelihoods=log_likelihoods)
+        s,
+        settings=SamplingSettings(log_evidence_error=1e9),
+        importance=replace(s.importance, log_likelihoods=log_likelihoods),
     )
 
 
@@ -114,20 +109,15 @@ def spoil_reach(s):
 
 
 def spoil_size(s):
-    # The same draws as of two walkers: long chains, and yet only 4 · 51 independent draws.
-    ensembles = []
-    for ensemble in s.ensembles:
-        positions = ensemble.positions.reshape(-1, 2, 2)
-        times = np.full(2, len(positions) / 51.0)
-        ensembles.append(replace(ensemble, positions=positions, autocorrelation_times=times))
-    return replace(s, ensembles=tuple(ensembles))
+    # Few steps of a few chains.
+    few = ChainStatistics(s.chains.chains[:16, ::5][:, :25])
+    return replace(s, chains=few, settings=SamplingSettings(r_hat=2.0))
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (spoil_length, r"^a chain of \d+ steps is shorter than 50 autocorrelation times of \d+"),
-        (spoil_r_hat, r"^the ensembles differ: R-hat between them is 1\.\d{3}, above 1\.01"),
+        (spoil_r_hat, r"^the chains differ: R-hat is 1\.\d{3}, above 1\.01, after \d+ steps$"),
         (spoil_bridge, r"and bridge sampling disagree on the log evidence: -?0\.\d+ ± 0\.\d+ and "),
         (
             spoil_compression,
@@ -137,7 +127,7 @@ def spoil_size(s):
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
         (spoil_coverage, r"^the importance draws may miss 6\.\d % of the posterior: draws of the"),
         (spoil_reach, r"^100 % of the posterior is 37 prior standard deviations or more from the"),
-        (spoil_size, r"^effective sample size 204, at least 400 needed$"),
+        (spoil_size, r"^effective sample size of the chains [1-3]\d\d, at least 400 needed$"),
     ],
 )
 def test_each_check_fires_alone(sampled, spoil, message):
@@ -249,7 +239,8 @@ def test_a_floor_is_passed_or_reported(seed):
     exact = math.log(2.0 * math.pi) + 2.0 * math.log(2.5e-4)
     exact += float(log_standard_normal(np.array([[1.5, -1.0]]))[0])
     if abs(result.evidence.log_evidence - exact) < 0.05:
-        assert result.failed_checks == []
+        # One compression may have stayed at the floor, which is said.
+        assert not [check for check in result.failed_checks if "floor" in check]
     else:
         (check,) = result.failed_checks
         assert check == (

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scipy.stats import norm
 
 from bayes_ssi.inference.sampling import engine
 from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensemble
+from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensembles
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
@@ -177,12 +176,20 @@ def test_an_impossible_likelihood():
         run(lambda z: np.full(len(z), -np.inf))
 
 
-@pytest.mark.parametrize("name", ["log_evidence_error", "particles", "searches", "max_steps"])
+@pytest.mark.parametrize(
+    "name", ["log_evidence_error", "particles", "searches", "effective_sample_size", "max_steps"]
+)
 @pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
 def test_settings_that_are_not_positive_and_finite_are_refused(name, value):
     message = f"SamplingSettings: {name} must be positive and finite, got {value}"
     with pytest.raises(ValueError, match=message):
         SamplingSettings(**{name: value})
+
+
+@pytest.mark.parametrize("value", [1.0, 0.9, math.nan, math.inf])
+def test_an_r_hat_of_one_or_less_is_refused(value):
+    with pytest.raises(ValueError, match=f"r_hat must be above 1 and finite, got {value}"):
+        SamplingSettings(r_hat=value)
 
 
 def test_particles_follow_the_number_of_parameters():
@@ -210,28 +217,23 @@ def test_a_likelihood_that_is_zero_in_places():
     )
 
 
-def test_importance_draws_take_the_place_of_chains_that_are_too_short():
-    """N(0.9, 0.1²) from a prior N(0, 1) and one datum; chains of 20 steps never suffice."""
-    variance = 1.0 / 99.0
-    target = Target(lambda z: -0.5 * (z[:, 0] - 0.909) ** 2 / variance, 1)
-    short = ChainSettings(steps_of_check=20, few_steps=20)
-    result = sample_target(target, np.random.SeedSequence(3), chains=short)
-    assert not any(ensemble.is_long_enough for ensemble in result.ensembles)
-    assert result.draws == result.resampled
-    exact = 0.909 / (1.0 + variance)
-    for part in result.draws:
-        draws = part.draws[:, 0]
-        independent = len(draws) / float(part.autocorrelation_times[0])
-        assert independent > 1000
-        assert draws.mean() == pytest.approx(exact, abs=4.0 * 0.1 / np.sqrt(independent))
-        assert draws.std() == pytest.approx(0.1, rel=4.0 / np.sqrt(2.0 * independent))
-    assert result.failed_checks == []
+def test_chains_and_evidence_share_their_evaluations():
+    """Of a Gaussian with a good mixture, hardly anything else is evaluated for chains."""
+    evaluated = []
 
+    def counting(z):
+        evaluated.append(z.copy())
+        return one_observation(z)
 
-def test_chains_that_suffice_are_the_draws():
-    result = sample_target(Target(lambda z: -2.0 * z[:, 0] ** 2, 1), np.random.SeedSequence(3))
-    assert result.resampled == ()
-    assert result.draws == result.ensembles
+    result = sample_target(with_suggestions(counting, 2), np.random.SeedSequence(3))
+    points = {row.tobytes() for row in np.concatenate(evaluated)}
+    assert result.n_evaluations == sum(map(len, evaluated))
+    importance = {row.tobytes() for row in result.importance.z}
+    draws = np.concatenate([ensemble.draws for ensemble in result.ensembles])
+    shared = np.mean([row.tobytes() in importance for row in draws])
+    assert shared > 0.8
+    assert points >= {row.tobytes() for row in draws}
+    assert result.chains.smallest_size > 2000
 
 
 def two_places(z):
@@ -253,7 +255,7 @@ def ensemble_at(*places, n=1500):
     positions = 0.2 * rng.standard_normal((n, 1, 2))
     positions[:, 0, 0] += np.resize(places, n)
     heights = two_places(positions[:, 0])[:, None]
-    return Ensemble(positions, heights, np.ones(2), 0.5)
+    return Ensemble(positions, heights, 0, 1.0, 0.5)
 
 
 def refitted(mixture, *ensembles):
@@ -303,15 +305,16 @@ def test_components_around_maxima_have_the_shares_of_their_regions():
 
 
 def counted_ensembles(monkeypatch):
-    """Autocorrelation time above which each ensemble that is run stops, and its steps."""
+    """Whether each pair of ensembles that is run only adapts the mixture, and its steps."""
     runs = []
 
-    def counted(*arguments):
-        ensemble = run_ensemble(*arguments)
-        runs.append((arguments[-1], ensemble.n_steps))
-        return ensemble
+    def counted(*arguments, **kwargs):
+        ensembles = run_ensembles(*arguments, **kwargs)
+        steps = {each.n_steps + each.burn_in for each in ensembles}
+        runs.append(("only" in kwargs, *steps))
+        return ensembles
 
-    monkeypatch.setattr(engine, "run_ensemble", counted)
+    monkeypatch.setattr(engine, "run_ensembles", counted)
     return runs
 
 
@@ -353,16 +356,14 @@ def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
 
 
-def test_short_chains_check_importance_draws_that_serve(monkeypatch):
+def test_importance_draws_that_serve_need_no_adaptation(monkeypatch):
     runs = counted_ensembles(monkeypatch)
-    all_slow = ChainSettings(few_steps=25)
     starts = SuggestedStarts(np.array([[1.0]]), 0)
     target = Target(one_observation, 1, suggest_starts=lambda _rng: starts)
-    result = sample_target(target, np.random.SeedSequence(0), chains=all_slow)
+    result = sample_target(target, np.random.SeedSequence(0))
     assert not result.failed_checks
     assert not result.compressions
-    assert [slowest for slowest, _ in runs] == [math.inf] * 2
-    assert all(n_steps <= all_slow.steps_of_check for _, n_steps in runs)
+    assert runs == [(False, CHAINS.first_steps)]
 
 
 def test_slow_chains_from_particles_are_refitted(monkeypatch):
@@ -370,13 +371,13 @@ def test_slow_chains_from_particles_are_refitted(monkeypatch):
         return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
 
     runs = counted_ensembles(monkeypatch)
-    slow_above_2 = ChainSettings(few_steps=100, most_refits=1)
+    slow_above_1 = ChainSettings(slow=1.0, most_refits=2, least_improvement=0.0)
     result = sample_target(
-        Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05), chains=slow_above_2
+        Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05), chains=slow_above_1
     )
-    assert slow_above_2.slow == 2.0
     assert not result.failed_checks
-    assert [slowest for slowest, _ in runs] == [2.0] * 2 + [math.inf] * 2
+    assert [only for only, _ in runs] == [True, True, False]
+    assert runs[0][1] == CHAINS.steps_of_adaptation
 
 
 def test_a_thin_curved_ridge_is_followed_to_its_ends():
@@ -426,20 +427,11 @@ def test_the_neck_of_a_funnel_has_its_share_of_the_draws():
     assert result.failed_checks == []
     density = lambda s: np.exp(-0.5 * s * s) * (1.0 + s * s) ** -1.5  # noqa: E731
     whole, neck = (quad(density, 0.0, end)[0] for end in (40.0, 0.1))
-    draws = np.concatenate([part.draws for part in result.draws])[:, 0]
+    draws = np.concatenate([part.draws for part in result.ensembles])[:, 0]
     below = draws < norm.ppf(2.0 * norm.cdf(0.1) - 1.0)
-    size = result.importance.effective_sample_size
+    size = result.chains.smallest_size
     share = neck / whole
     assert below.mean() == pytest.approx(share, abs=4.0 * math.sqrt(share * (1.0 - share) / size))
-
-
-def test_tails_that_walkers_hardly_enter_need_longer_chains():
-    rng = np.random.default_rng(8)
-    positions = rng.standard_normal((100, 32, 1))
-    there = Ensemble(positions, np.zeros((100, 32)), np.ones(1), 0.5)
-    assert there.is_long_enough_for_tails
-    stuck = np.where(np.arange(32)[:, None] < 3, 2.5, 0.5 * positions)
-    assert not replace(there, positions=stuck).is_long_enough_for_tails
 
 
 @pytest.mark.parametrize("seed", [2, 6, 8])

@@ -5,27 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
-from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture
+from bayes_ssi.inference.sampling.ensembles import (
+    ChainStatistics,
+    Walkers,
+    run_ensembles,
+    statistics_of,
+)
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.proposals import drawn_anew
+from bayes_ssi.inference.sampling.settings import CHAINS, SamplingSettings
 from bayes_ssi.inference.sampling.target import Target
-
-
-def ensemble(positions, times=None):
-    d = positions.shape[-1]
-    return Ensemble(
-        positions, np.zeros(positions.shape[:2]), np.ones(d) if times is None else times, 0.5
-    )
-
-
-def test_effective_sample_sizes():
-    sizes = ensemble(np.zeros((100, 10, 2)), np.array([4.0, 2.0])).effective_sample_sizes
-    np.testing.assert_allclose(sizes, [1000 / 4, 1000 / 2])
-
-
-@pytest.mark.parametrize(("times", "enough"), [([2.0, 1.0], True), ([2.1, 1.0], False)])
-def test_long_enough_is_fifty_times_the_longest(times, enough):
-    assert bool(ensemble(np.zeros((100, 4, 2)), np.array(times)).is_long_enough) is enough
-
 
 MEAN, COVARIANCE = np.array([0.5, -0.3]), np.array([[0.04, 0.015], [0.015, 0.09]])
 
@@ -37,37 +26,65 @@ def gaussian(z):
     return prior - 0.5 * np.einsum("ni,ij,nj->n", away, np.linalg.inv(COVARIANCE), away)
 
 
-def run(function=gaussian, proposal=None, seed=0, max_steps=5000, n_walkers=32, **kwargs):
+# Of which parameter values are the coordinates.
+TARGET = Target(gaussian, 2)
+
+
+def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, only=None, **kwargs):
     target = Target(function, 2)
-    if proposal is None:
-        proposal = StudentMixture(
+    if mixture is None:
+        mixture = StudentMixture(
             np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)
         )
-    positions = np.random.default_rng([seed, 9]).multivariate_normal(MEAN, COVARIANCE, n_walkers)
-    walkers = Walkers(positions, target.log_posterior(positions))
-    return run_ensemble(
-        target, walkers, Proposal(proposal, 0.7), max_steps, np.random.SeedSequence(seed), **kwargs
-    )
+    rngs = [np.random.default_rng([seed, i]) for i in range(n_ensembles)]
+    walkers = []
+    for rng in rngs:
+        positions = rng.multivariate_normal(MEAN, COVARIANCE, 16)
+        walkers.append(Walkers(positions, target.log_posterior(positions)))
+    proposals = [drawn_anew(mixture, share, target.log_density, rng) for rng in rngs]
+    settings = SamplingSettings(**kwargs)
+    return run_ensembles(target, walkers, proposals, settings, rngs, only=only)
 
 
-def test_an_ensemble_samples_its_target():
-    result = run()
-    assert result.is_long_enough
-    assert result.positions.shape == (result.n_steps, 32, 2)
-    size = result.effective_sample_sizes.min()
-    assert size > 500
+@pytest.mark.parametrize("share", [0.7, 0.0])
+def test_ensembles_sample_their_target(share):
+    """With and without independence proposals."""
+    ensembles = run(share=share)
+    statistics = statistics_of(TARGET, ensembles)
+    assert statistics.smallest_size >= 2000
+    assert statistics.r_hat <= 1.01
+    draws = np.concatenate([ensemble.draws for ensemble in ensembles])
+    for ensemble in ensembles:
+        n = ensemble.n_steps
+        assert ensemble.positions.shape == (n, 16, 2)
+        assert ensemble.burn_in == math.floor(CHAINS.burn_in * (n + ensemble.burn_in)) > 0
     sd = np.sqrt(np.diag(COVARIANCE))
-    np.testing.assert_array_less(np.abs(result.draws.mean(0) - MEAN) / sd, 4.0 / math.sqrt(size))
-    tolerance = 6.0 / math.sqrt(size)
-    np.testing.assert_allclose(np.cov(result.draws.T) / np.outer(sd, sd),
-                               COVARIANCE / np.outer(sd, sd), atol=tolerance)  # fmt: skip
-    assert 0.2 < result.acceptance < 0.9
+    size = statistics.bulk_sizes.min()
+    np.testing.assert_array_less(np.abs(draws.mean(0) - MEAN) / sd, 4.0 / math.sqrt(size))
+    scale, tolerance = np.outer(sd, sd), 6.0 / math.sqrt(size)
+    np.testing.assert_allclose(np.cov(draws.T) / scale, COVARIANCE / scale, atol=tolerance)
+
+
+def test_acceptance_of_independence_proposals_from_the_posterior_itself_is_one():
+    exact = StudentMixture(
+        np.ones(1), MEAN[None], np.linalg.cholesky(COVARIANCE)[None], np.full(1, 1e9)
+    )
+    ensembles = run(mixture=exact, share=1.0)
+    assert [each.acceptance_fraction for each in ensembles] == pytest.approx([1.0, 1.0], abs=1e-4)
+    assert [each.autocorrelation_time for each in ensembles] == pytest.approx([1.0, 1.0], abs=0.25)
+
+
+def test_the_effective_sizes_are_those_that_were_asked_for():
+    few, many = run(effective_sample_size=100), run(effective_sample_size=8000)
+    assert few[0].n_steps < many[0].n_steps
+    assert statistics_of(TARGET, many).smallest_size >= 8000
 
 
 def test_the_densities_stored_are_those_of_the_positions():
-    result = run(max_steps=60)
-    expected = Target(gaussian, 2).log_posterior(result.draws)
-    np.testing.assert_allclose(result.log_posteriors.ravel(), expected, rtol=1e-10, atol=1e-10)
+    for ensemble in run(only=60):
+        expected = Target(gaussian, 2).log_posterior(ensemble.draws)
+        actual = ensemble.log_posteriors.ravel()
+        np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
 
 
 def test_walkers_change_between_far_regions():
@@ -83,28 +100,44 @@ def test_walkers_change_between_far_regions():
         np.array([0.1 * np.eye(2)] * 2),
         np.full(2, 5.0),
     )
-    result = run(regions, proposal)
-    share = np.mean(result.draws[:, 0] > 0)
-    size = result.effective_sample_sizes.min()
+    ensembles = run(regions, proposal)
+    share = np.mean([ensemble.draws[:, 0] > 0 for ensemble in ensembles])
+    size = statistics_of(TARGET, ensembles).bulk_sizes.min()
     assert share == pytest.approx(0.75, abs=4.0 * math.sqrt(0.75 * 0.25 / size))
 
 
 @pytest.mark.parametrize("max_steps", [20, 70])
 def test_the_longest_chain_is_kept_to(max_steps):
     proposal = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.full(1, 5.0))
-    result = run(proposal=proposal, max_steps=max_steps)
-    assert result.n_steps == max_steps
-    assert not result.is_long_enough
+    ensembles = run(mixture=proposal, max_steps=max_steps)
+    assert [each.n_steps + each.burn_in for each in ensembles] == [max_steps] * 2
+    assert not statistics_of(TARGET, ensembles).reach(SamplingSettings())
+
+
+def test_walkers_that_never_move_fail_every_aim():
+    """Two places without a way between: emcee has no time for them, and arviz's R-hat is high."""
+    chains = np.repeat(np.array([[[0.0]], [[1.0]]]), 100, axis=1)
+    assert not ChainStatistics(chains).reach(SamplingSettings())
+    stuck = Target(lambda z: np.full(len(z), -np.inf), 1)
+    walkers = Walkers(np.linspace(-1.0, 1.0, 4)[:, None], np.zeros(4))
+    rng = np.random.default_rng(0)
+    mixture = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), np.full(1, 5.0))
+    proposals = [drawn_anew(mixture, 0.5, stuck.log_density, rng)]
+    (ensemble,) = run_ensembles(stuck, [walkers], proposals, SamplingSettings(), [rng], only=50)
+    assert math.isnan(ensemble.autocorrelation_time)
+    assert ensemble.acceptance_fraction == 0.0
 
 
 def test_an_error_of_the_model_is_raised_as_it_is_and_nothing_printed(capsys):
     def broken(_):
         raise ArithmeticError("no equilibrium")
 
-    proposal = Proposal(StudentMixture(np.ones(1), MEAN[None], np.eye(2)[None], np.full(1, 5.0)))
+    mixture = StudentMixture(np.ones(1), MEAN[None], np.eye(2)[None], np.full(1, 5.0))
     walkers = Walkers(np.random.default_rng(1).standard_normal((8, 2)), np.zeros(8))
     target = Target(gaussian, 2)
     target.log_likelihood = broken
+    rng = np.random.default_rng(0)
+    proposals = [drawn_anew(mixture, 0.7, target.log_density, rng)]
     with pytest.raises(ArithmeticError, match="no equilibrium"):
-        run_ensemble(target, walkers, proposal, 20, np.random.SeedSequence(0))
+        run_ensembles(target, [walkers], proposals, SamplingSettings(), [rng])
     assert capsys.readouterr() == ("", "")

@@ -126,7 +126,7 @@ def test_posterior_draws_beyond_the_heaviest_importance_draw_are_counted(target)
     radius = np.linalg.norm((sample.z - MEAN) / SD, axis=1).max()
     draws = MEAN + SD * np.random.default_rng(1).standard_normal((500, 40, 2))
     log_posteriors = target.log_posterior(draws.reshape(-1, 2)).reshape(500, 40)
-    ensemble = Ensemble(draws, log_posteriors, np.ones(2), 1.0)
+    ensemble = Ensemble(draws, log_posteriors, 0, 1.0, 1.0)
     expected = math.exp(-0.5 * radius**2)
     missed = sample.share_beyond([ensemble])
     assert missed == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 20_000))
@@ -252,7 +252,7 @@ def test_importance_draws_decide_what_a_walker_stands_for(share_there):
     draws = 0.5 * np.random.default_rng(1).standard_normal((100, 32, 2))
     draws[:, 0] = place
     log_posteriors = target.log_posterior(draws.reshape(-1, 2)).reshape(100, 32)
-    ensemble = Ensemble(draws, log_posteriors, np.ones(2), 1.0)
+    ensemble = Ensemble(draws, log_posteriors, 0, 1.0, 1.0)
     assert sample.share_beyond([ensemble]) == pytest.approx(1 / 32)
     refined = sampler.refined(sample, 0.01, [ensemble])
     assert refined.share_beyond([ensemble]) <= 0.01
@@ -317,7 +317,7 @@ def exact_ensemble(seed, n_steps=200, n_walkers=32):
     rng = np.random.default_rng(seed)
     z = MEAN + SD * rng.standard_normal((n_steps, n_walkers, 2))
     heights = Target(gaussian, 2).log_posterior(z.reshape(-1, 2)).reshape(n_steps, n_walkers)
-    return Ensemble(z, heights, np.ones(2), 0.5)
+    return Ensemble(z, heights, 0, 1.0, 0.5)
 
 
 def test_bridge_sampling_recovers_the_evidence_within_its_error():
@@ -346,9 +346,10 @@ def test_correlated_chains_widen_the_error_of_the_bridge():
     repeated = Ensemble(
         ensemble.positions.repeat(10, axis=0),
         ensemble.log_posteriors.repeat(10, axis=0),
-        np.full(2, 10.0),
+        0,
+        10.0,
         0.5,
     )
     a, b = bridge_sampling(ensemble, sample), bridge_sampling(repeated, sample)
-    assert b.log_evidence == pytest.approx(a.log_evidence, abs=1e-6)
+    assert b.log_evidence == pytest.approx(a.log_evidence, abs=0.01 * a.error)
     assert b.error == pytest.approx(a.error, rel=0.1)

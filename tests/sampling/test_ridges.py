@@ -89,7 +89,7 @@ def test_a_sheet_of_many_parameters_is_sampled_well():
     assert not result.compressions
     assert abs(result.evidence.log_evidence - exact_evidence()) < 4.0 * result.evidence.error
     assert result.n_evaluations < 100_000
-    squares = np.concatenate([part.draws for part in result.draws])[:, -1] / CURVATURE
+    squares = np.concatenate([part.draws for part in result.ensembles])[:, -1] / CURVATURE
     # The posterior of the squared distance, by quadrature.
     density = lambda r2: chi2.pdf(r2, N_WIDE) * norm.pdf(CURVATURE * r2, 0.0, math.hypot(1.0, 0.01))  # noqa: E731
     mean = quad(lambda r2: r2 * density(r2), 0.0, 80.0)[0] / quad(density, 0.0, 80.0)[0]

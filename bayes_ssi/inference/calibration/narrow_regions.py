@@ -88,6 +88,7 @@ def class_target(
         journal,
         partial(starts_in_narrow_regions, model_class, workers),
         known_starts,
+        model_class.values,
     )
 
 

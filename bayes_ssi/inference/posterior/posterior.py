@@ -103,20 +103,24 @@ class Posterior(Displayed):
     Attributes:
         name: of the model class.
         parameter_names: columns of ``draws``.
-        draws: (n_chains, n_steps, n_parameters), equally weighted parameter values; a chain is a
-            walker of one of the ensembles.
+        draws: (n_chains, n_steps, n_parameters), equally weighted parameter values after burn-in;
+            a chain is a walker of one of emcee's ensembles. One row of draws where ``remarks`` say
+            that they are no chains.
         log_likelihoods: (n_chains, n_steps).
         frequencies_hz: (n_chains, n_steps, n_modes), model frequencies at the draws; with several
             configurations, the modes of all of them in turn.
-        effective_sample_sizes: (n_parameters,), of the draws.
+        effective_sample_sizes: (n_parameters,), of the bulk of the chains, by arviz.
+        tail_effective_sample_sizes: (n_parameters,), of their 5 and 95 % quantiles, the smaller.
         evidence: log evidence and its checks.
         regions: separate regions, the most probable first.
         maxima: (m, n_parameters), parameter values at the maxima of likelihood times prior
             density in standard-normal coordinates, the highest first.
-        r_hat: the largest rank-normalised split R-hat of any parameter, between all chains of
-            ``draws``.
-        autocorrelation_time: the longest, in steps.
-        acceptance: share of proposals accepted.
+        r_hat: the largest rank-normalised split R-hat of any parameter, between all chains, by
+            arviz.
+        burn_in: steps of each chain that were left out before ``draws``.
+        autocorrelation_time: emcee's, the longest of any parameter and ensemble, in steps; NaN
+            where a walker never moved.
+        acceptance_fraction: emcee's, the mean over walkers.
         n_evaluations: of the log-likelihood, all steps together.
         n_searches: independent searches for maxima.
         largest_unseen_mass: prior mass of a region that no prior draw of the searches hit with a
@@ -152,12 +156,14 @@ class Posterior(Displayed):
     log_likelihoods: FloatArray
     frequencies_hz: FloatArray
     effective_sample_sizes: FloatArray
+    tail_effective_sample_sizes: FloatArray
     evidence: Evidence
     regions: tuple[Region, ...]
     maxima: FloatArray
     r_hat: float
+    burn_in: int
     autocorrelation_time: float
-    acceptance: float
+    acceptance_fraction: float
     n_evaluations: int
     n_searches: int
     largest_unseen_mass: float

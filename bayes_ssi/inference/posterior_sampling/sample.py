@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
-from bayes_ssi.foundations.arviz_functions import r_hat
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM, edges
@@ -189,7 +188,7 @@ def sample_as_it_is(
             failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
             raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
         rng = np.random.default_rng(seed)
-        z, log_likelihoods = _corrected_draws(sampled, rng)
+        z, log_likelihoods, remarks = _quoted_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
         at_values = _at_draws(model_class, values, run.workers)
     configurations = configuration_modes(model_class, values)
@@ -200,7 +199,8 @@ def sample_as_it_is(
         draws=values,
         log_likelihoods=log_likelihoods,
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
-        effective_sample_sizes=sampled.effective_sample_sizes,
+        effective_sample_sizes=sampled.chains.bulk_sizes,
+        tail_effective_sample_sizes=sampled.chains.tail_sizes,
         evidence=Evidence(
             log_evidence=sampled.evidence.log_evidence,
             error=sampled.evidence.error,
@@ -212,9 +212,10 @@ def sample_as_it_is(
         ),
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
-        r_hat=float(r_hat(values).max()),
-        autocorrelation_time=max(float(e.autocorrelation_times.max()) for e in sampled.draws),
-        acceptance=float(np.mean([e.acceptance for e in sampled.draws])),
+        r_hat=sampled.chains.r_hat,
+        burn_in=sampled.ensembles[0].burn_in,
+        autocorrelation_time=max(each.autocorrelation_time for each in sampled.ensembles),
+        acceptance_fraction=float(np.mean([e.acceptance_fraction for e in sampled.ensembles])),
         n_evaluations=sampled.n_evaluations,
         n_searches=sampled.search.n_searches,
         largest_unseen_mass=sampled.search.largest_unseen_mass,
@@ -237,6 +238,7 @@ def sample_as_it_is(
             rng,
         ),
         adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
+        remarks=remarks,
         most_unseen_evidence=most_evidence(model_class, sampled.search.largest_unseen_mass),
     )
 
@@ -299,27 +301,31 @@ def seed_of(name: str, seed: int) -> np.random.SeedSequence:
     return np.random.SeedSequence([seed, int.from_bytes(digest[:8], "little")])
 
 
-def _corrected_draws(
+def _quoted_draws(
     sampled: SamplingResult, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Draws (n_chains, n_steps, d) and their log-likelihoods, with corrected shares of regions.
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Draws (n_chains, n_steps, d), their log-likelihoods, and a remark where they are no chains.
 
-    The shares in which chains visit separate regions are too noisy: where there are several, the
-    draws are resampled to the shares from importance sampling.
+    Chains that do not mix visit separate regions in shares that are left to chance: there, a check
+    fails, and their draws are resampled to the shares that the importance draws give.
     """
-    n = min(ensemble.n_steps for ensemble in sampled.draws)
-    z = np.concatenate([e.positions[-n:] for e in sampled.draws], axis=1).transpose(1, 0, 2)
-    densities = np.concatenate([e.log_posteriors[-n:] for e in sampled.draws], axis=1).T
-    if sampled.regions.n_regions > 1:
+    z = np.concatenate([ensemble.chains for ensemble in sampled.ensembles])
+    densities = np.concatenate([each.log_posteriors.T for each in sampled.ensembles])
+    remarks: tuple[str, ...] = ()
+    if sampled.regions.n_regions > 1 and not sampled.chains.reach(sampled.settings):
         flat = z.reshape(-1, z.shape[-1])
         label = sampled.regions.assign(flat)
         counts = np.bincount(label, minlength=sampled.regions.n_regions)
         weights = (sampled.region_shares / np.maximum(counts, 1))[label]
         chosen = rng.permutation(systematic_indices(weights, len(flat), rng))
-        z = flat[chosen].reshape(z.shape)
-        densities = densities.reshape(-1)[chosen].reshape(densities.shape)
+        z, densities = flat[chosen][None], densities.reshape(-1)[chosen][None]
+        remarks = (
+            f"the draws are no chains: those of {len(label)} steps, which hardly change between "
+            f"{sampled.regions.n_regions} separate regions of the posterior, were resampled to the "
+            "regions' shares by importance sampling",
+        )
     prior = log_standard_normal(z.reshape(-1, z.shape[-1])).reshape(densities.shape)
-    return z, densities - prior
+    return z, densities - prior, remarks
 
 
 def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:

@@ -24,7 +24,8 @@ from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, syst
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
-from bayes_ssi.inference.sampling.mixture import Proposal, fit_mixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture
+from bayes_ssi.inference.sampling.proposals import drawn_anew
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.settings import COMPRESSION, MIXTURES
 from bayes_ssi.inference.sampling.target import LogDensity, Target, log_standard_normal
@@ -164,10 +165,13 @@ class _Climb:
         copies = np.resize(rng.permutation(len(self.positions)), self._n)
         positions, before = self.positions[copies], self.log_likelihoods[copies]
         sets = self._maxima.level_sets(level)
-        proposal, ranks = self._proposal(sets, others), _ranks(before, rng)
+        mixture, ranks = self._proposals(sets, others), _ranks(before, rng)
         redrawn, values = self._redrawn(sets, positions, before, log_density)
+        # Few particles may all be copies of one, to which no mixture can be fitted.
+        share = 0.7 if np.ptp(others, axis=0).any() else 0.0
+        independence = drawn_anew(mixture, share, log_density, rng)
         sampler, start = begin(
-            log_density, redrawn, (log_standard_normal(redrawn), values), proposal, rng, others
+            log_density, redrawn, (log_standard_normal(redrawn), values), independence, rng, others
         )
         left = 1.0
         states = sampler.sample(
@@ -218,16 +222,13 @@ class _Climb:
         positions[rows[taken]], values[rows[taken]] = z[taken], log_likelihoods[taken]
         return positions, values
 
-    def _proposal(self, sets: LevelSets, others: FloatArray) -> Proposal:
+    def _proposals(self, sets: LevelSets, others: FloatArray) -> StudentMixture:
         n, d = others.shape
         n_components = max(1, n // (COMPRESSION.particles_per_component * d))
         mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng).widened()
         if len(sets.at):
             mixture = mixture.mixed_with(sets.as_mixture(), COMPRESSION.maxima_share)
-        # Few particles may all be copies of one, to which no mixture can be fitted.
-        differ = bool(np.ptp(others, axis=0).any())
-        mixture = mixture.with_prior_component(COMPRESSION.prior_share)
-        return Proposal(mixture, 0.7 if differ else 0.0)
+        return mixture.with_prior_component(COMPRESSION.prior_share)
 
     def compression(self) -> Compression:
         """The posterior and the evidence, from all levels and the particles that are left."""

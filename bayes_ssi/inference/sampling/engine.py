@@ -18,7 +18,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,16 +31,23 @@ from bayes_ssi.inference.sampling.compression import (
     compression_estimate,
 )
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
-from bayes_ssi.inference.sampling.ensembles import Ensemble, Walkers, run_ensemble
+from bayes_ssi.inference.sampling.ensembles import (
+    Ensemble,
+    Walkers,
+    run_ensembles,
+    statistics_of,
+)
 from bayes_ssi.inference.sampling.importance import (
     ImportanceSample,
     ImportanceSampler,
     ScoredDraws,
     bridge_sampling,
+    joined_samples,
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
-from bayes_ssi.inference.sampling.mixture import Proposal, StudentMixture, choose_mixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
+from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
@@ -102,7 +109,7 @@ class _Sampling:
 
     @property
     def n_walkers(self) -> int:
-        return max(self.chains.walkers, 4 * self.target.n_dimensions)
+        return max(self.chains.walkers, 2 * self.target.n_dimensions)
 
     def result(self) -> SamplingResult:
         progress = part(self.progress, "searches")
@@ -115,20 +122,19 @@ class _Sampling:
         return result
 
     def rough_result(self) -> SamplingResult:
-        """The result of one small search, with chains that only check."""
+        """The result of one small search, with short chains."""
         few = MAXIMA.ascents_beside_starts
         n_draws = few * self.target.n_dimensions
         highest, suggested = search_starts(self.target, n_draws, self.rng)
         maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
         search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
         first = self.sampler.sample(maxima.as_mixture().widened())
-        starts = [half.resampled(self.rng) for half in first.split_in_two(self.rng)]
-        n = self.n_walkers
-        walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
-        steps = self.chains.steps_of_check
+        steps = self.chains.steps_of_adaptation
         settings = replace(self.settings, log_evidence_error=1e3, max_steps=steps)
         coarse = replace(self, settings=settings, chains=replace(self.chains, most_refits=0))
-        return coarse._sampled(search, maxima.as_mixture(), maxima, first, walkers, [])
+        return coarse._sampled(
+            search, maxima.as_mixture(), maxima, first, self._starts(first.split(2, self.rng)), []
+        )
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice."""
@@ -150,22 +156,25 @@ class _Sampling:
         for _ in range(self.chains.most_refits):
             if not self._serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
-            halves = best.split_in_two(self.rng)
+            halves = best.split(2, self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
                 return None
-            starts = [half.resampled(self.rng) for half in halves]
-            trial = self._fitted(around_maxima, starts[0].draws, starts[1].draws)
+            draws, held_out = (half.resampled(self.rng).positions for half in halves)
+            trial = self._fitted(around_maxima, draws, held_out)
             gain = trial.efficiency / best.efficiency
             if gain * self.chains.least_improvement > 1.0:
                 best = trial
             in_vain = gain < self.chains.least_improvement
             if self._serves(best) and (in_vain or not self._is_worth_refitting(best)):
                 break
-        # Twice as many walkers make half as many steps for a check of equal size.
-        n = 2 * self.n_walkers
-        walkers = [Walkers(start.draws[:n], start.log_posteriors[:n, 0]) for start in starts]
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
+        walkers = self._starts(best.split(2, self.rng))
         return self._sampled(search, around_maxima, search.maxima, best, walkers, [check])
+
+    def _starts(self, samples: Sequence[ImportanceSample]) -> list[Walkers]:
+        """Walkers of an ensemble for each sample, resampled from it."""
+        starts = [sample.resampled(self.rng) for sample in samples]
+        return [Walkers(*(values[: self.n_walkers] for values in start)) for start in starts]
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""
@@ -200,88 +209,88 @@ class _Sampling:
         checks: Sequence[EvidenceEstimate],
         compressions: tuple[Compression, ...] = (),
     ) -> SamplingResult:
-        """Ensembles and importance draws."""
-        ensembles, trial = self._run_ensembles(walkers, around_maxima, trial, compressions)
-        importance, regions = self._importance(trial, (*ensembles, *compressions))
-        resampled: tuple[Ensemble, ...] = ()
-        longer_allowed = self.settings.max_steps > self.chains.steps_of_check
-        if longer_allowed and not all(
-            ensemble.is_long_enough and ensemble.is_long_enough_for_tails for ensemble in ensembles
-        ):
-            importance, resampled = self._in_place_of_chains(importance)
-        bridge = bridge_sampling(ensembles[1], importance)
+        """Ensembles and importance draws.
+
+        Where importance draws serve, they come first, and the ensembles' proposals are taken from
+        them. Else the ensembles come first, and show where importance draws should go.
+        """
+        others: tuple[ScoredDraws, ...] = compressions
+        if self.chains.most_refits and (compressions or not self._serves(trial)):
+            walkers, trial, adapted = self._adapted(walkers, around_maxima, trial, compressions)
+            others = (*adapted, *compressions)
+        rngs = [np.random.default_rng(seed) for seed in self.seeds[2:4]]
+        run = partial(
+            run_ensembles, self.target, walkers, settings=self.settings, rngs=rngs,
+            progress=part(self.progress, "ensembles"),
+        )  # fmt: skip
+        if self._serves(trial):
+            first, regions = self._importance(trial, others)
+            halves, added = first.split(2, self.rng), [first]
+            share = self._share(first)
+            propose = partial(self.sampler.as_proposals, share=share, added=added)
+            ensembles = run(proposals=[propose(half) for half in halves])
+            importance, unused = joined_samples(added), halves[0]
+            if self._misses(importance, ensembles):
+                importance, regions = self._importance(importance, (*ensembles, *others))
+                unused = importance
+        else:
+            ensembles = run(proposals=self._proposals(trial, rngs))
+            if self._is_worth_refitting(trial):
+                trial = self._refitted(around_maxima, ensembles, trial)
+            importance, regions = self._importance(trial, (*ensembles, *others))
+            unused = importance
+        bridge = bridge_sampling(ensembles[1], unused)
         return SamplingResult(
             search=search,
             compressions=compressions,
             maxima=maxima,
             ensembles=ensembles,
+            chains=statistics_of(self.target, ensembles),
             importance=importance,
             evidence_checks=(bridge, *checks, maxima.laplace_estimate),
             regions=regions,
             maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
-            wanted_error=self.settings.log_evidence_error,
+            settings=self.settings,
             n_evaluations=self.target.n_evaluations,
-            resampled=resampled,
         )
 
-    def _run_ensembles(
+    def _adapted(
         self,
         walkers: Sequence[Walkers],
         around_maxima: StudentMixture,
         trial: ImportanceSample,
         compressions: Sequence[Compression],
-    ) -> tuple[tuple[Ensemble, ...], ImportanceSample]:
-        """Independent ensembles, and importance draws from a mixture that suits the posterior.
+    ) -> tuple[Sequence[Walkers], ImportanceSample, tuple[Ensemble, ...]]:
+        """Walkers after burn-in, importance draws from a mixture that suits, and the last chains.
 
-        Where importance draws serve, and no doubt called for compressions, short chains check
-        them. Others become as long as they should, but those that mix slowly are stopped. Where
-        chains or particles are where importance draws are not, chains continue from their
-        positions with a mixture fitted to their draws.
+        While chains mix slowly, or chains or particles are where importance draws are not, chains
+        continue from their positions with a mixture fitted to their draws.
         """
-        chains, max_steps = self.chains, self.settings.max_steps
-        wanted_error = self.settings.log_evidence_error
+        chains, wanted_error = self.chains, self.settings.log_evidence_error
         # As many draws as the evidence needs, some of them where walkers went.
         sampler = replace(self.sampler, max_draws=chains.most_batches * self.sampler.batch)
-        seeds = zip(*(seed.spawn(chains.most_refits + 1) for seed in self.seeds[2:4]), strict=True)
-        settled = False
-        for attempt, seeds_of_attempt in enumerate(seeds):
-            settled = settled or attempt == chains.most_refits
-            proposal = self._proposal(trial)
-            efficient = self._serves(trial)
-            checked = efficient and not compressions
-            enough, slowest = max_steps, math.inf if settled else chains.slow
-            if checked:
-                proposal = proposal._replace(share=chains.mixture_share_in_check)
-                enough, slowest = chains.steps_of_check, math.inf
-            elif efficient:
-                enough = chains.few_steps
-            ensembles = tuple(
-                run_ensemble(
-                    self.target,
-                    start,
-                    proposal,
-                    min(max_steps, enough),
-                    seed,
-                    part(self.progress, "ensembles", i, 2),
-                    slowest,
-                )
-                for i, (start, seed) in enumerate(zip(walkers, seeds_of_attempt, strict=True))
-            )
-            fast = all(ensemble.autocorrelation_times.max() <= slowest for ensemble in ensembles)
+        of_ensembles = [seed.spawn(chains.most_refits) for seed in self.seeds[2:4]]
+        for seeds in zip(*of_ensembles, strict=True):
+            rngs = [np.random.default_rng(seed) for seed in seeds]
+            ensembles = run_ensembles(
+                self.target, walkers, self._proposals(trial, rngs), self.settings, rngs,
+                only=min(chains.steps_of_adaptation, self.settings.max_steps),
+            )  # fmt: skip
+            walkers = [Walkers(e.positions[-1], e.log_posteriors[-1]) for e in ensembles]
             others: tuple[ScoredDraws, ...] = (*ensembles, *compressions)
             if not self._is_worth_refitting(trial):
                 trial = sampler.refined(trial, wanted_error, others)
+            fast = statistics_of(self.target, ensembles).slowness <= chains.slow
             agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit
-            if settled or (fast and agree and trial.share_beyond(others) <= wanted_error):
+            if fast and agree and trial.share_beyond(others) <= wanted_error:
                 break
-            walkers = [Walkers(e.positions[-1], e.log_posteriors[-1]) for e in ensembles]
-            before = trial.efficiency
+            efficient, before = self._serves(trial), trial.efficiency
             trial = self._refitted(around_maxima, ensembles, trial)
-            # Mixtures hardly fit this posterior, but well enough for importance draws.
-            settled = efficient and trial.efficiency < chains.least_improvement * before
+            if efficient and trial.efficiency < chains.least_improvement * before:
+                break  # mixtures hardly fit this posterior, but well enough for importance draws
         if self._is_worth_refitting(trial):
             trial = self._refitted(around_maxima, ensembles, trial)
-        return ensembles, trial
+        return walkers, trial, ensembles
 
     def _fitted(
         self, around_maxima: StudentMixture, draws: FloatArray, held_out: FloatArray
@@ -320,14 +329,33 @@ class _Sampling:
         n = self.sampler.batch
         return draws if len(draws) <= n else self.rng.choice(draws, n, replace=False)
 
-    def _proposal(self, trial: ImportanceSample) -> Proposal:
+    def _proposals(
+        self, trial: ImportanceSample, rngs: Sequence[np.random.Generator]
+    ) -> list[Independence]:
         """The mixture of ``trial``, each component with its share, as the ensembles' proposal.
 
         Draws that lost a region leave its component too little weight.
         """
         mixture = trial.mixture.reweighted(trial.z, trial.weights).with_prior_component()
-        # The better the mixture, the less is left for other moves to do.
-        return Proposal(mixture, min(0.7 + trial.efficiency, 0.95))
+        share, log_density = self._share(trial), self.target.log_density
+        return [drawn_anew(mixture, share, log_density, rng) for rng in rngs]
+
+    def _misses(self, sample: ImportanceSample, ensembles: Sequence[Ensemble]) -> bool:
+        """Whether chains went where none of the importance draws that they began with is.
+
+        Of the chains' draws, about as many weigh more than the heaviest importance draw by chance
+        as that carries of the evidence.
+        """
+        allowed = IMPORTANCE.share_error * self.settings.log_evidence_error
+        return sample.share_beyond(ensembles) > max(allowed, float(sample.weights.max()))
+
+    @staticmethod
+    def _share(sample: ImportanceSample) -> float:
+        """Of the ensembles' steps, how many propose from the mixture.
+
+        The better the mixture, the less is left for other moves to do.
+        """
+        return min(0.7 + sample.efficiency, 0.95)
 
     def _serves(self, sample: ImportanceSample) -> bool:
         """Whether importance draws can take the place of long chains.
@@ -382,21 +410,3 @@ class _Sampling:
         alike = heights < maxima.log_posteriors[:, None] + REGIONS.valley_depth
         at_top = reached(self.target, maxima, sample.z[tops], heights) & alike
         return inside | at_top.T
-
-    def _in_place_of_chains(
-        self, sample: ImportanceSample
-    ) -> tuple[ImportanceSample, tuple[Ensemble, ...]]:
-        """The sample, with more draws if it is efficient enough, and posterior draws from it.
-
-        There are none where it does not suffice.
-        """
-        sufficient = IMPORTANCE.sufficient_size
-        while (
-            self._serves(sample)
-            and sample.effective_sample_size < sufficient
-            and len(sample.z) < self.sampler.max_draws
-        ):
-            sample = self.sampler.extended(sample, sufficient / sample.effective_sample_size)
-        if sample.pareto_k > IMPORTANCE.pareto_k_limit or sample.effective_sample_size < sufficient:
-            return sample, ()
-        return sample, tuple(half.resampled(self.rng) for half in sample.split_in_two(self.rng))

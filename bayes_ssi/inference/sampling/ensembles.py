@@ -1,16 +1,20 @@
-"""Independent emcee ensembles that sample a posterior until they are long enough."""
+"""Independent emcee ensembles whose walkers are the chains that are quoted.
+
+They are as long as arviz's statistics of all chains ask for.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.diagnostics import autocorrelation_times
-from bayes_ssi.inference.sampling.mixture import Proposal
-from bayes_ssi.inference.sampling.settings import CHAINS
+from bayes_ssi.foundations.arviz_functions import bulk_ess, r_hat, tail_ess
+from bayes_ssi.inference.sampling.proposals import Independence
+from bayes_ssi.inference.sampling.settings import CHAINS, SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
@@ -23,12 +27,15 @@ class Walkers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Draws of one emcee ensemble, in standard-normal coordinates."""
+    """Draws of one emcee ensemble after burn-in, in standard-normal coordinates."""
 
     positions: FloatArray  # (n_steps, n_walkers, d)
     log_posteriors: FloatArray  # (n_steps, n_walkers), likelihood times prior density
-    autocorrelation_times: FloatArray  # (d,), in steps
-    acceptance: float
+    burn_in: int  # steps left out before them
+    # As emcee estimates it, the longest of all coordinates, in steps; NaN where a walker did not
+    # move.
+    autocorrelation_time: float
+    acceptance_fraction: float  # emcee's, the mean over walkers
 
     @property
     def n_steps(self) -> int:
@@ -40,66 +47,108 @@ class Ensemble:
         return self.positions.reshape(-1, self.positions.shape[-1])
 
     @property
-    def effective_sample_sizes(self) -> FloatArray:
-        """Effective sample size for the mean of each coordinate, (d,)."""
-        return self.log_posteriors.size / self.autocorrelation_times
+    def chains(self) -> FloatArray:
+        """(n_walkers, n_steps, d)."""
+        return self.positions.transpose(1, 0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class ChainStatistics:
+    """arviz's statistics of chains (n_chains, n_steps, d), parameter by parameter (d,)."""
+
+    chains: FloatArray
+
+    @cached_property
+    def r_hat(self) -> float:
+        """The largest rank-normalised split R-hat of any parameter."""
+        return float(np.max(r_hat(self.chains)))
+
+    @cached_property
+    def bulk_sizes(self) -> FloatArray:
+        """Bulk effective sample sizes."""
+        return bulk_ess(self.chains)
+
+    @cached_property
+    def tail_sizes(self) -> FloatArray:
+        """Effective sample sizes of the 5 and 95 % quantiles, the smaller of both."""
+        return tail_ess(self.chains)
 
     @property
-    def needed_steps(self) -> int:
-        return math.ceil(CHAINS.autocorrelation_times * self.autocorrelation_times.max())
+    def smallest_size(self) -> float:
+        return float(min(self.bulk_sizes.min(), self.tail_sizes.min()))
 
     @property
-    def is_long_enough(self) -> bool:
-        return self.n_steps >= self.needed_steps
+    def slowness(self) -> float:
+        """Draws for each effective one of the slowest parameter's bulk."""
+        return self.chains[..., 0].size / max(float(self.bulk_sizes.min()), 1.0)
 
-    @property
-    def is_long_enough_for_tails(self) -> bool:
-        """Whether it also is by the times in which walkers enter and leave the tails.
+    def reach(self, settings: SamplingSettings) -> bool:
+        """Whether they have what the settings aim at."""
+        enough = self.smallest_size >= settings.effective_sample_size
+        return enough and self.r_hat <= settings.r_hat
 
-        These may be several times as long, as in the neck of a funnel.
-        """
-        ends = np.quantile(self.draws, [CHAINS.tail, 1.0 - CHAINS.tail], axis=0)
-        in_tails = np.concatenate([self.positions <= ends[0], self.positions >= ends[1]], axis=2)
-        longest = autocorrelation_times(in_tails.astype(float)).max()
-        return bool(self.n_steps >= CHAINS.autocorrelation_times * longest)
+    def steps_needed(self, settings: SamplingSettings) -> float:
+        """How many times as long chains should be, at most four times."""
+        excess = (self.r_hat - 1.0) / (settings.r_hat - 1.0)
+        factor = max(settings.effective_sample_size / max(self.smallest_size, 1.0), excess)
+        return min(1.1 * factor, 4.0)
 
 
-def run_ensemble(
+def statistics_of(target: Target, ensembles: Sequence[Ensemble]) -> ChainStatistics:
+    """Those of the parameter values of all walkers of all ensembles."""
+    chains = np.concatenate([ensemble.chains for ensemble in ensembles])
+    return ChainStatistics(target.values_of_chains(chains))
+
+
+def run_ensembles(
     target: Target,
-    walkers: Walkers,
-    proposal: Proposal,
-    max_steps: int,
-    seed: np.random.SeedSequence,
+    walkers: Sequence[Walkers],
+    proposals: Sequence[Independence],
+    settings: SamplingSettings,
+    rngs: Sequence[np.random.Generator],
     progress: Callable[[float], None] = lambda _: None,
-    slowest: float = math.inf,
-) -> Ensemble:
-    """Sample the posterior with emcee until the chain is long enough.
+    only: int | None = None,
+) -> tuple[Ensemble, ...]:
+    """Sample the posterior with emcee until the chains are what ``settings`` aim at.
 
     Most moves propose from a mixture, independently of a walker's position, so that walkers
-    change between separate regions.
+    change between separate regions. ``only`` so many steps, if given.
     """
     from bayes_ssi.inference.sampling.moves import begin
 
-    def log_density(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values = target.log_likelihood(z)
-        return values + log_standard_normal(z), values
-
-    positions, log_posteriors = walkers
-    values = log_posteriors, log_posteriors - log_standard_normal(positions)
-    rng = np.random.default_rng(seed)
-    sampler, state = begin(log_density, positions, values, proposal, rng)
-    wanted = min(2 * CHAINS.autocorrelation_times, max_steps)
+    running = []
+    for start, independence, rng in zip(walkers, proposals, rngs, strict=True):
+        positions, log_posteriors = start
+        values = log_posteriors, log_posteriors - log_standard_normal(positions)
+        running.append(begin(target.log_density, positions, values, independence, rng))
+    n, most = min(CHAINS.first_steps, settings.max_steps), settings.max_steps
+    if only:
+        n = most = only
     while True:
-        state = sampler.run_mcmc(state, wanted - sampler.iteration, skip_initial_state_check=True)
-        chain = sampler.get_chain()
-        ensemble = Ensemble(
-            positions=chain,
-            log_posteriors=sampler.get_log_prob(),
-            autocorrelation_times=autocorrelation_times(chain),
-            acceptance=float(np.mean(sampler.acceptance_fraction)),
-        )
-        enough = min(ensemble.needed_steps, max_steps)
-        progress(min(wanted / enough, 1.0))
-        if wanted >= enough or ensemble.autocorrelation_times.max() > slowest:
-            return ensemble
-        wanted = min(max_steps, int(1.1 * ensemble.needed_steps))
+        running = [
+            (sampler, sampler.run_mcmc(state, n - sampler.iteration, skip_initial_state_check=True))
+            for sampler, state in running
+        ]
+        ensembles = tuple(_ensemble(sampler) for sampler, _ in running)
+        if n >= most:
+            return ensembles
+        statistics = statistics_of(target, ensembles)
+        if statistics.reach(settings):
+            progress(1.0)
+            return ensembles
+        wanted = math.ceil(n * statistics.steps_needed(settings))
+        progress(n / wanted)
+        n = min(wanted, most)
+
+
+def _ensemble(sampler: Any) -> Ensemble:
+    burn_in = math.floor(CHAINS.burn_in * sampler.iteration)
+    with np.errstate(divide="ignore", invalid="ignore"):  # walkers that did not move
+        times = sampler.get_autocorr_time(discard=burn_in, tol=0)
+    return Ensemble(
+        positions=sampler.get_chain(discard=burn_in),
+        log_posteriors=sampler.get_log_prob(discard=burn_in),
+        burn_in=burn_in,
+        autocorrelation_time=float(np.max(times)),
+        acceptance_fraction=float(np.mean(sampler.acceptance_fraction)),
+    )

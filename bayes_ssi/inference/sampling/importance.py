@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
-from bayes_ssi.foundations.arviz_functions import pareto_k
+from bayes_ssi.foundations.arviz_functions import mcse_mean, pareto_k
 from bayes_ssi.inference.sampling.compression import Compression
-from bayes_ssi.inference.sampling.diagnostics import (
-    Estimate,
-    EvidenceEstimate,
-    autocorrelation_times,
-)
-from bayes_ssi.inference.sampling.ensembles import Ensemble
+from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
+from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble, Walkers
 from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.proposals import Drawn, Independence
 from bayes_ssi.inference.sampling.settings import IMPORTANCE, MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
@@ -75,7 +72,7 @@ class ImportanceSample:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Shape of the generalised Pareto distribution of the largest weights.
+        """Shape of the generalised Pareto distribution of the largest weights, by arviz.
 
         Below one half, the mean of the weights has a finite variance.
         """
@@ -126,34 +123,30 @@ class ImportanceSample:
         heaviest = self.log_weights.max() + 1e-6
         return max((float(np.mean(of_other > heaviest)) for of_other in log_weights), default=0.0)
 
-    def split_in_two(self, rng: np.random.Generator) -> "list[ImportanceSample]":
-        """The draws in two equal parts, at random."""
-        halves = np.array_split(rng.permutation(len(self.z)), 2)
+    def split(self, n: int, rng: np.random.Generator) -> "list[ImportanceSample]":
+        """The draws in ``n`` equal parts, in random order."""
+        parts = np.array_split(rng.permutation(len(self.z)), n)
         return [
-            ImportanceSample(self.mixture, *(values[half] for values in self._by_draw))
-            for half in halves
+            ImportanceSample(self.mixture, *(values[part] for values in self._by_draw))
+            for part in parts
         ]
 
     @property
     def _by_draw(self) -> tuple[NDArray[Any], ...]:
         return self.z, self.log_likelihoods, self.log_proposals, self.strata
 
-    def resampled(self, rng: np.random.Generator) -> Ensemble:
+    def resampled(self, rng: np.random.Generator) -> Walkers:
         """As many equally weighted posterior draws as there are importance draws, shuffled.
 
-        A few thousand at most. Instead of an autocorrelation time the ensemble has the number of
-        its draws over the effective sample size.
+        A few thousand at most.
         """
         n = min(len(self.z), IMPORTANCE.most_resampled)
         chosen = rng.permutation(systematic_indices(self.weights, n, rng))
-        positions = self.z[chosen][:, None]
-        time = max(1.0, n / self.effective_sample_size)
-        return Ensemble(
-            positions=positions,
-            log_posteriors=self.log_posteriors[chosen][:, None],
-            autocorrelation_times=np.full(positions.shape[-1], time),
-            acceptance=len(np.unique(chosen)) / n,
-        )
+        return Walkers(self.z[chosen], self.log_posteriors[chosen])
+
+    @property
+    def _drawn(self) -> Drawn:
+        return Drawn(self.z, self.log_posteriors, self.log_likelihoods, self.log_proposals)
 
 
 @dataclass(frozen=True)
@@ -248,13 +241,26 @@ class ImportanceSampler:
         weights = 0.5 * (mixture.weights + by_share.weights)
         return self._draw(replace(mixture, weights=weights), n)
 
+    def as_proposals(
+        self, sample: ImportanceSample, share: float, added: list[ImportanceSample]
+    ) -> Independence:
+        """The draws as independence proposals of an ensemble, which makes ``share`` of its steps.
+
+        What it proposes beyond these is drawn from the same mixture, and ``added`` to the list.
+        """
+
+        def draw(n: int) -> Drawn:
+            added.append(self._draw(sample.mixture, n))
+            return added[-1].split(1, self.rng)[0]._drawn
+
+        return Independence(sample.mixture, share, draw, sample._drawn)
+
     def extended(self, sample: ImportanceSample, factor: float) -> ImportanceSample:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)
         wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
         more = self._draw(sample.mixture, max(wanted - n, self.batch))
-        both = zip(sample._by_draw, more._by_draw, strict=True)
-        return ImportanceSample(sample.mixture, *map(np.concatenate, both))
+        return joined_samples([sample, more])
 
     def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
         """``n`` draws, of every component in proportion to its weight."""
@@ -295,6 +301,12 @@ class ImportanceSampler:
         )
 
 
+def joined_samples(samples: Sequence[ImportanceSample]) -> ImportanceSample:
+    """Draws of one mixture as one sample."""
+    parts = zip(*(sample._by_draw for sample in samples), strict=True)
+    return ImportanceSample(samples[0].mixture, *map(np.concatenate, parts))
+
+
 def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
     """One component at ``centre`` (d,) with the spread of the draws near it."""
     n, d = sample.z.shape
@@ -312,15 +324,16 @@ def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
 
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEstimate:
-    """Bridge sampling between the draws of an ensemble and those from a mixture fitted without it.
+    """Bridge sampling between the draws of an ensemble and importance draws that it did not use.
 
     The optimal bridge of Meng and Wong (1996); error after Frühwirth-Schnatter (2004), with the
-    chain's autocorrelation.
+    chains' effective sample size.
     """
-    log_proposals = sample.mixture.log_pdf(ensemble.draws)
-    posterior = ensemble.log_posteriors - log_proposals.reshape(ensemble.log_posteriors.shape)
+    chains = ensemble.chains
+    log_proposals = sample.mixture.log_pdf(chains.reshape(-1, chains.shape[-1]))
+    posterior = ensemble.log_posteriors.T - log_proposals.reshape(chains.shape[:2])
     proposal = sample.log_weights
-    n_posterior = posterior.size / float(ensemble.autocorrelation_times.max())
+    n_posterior = posterior.size / ChainStatistics(chains).slowness
     log_s1 = math.log(n_posterior / (n_posterior + proposal.size))
     log_s2 = math.log(proposal.size / (n_posterior + proposal.size))
     log_evidence = sample.estimate.log_evidence
@@ -338,7 +351,6 @@ def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEst
         if settled:
             break
     f1, f2 = (np.exp(terms - terms.max()) for terms in (from_proposal, from_posterior))
-    time = float(autocorrelation_times(f2[..., None])[0])
     variance = f1.var() / (f1.mean() ** 2 * f1.size)
-    variance += time * f2.var() / (f2.mean() ** 2 * f2.size)
+    variance += (float(mcse_mean(f2[..., None])[0]) / f2.mean()) ** 2
     return EvidenceEstimate("bridge sampling", log_evidence, float(np.sqrt(variance)))

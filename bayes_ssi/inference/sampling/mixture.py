@@ -232,15 +232,6 @@ class Chart(NamedTuple):
         return self.mean + (self.factor @ self.bend.bent(v.T)).T
 
 
-class Proposal(NamedTuple):
-    """Independence proposal of walkers' moves."""
-
-    mixture: StudentMixture
-    # Share of the steps that it proposes; differential evolution and the stretch move propose the
-    # others.
-    share: float = 0.7
-
-
 def log_sum(log_parts: FloatArray) -> FloatArray:
     """log Σ exp of finite numbers over the first axis, faster than the general functions."""
     highest = log_parts.max(axis=0)

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.arviz_functions import r_hat
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
-from bayes_ssi.inference.sampling.ensembles import Ensemble
+from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble
 from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.regions import Regions
-from bayes_ssi.inference.sampling.settings import CHAINS, CHECKS, IMPORTANCE, REGIONS
+from bayes_ssi.inference.sampling.settings import CHECKS, IMPORTANCE, REGIONS, SamplingSettings
 from bayes_ssi.inference.sampling.target import FARTHEST, log_standard_normal
 
 
@@ -31,41 +30,19 @@ class SamplingResult:
     compressions: tuple[Compression, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
+    chains: ChainStatistics  # of the walkers of all ensembles
     importance: ImportanceSample
     evidence_checks: tuple[EvidenceEstimate, ...]  # estimates of the log evidence by other methods
     regions: Regions
     # (n_regions, m), whether a maximum that the searches found is in a region.
     maxima_of_regions: NDArray[np.bool_]
-    wanted_error: float  # wanted standard error of the log evidence
+    settings: SamplingSettings
     n_evaluations: int  # evaluations of the log-likelihood
-    # Posterior draws resampled from the importance draws, where ensembles mix too slowly and the
-    # importance draws suffice; else empty.
-    resampled: tuple[Ensemble, ...] = ()
 
     @cached_property
     def failed_checks(self) -> list[str]:
         """Disagreements, a sentence each; empty when all is well."""
         return [message for check in _CHECKS for message in check(self)]
-
-    @property
-    def draws(self) -> tuple[Ensemble, ...]:
-        """The posterior draws, in two independent parts."""
-        return self.resampled or self.ensembles
-
-    @property
-    def effective_sample_sizes(self) -> FloatArray:
-        """Effective sample size of the draws, coordinate by coordinate, (d,)."""
-        return np.sum([part.effective_sample_sizes for part in self.draws], axis=0)
-
-    @property
-    def r_hat(self) -> float:
-        """The largest R-hat of any coordinate between the parts, each of them as one chain.
-
-        Walkers of one ensemble depend on one another, ensembles do not. Together they are so many
-        that, unlike R-hat between short chains of single walkers, it is near 1 where all is well.
-        """
-        n = min(len(part.draws) for part in self.draws)
-        return float(r_hat(np.stack([part.draws[:n] for part in self.draws])).max())
 
     @property
     def evidence(self) -> Estimate:
@@ -107,30 +84,27 @@ class SamplingResult:
 
 
 def _chains(sampled: SamplingResult) -> Iterator[str]:
-    for ensemble in sampled.draws:
-        if not ensemble.is_long_enough:
-            yield (
-                f"a chain of {ensemble.n_steps} steps is shorter than "
-                f"{CHAINS.autocorrelation_times} autocorrelation times of "
-                f"{ensemble.autocorrelation_times.max():.0f} steps"
-            )
-    smallest = float(sampled.effective_sample_sizes.min())
+    chains, limit = sampled.chains, sampled.settings.r_hat
     least = CHECKS.least_effective_sample_size
-    if smallest < least:
-        yield f"effective sample size {smallest:.0f}, at least {least} needed"
-    # Between a few hundred independent draws R-hat exceeds 1 by chance.
-    limit = max(CHECKS.r_hat_limit, 1.0 + 10.0 / smallest)
-    if not sampled.r_hat <= limit:
-        yield f"the ensembles differ: R-hat between them is {sampled.r_hat:.3f}, above {limit:.3g}"
+    if not chains.r_hat <= limit:
+        yield (
+            f"the chains differ: R-hat is {chains.r_hat:.3f}, above {limit:g}, after "
+            f"{sampled.ensembles[0].n_steps} steps"
+        )
+    if not chains.smallest_size >= least:
+        yield (
+            f"effective sample size of the chains {chains.smallest_size:.0f}, at least {least} "
+            "needed"
+        )
 
 
 def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
     error, draws = sampled.evidence.error, sampled.importance
     # It is at least the largest share of the evidence that one importance draw carries.
-    if error > CHECKS.error_over_wanted * sampled.wanted_error:
+    if error > CHECKS.error_over_wanted * sampled.settings.log_evidence_error:
         yield (
             f"the standard error of the log evidence is {error:.3f} after {len(draws.z)} "
-            f"importance draws; {sampled.wanted_error:g} was wanted"
+            f"importance draws; {sampled.settings.log_evidence_error:g} was wanted"
         )
     if not draws.pareto_k <= IMPORTANCE.pareto_k_limit:
         yield (
@@ -164,7 +138,7 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
     n_draws = sampled.search.n_draws / sampled.search.n_searches
     seen = sampled.prior_masses_of_regions * n_draws >= CHECKS.draws_that_see
     shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
-    shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.draws]))
+    shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.ensembles]))
     for region in np.flatnonzero(region_shares > CHECKS.small_share):
         name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
         if n_searches[region] < 2 and not seen[region]:

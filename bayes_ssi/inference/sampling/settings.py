@@ -24,27 +24,40 @@ class SamplingSettings:
         particles: number in each compression of the prior; None chooses it by the number of
             parameters.
         searches: least number of independent searches for maxima.
-        max_steps: longest chain of an ensemble, in steps.
+        effective_sample_size: that chains should have, of the bulk and of the tails of every
+            parameter, as arviz computes it.
+        r_hat: the largest rank-normalised split R-hat that chains should have; where it is larger,
+            a check fails (Vehtari et al. 2021 ask for 1.01).
+        max_steps: longest chain, in steps, burn-in included.
         economical: with emulators of slow structures in their place, which need some hundred
             solutions; structures with small matrices are sampled as they are.
 
     Raises:
-        ValueError: a setting is not positive, or there are fewer than 8 particles per parameter.
+        ValueError: a setting is not positive, R-hat is not above 1, or there are fewer than 8
+            particles per parameter.
     """
 
     log_evidence_error: float = 0.01
     particles: int | None = None
     searches: int = 4
+    effective_sample_size: int = 2000
+    r_hat: float = 1.01
     max_steps: int = 5000
     economical: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("log_evidence_error", "particles", "searches", "max_steps"):
+        for name in (
+            "log_evidence_error", "particles", "searches", "effective_sample_size", "max_steps",
+        ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:
                 raise ValueError(
                     f"SamplingSettings: {name} must be positive and finite, got {value!r}"
                 )
+        if not 1.0 < self.r_hat < math.inf:
+            raise ValueError(
+                f"SamplingSettings: r_hat must be above 1 and finite, got {self.r_hat!r}"
+            )
 
     def n_particles(self, n_dimensions: int) -> int:
         """The number of particles; ValueError where fewer were requested than these need."""
@@ -205,10 +218,8 @@ class ImportanceSettings:
     most_added: int = 12
     added_draws: float = 1 / 6
     added_draws_at_an_end: float = 1 / 30
-    # Most posterior draws resampled from one sample: enough for quantiles, few to store.
+    # Most posterior draws resampled from one sample, to which mixtures are fitted.
     most_resampled: int = 5000
-    # Effective sample size with which resampled draws can replace those of the ensembles.
-    sufficient_size: int = 2000
     # Wanted standard error of the regions' shares, relative to that of the log evidence.
     share_error: float = 0.3
 
@@ -247,19 +258,19 @@ class CompressionSettings:
 class ChainSettings:
     """The ensembles: how long they are, and when mixtures are fitted again."""
 
-    # Walkers of one ensemble; four per dimension if that is more (emcee's moves need two).
-    walkers: int = 32
-    # A chain is long enough at this many of its own estimated autocorrelation times; shorter ones
-    # underestimate them (Foreman-Mackey et al. 2013).
-    autocorrelation_times: int = 50
-    tail: float = 0.05  # probability of either tail, whose times in and out count as well
-    # An ensemble that needs more steps than this mixes slowly, and starts again with a better
-    # mixture.
-    few_steps: int = 1000
-    # Steps of a chain that only checks importance draws. Half of them are local moves, which go
-    # where the mixture does not: as many as in 500 steps of which the mixture proposes nine tenths.
-    steps_of_check: int = 100
-    mixture_share_in_check: float = 0.5
+    # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
+    # longer chains, not of more, R-hat falls.
+    walkers: int = 16
+    # Steps after which chains are first judged: of two ensembles, enough where a mixture is near
+    # the posterior.
+    first_steps: int = 150
+    # The first share of the steps, which is left out. Walkers begin at importance draws, resampled,
+    # or at particles of the posterior.
+    burn_in: float = 0.1
+    # Steps between two fits of a mixture, and the draws for each effective one above which they are
+    # too slow, so that it is fitted again.
+    steps_of_adaptation: int = 100
+    slow: float = 20.0
     # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
     # draws by less than this factor.
     most_refits: int = 4
@@ -271,18 +282,12 @@ class ChainSettings:
     # pays only where more batches of importance draws than this would be needed without it.
     most_batches: int = 8
 
-    @property
-    def slow(self) -> float:
-        """The autocorrelation time, in steps, above which an ensemble mixes slowly."""
-        return self.few_steps / self.autocorrelation_times
-
 
 @dataclass(frozen=True)
 class CheckSettings:
     """When a result is doubted."""
 
-    # Vehtari et al. (2021) ask for both.
-    r_hat_limit: float = 1.01
+    # Vehtari et al. (2021) ask for it.
     least_effective_sample_size: int = 400
     # The wanted error counts as reached up to this multiple of it.
     error_over_wanted: float = 1.5

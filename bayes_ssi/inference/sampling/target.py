@@ -46,6 +46,9 @@ class Target:
     # (m, d), near maxima that an earlier search found, which counts as one of the independent
     # searches; None if there was none.
     known_starts: FloatArray | None = None
+    # Coordinates (B, d) → parameter values (B, d), of which chains are judged; the coordinates
+    # themselves if None.
+    parameter_values: Callable[[FloatArray], FloatArray] | None = None
     n_evaluations: int = field(default=0, init=False)
     # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
     # zero.
@@ -88,7 +91,18 @@ class Target:
 
     def log_posterior(self, z: FloatArray) -> FloatArray:
         """log-likelihood + log prior density, (B,): the posterior up to the evidence."""
-        return self.log_likelihood(z) + log_standard_normal(z)
+        return self.log_density(z)[0]
+
+    def log_density(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The log posterior and the log-likelihood, (B,) each."""
+        values = self.log_likelihood(z)
+        return values + log_standard_normal(z), values
+
+    def values_of_chains(self, chains: FloatArray) -> FloatArray:
+        """Parameter values at chains (n_chains, n_steps, d), of the same shape."""
+        if self.parameter_values is None:
+            return chains
+        return self.parameter_values(chains.reshape(-1, chains.shape[-1])).reshape(chains.shape)
 
     def suggested(self, rng: np.random.Generator) -> FloatArray:
         """Suggested starts (m, d) of one search; none where nothing suggests any."""
