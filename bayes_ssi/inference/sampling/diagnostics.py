@@ -1,34 +1,9 @@
-"""Autocorrelation times of chains, and estimates of a log evidence."""
+"""Estimates of a log evidence, and whether they agree."""
 
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.settings import CHECKS
-
-
-def autocorrelation_times(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation times in steps of a chain (n_steps, n_walkers, k), (k,).
-
-    The autocovariance is averaged over the walkers before it is normalised, and taken about the
-    mean of all of them: a walker that does not move then lengthens the time, while emcee's
-    estimate, normalised walker by walker, is not defined for it. Summed over the window of Sokal
-    (1996), the first M that exceeds five times the estimate. One where all draws are the same.
-    """
-    n = len(chain)
-    centred = chain - chain.mean(axis=(0, 1))
-    transformed = np.fft.rfft(centred, n=2 * n, axis=0)
-    covariance = np.fft.irfft(np.abs(transformed) ** 2, axis=0)[:n].mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = 2.0 * np.cumsum(covariance / covariance[0], axis=0) - 1.0
-    beyond = np.arange(n)[:, None] > 5.0 * times
-    last = np.where(beyond.any(axis=0), beyond.argmax(axis=0), n - 1)
-    at_window = times[last, np.arange(chain.shape[-1])]
-    # Rounding may leave a covariance to draws that are all the same.
-    differ = np.ptp(chain, axis=(0, 1)) > 0.0
-    return np.where(differ & np.isfinite(at_window), np.maximum(at_window, 1.0), 1.0)
 
 
 @dataclass(frozen=True)
