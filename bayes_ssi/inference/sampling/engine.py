@@ -230,7 +230,7 @@ class _Sampling:
             propose = partial(self.sampler.as_proposals, share=share, added=added)
             ensembles = run(proposals=[propose(half) for half in halves])
             importance, unused = joined_samples(added), halves[0]
-            if self._misses(importance, ensembles):
+            if self._is_doubted(importance, ensembles):
                 importance, regions = self._importance(importance, (*ensembles, *others))
                 unused = importance
         else:
@@ -340,14 +340,15 @@ class _Sampling:
         share, log_density = self._share(trial), self.target.log_density
         return [drawn_anew(mixture, share, log_density, rng) for rng in rngs]
 
-    def _misses(self, sample: ImportanceSample, ensembles: Sequence[Ensemble]) -> bool:
-        """Whether chains went where none of the importance draws that they began with is.
+    def _is_doubted(self, sample: ImportanceSample, ensembles: Sequence[Ensemble]) -> bool:
+        """Whether chains went where no importance draw is, or the weights have a heavy tail.
 
         Of the chains' draws, about as many weigh more than the heaviest importance draw by chance
         as that carries of the evidence.
         """
         allowed = IMPORTANCE.share_error * self.settings.log_evidence_error
-        return sample.share_beyond(ensembles) > max(allowed, float(sample.weights.max()))
+        missed = sample.share_beyond(ensembles) > max(allowed, float(sample.weights.max()))
+        return missed or sample.pareto_k > IMPORTANCE.pareto_k_limit
 
     @staticmethod
     def _share(sample: ImportanceSample) -> float:

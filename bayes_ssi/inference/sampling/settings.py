@@ -42,7 +42,7 @@ class SamplingSettings:
     searches: int = 4
     effective_sample_size: int = 2000
     r_hat: float = 1.01
-    max_steps: int = 5000
+    max_steps: int = 10_000
     economical: bool = False
 
     def __post_init__(self) -> None:
