@@ -312,12 +312,14 @@ def _quoted_draws(
     z = np.concatenate([ensemble.chains for ensemble in sampled.ensembles])
     densities = np.concatenate([each.log_posteriors.T for each in sampled.ensembles])
     remarks: tuple[str, ...] = ()
-    if sampled.regions.n_regions > 1 and not sampled.chains.reach(sampled.settings):
+    if sampled.regions.n_regions > 1 and not sampled.chains_mix:
         flat = z.reshape(-1, z.shape[-1])
         label = sampled.regions.assign(flat)
         counts = np.bincount(label, minlength=sampled.regions.n_regions)
         weights = (sampled.region_shares / np.maximum(counts, 1))[label]
-        chosen = rng.permutation(systematic_indices(weights, len(flat), rng))
+        by_region = np.argsort(label, kind="stable")
+        chosen = by_region[systematic_indices(weights[by_region], len(flat), rng)]
+        chosen = rng.permutation(chosen)
         z, densities = flat[chosen][None], densities.reshape(-1)[chosen][None]
         remarks = (
             f"the draws are no chains: those of {len(label)} steps, which hardly change between "

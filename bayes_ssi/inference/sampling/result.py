@@ -45,6 +45,11 @@ class SamplingResult:
         return [message for check in _CHECKS for message in check(self)]
 
     @property
+    def chains_mix(self) -> bool:
+        """Whether R-hat and effective sample sizes are those of chains that can be quoted."""
+        return not list(_chains(self))
+
+    @property
     def evidence(self) -> Estimate:
         """The quoted log evidence."""
         return self.importance.estimate

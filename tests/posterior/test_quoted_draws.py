@@ -1,0 +1,77 @@
+"""What a posterior quotes: chains as emcee made them, or draws that are said to be none."""
+
+import math
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.inference.posterior_sampling.sample import _quoted_draws
+from bayes_ssi.inference.sampling import engine
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.target import Target
+
+STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
+
+
+@pytest.fixture(scope="module")
+def exchange():
+    """One frequency of two springs in series: either may be the soft one; two regions."""
+    k1, k2 = (bs.Parameter(name, bs.LogNormal(1.0, 1.0)) for name in ("k1", "k2"))
+    building = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k1, STIFFNESS * k2))
+    modes = (bs.IdentifiedMode("1", 0.35), bs.IdentifiedMode("2", 1.6))
+    data = bs.ModalData(modes, (0.0, 3.0))
+    return bs.ModelClass("exchange", building, data, bs.ErrorModel(0.01), pairing={"1": 1, "2": 2})
+
+
+@pytest.fixture
+def ensembles(monkeypatch):
+    """All ensembles that are run."""
+    run, made = engine.run_ensembles, []
+
+    def recorded(*args, **kwargs):
+        made.append(run(*args, **kwargs))
+        return made[-1]
+
+    monkeypatch.setattr(engine, "run_ensembles", recorded)
+    return made
+
+
+def test_draws_are_the_walkers_of_emcee_step_by_step(exchange, ensembles):
+    posterior = bs.sample(exchange)
+    assert len(posterior.regions) == 2
+    assert posterior.failed_checks == posterior.remarks == ()
+    chains = np.concatenate([ensemble.chains for ensemble in ensembles[-1]])
+    assert posterior.draws.shape == chains.shape
+    values = exchange.values(chains.reshape(-1, 2)).reshape(chains.shape)
+    np.testing.assert_array_equal(posterior.draws, values)
+    # A walker that does not move repeats itself: of shuffled draws, hardly any does.
+    moved = np.any(np.diff(posterior.draws, axis=1) != 0.0, axis=2)
+    assert moved.mean() == pytest.approx(posterior.acceptance_fraction, abs=0.02)
+    first = exchange.log_likelihood(posterior.draws[3])
+    np.testing.assert_allclose(posterior.log_likelihoods[3], first, atol=1e-9)
+
+
+def two_bumps(z):
+    """Likelihood times prior: a tenth of the mass at -2, the rest at 2 (in each coordinate)."""
+    parts = [
+        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
+        for share, centre in ((0.9, 2.0), (0.1, -2.0))
+    ]
+    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
+
+
+def test_draws_of_chains_that_do_not_mix_have_the_shares_of_the_regions():
+    settings = bs.SamplingSettings(max_steps=12, r_hat=1.0001)
+    sampled = sample_target(Target(two_bumps, 2), np.random.SeedSequence(3), settings)
+    chains = np.concatenate([ensemble.chains for ensemble in sampled.ensembles])
+    assert any(check.startswith("the chains differ") for check in sampled.failed_checks)
+    draws, log_likelihoods, (remark,) = _quoted_draws(sampled, np.random.default_rng(0))
+    assert remark.startswith("the draws are no chains: those of 352 steps")
+    assert draws.shape == (1, chains[..., 0].size, 2)
+    small = sampled.region_shares.min()
+    assert small == pytest.approx(0.1, abs=4.0 * sampled.region_errors.max())
+    share = np.mean(draws[0, :, 0] < 0.0)
+    assert share == pytest.approx(small, abs=1.0 / draws.shape[1])
+    assert abs(np.mean(chains[..., 0] < 0.0) - small) > 3.0 / draws.shape[1]
+    np.testing.assert_allclose(log_likelihoods[0], two_bumps(draws[0]), atol=1e-9)
