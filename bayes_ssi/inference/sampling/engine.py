@@ -6,10 +6,11 @@
    target knows its problem, its searches agree, and the draws are good. Else two independent
    compressions of the prior (``compression``) carry particles to the regions around the maxima and
    to others, from which further ascents begin, and the mixture is fitted to the particles.
-3. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior, with
-   proposals from that mixture.
-4. Mixture importance sampling gives the evidence and the share of the posterior in each region
+3. Mixture importance sampling gives the evidence and the share of the posterior in each region
    (``regions``).
+4. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior; the importance
+   draws are their proposals (``proposals``), so that both share their evaluations. Where the
+   mixture is poor, ensembles come before the importance draws, and show where it should be.
 5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an
    ensemble, the compressions, the searches, the regions. Disagreement without particles begins
    again with them (2.); with them, it is a warning in the result.
