@@ -4,14 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
-from bayes_ssi.inference.sampling.maxima import bend_along
+from bayes_ssi.inference.sampling.maxima import _thickened, bend_along
 from bayes_ssi.inference.sampling.mixture import (
     Bend,
     StudentMixture,
     choose_mixture,
     monomials,
 )
+from bayes_ssi.inference.sampling.settings import RIDGES
 
 
 @pytest.fixture
@@ -19,22 +21,21 @@ def rng():
     return np.random.default_rng(21)
 
 
-def bend_of(rng, n_wide, n_thin, degree, reach=4.0):
+def bend_of(rng, n_wide, n_thin, degree):
     coefficients = rng.standard_normal((n_thin, math.comb(n_wide + degree, degree)))
-    return Bend(coefficients, n_wide, degree, reach)
+    return Bend(coefficients, n_wide, degree)
 
 
 @pytest.mark.parametrize(("m", "degree"), [(1, 2), (2, 4), (4, 3)])
 def test_monomials_are_all_products_up_to_the_degree(rng, m, degree):
     variables = 0.5 + rng.random((m, 1))
-    terms, degrees = monomials(variables, degree)
+    terms = monomials(variables, degree)
     exponents = [e for e in np.ndindex(*(degree + 1,) * m) if sum(e) <= degree]
     products = [float(np.prod(variables[:, 0] ** np.array(e))) for e in exponents]
     np.testing.assert_allclose(np.sort(terms[:, 0]), np.sort(products))
     assert len(terms) == math.comb(m + degree, degree)
-    np.testing.assert_allclose(
-        monomials(2.0 * variables, degree)[0][:, 0], terms[:, 0] * 2**degrees
-    )
+    degrees = np.log2(monomials(2.0 * variables, degree) / terms)
+    np.testing.assert_allclose(degrees[:, 0], np.sort([sum(e) for e in exponents]), atol=1e-12)
 
 
 @pytest.mark.parametrize(("m", "k", "degree"), [(1, 1, 2), (2, 1, 4), (3, 2, 3)])
@@ -45,17 +46,45 @@ def test_straightening_undoes_bending(rng, m, k, degree):
 
 
 def test_polynomials_are_of_the_wide_coordinates_and_end_at_the_reach():
-    coefficients = np.array([[0.0, 1.0, 0.0, 0.0, 1.0, 0.5]])  # of 1, a, a², b, ab, b²
-    bend = Bend(coefficients, 2, 2, 4.0)
-    bent = bend.bent(np.array([[0.5, 9.0], [2.0, -1.0], [0.3, 0.0]]))
-    np.testing.assert_allclose(bent[:2], [[0.5, 9.0], [2.0, -1.0]])
-    np.testing.assert_allclose(bent[2], [0.3 + 0.5 + 1.0 + 2.0, 4.0 - 4.0 + 0.5])
+    coefficients = np.array([[0.0, 1.0, 0.0, 0.0, 1.0, 0.5]])  # of 1, a, b, a², ab, b²
+    bend, reach = Bend(coefficients, 2, 2), RIDGES.reach
+    bent = bend.bent(np.array([[0.5, 2.0 * reach], [2.0, -1.0], [0.3, 0.0]]))
+    np.testing.assert_allclose(bent[:2], [[0.5, 2.0 * reach], [2.0, -1.0]])
+    np.testing.assert_allclose(bent[2], [0.3 + 0.5 + 1.0 + 2.0, reach - reach + 0.5])
 
 
 def test_a_widened_bend_follows_the_same_ridge(rng):
     bend = bend_of(rng, 2, 1, 3)
-    v = 5.0 * rng.standard_normal((3, 30))  # some are beyond the reach
+    v = RIDGES.reach * rng.standard_normal((3, 30))  # some are beyond the reach
     np.testing.assert_allclose(2.0 * bend.widened(2.0).bent(v / 2.0), bend.bent(v), rtol=1e-12)
+
+
+def test_a_thickened_component_follows_the_same_ridge(rng):
+    bend = bend_of(rng, 2, 1, 3)
+    factors, v = rng.standard_normal((1, 3, 3)), rng.standard_normal((3, 30))
+    ridge = StudentMixture(np.ones(1), np.zeros((1, 3)), factors, np.full(1, 30.0), bends=(bend,))
+    thick = _thickened(ridge)
+    sizes = np.array([[1.0], [1.0], [RIDGES.thicker]])
+    on_ridge = factors[0] @ bend.bent(v)
+    np.testing.assert_allclose(thick.factors[0] @ thick.bends[0].bent(v / sizes), on_ridge)
+
+
+def test_components_of_one_ridge_have_the_densities_that_each_has_alone(rng):
+    """Their polynomials are evaluated once, for components of four different widths."""
+    bends = (bend_of(rng, 2, 1, 3), None, bend_of(rng, 2, 1, 2))
+    means, factors = rng.standard_normal((3, 3)), rng.standard_normal((3, 3, 3))
+    weights, tails = np.array([0.5, 0.3, 0.2]), np.full(3, 30.0)
+    bent = StudentMixture(weights, means, factors, tails, bends=bends)
+    mixture = bent.mixed_with(_thickened(bent), 0.3).widened()
+    assert mixture.n_components == 12
+    z = 3.0 * rng.standard_normal((50, 3))
+    alone = [
+        math.log(w) + StudentMixture(np.ones(1), m[None], f[None], d[None], bends=(b,)).log_pdf(z)
+        for w, m, f, d, b in zip(
+            mixture.weights, mixture.means, mixture.factors, mixture.dof, mixture.bends, strict=True
+        )
+    ]
+    np.testing.assert_allclose(mixture.log_pdf(z), logsumexp(alone, axis=0), rtol=1e-9)
 
 
 def test_a_bend_along_points_without_noise_has_their_polynomials(rng):
@@ -76,10 +105,10 @@ def test_points_that_polynomials_miss_widen_the_component(rng):
 def test_bent_mixtures_have_the_density_of_their_draws(rng):
     """The mean of a density over another's draws, divided by it, is 1; mixed, widened, too."""
     straight = StudentMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None], np.full(1, 5.0))
-    bend = Bend(np.array([[0.0, 0.5, 1.0, -0.1]]), 1, 3)
+    bends = tuple(Bend(np.array([[0.0, 0.5, 1.0, -0.1]]), 1, 3) for _ in range(2))
     factors = np.array([[[1.0, 0.0], [0.3, 0.2]], [[0.8, 0.1], [0.0, 0.4]]])
     means, tails = np.array([[0.0, 0.5], [1.0, -1.0]]), np.full(2, 30.0)
-    bent = StudentMixture(np.array([0.4, 0.6]), means, factors, tails, bends=(bend, bend))
+    bent = StudentMixture(np.array([0.4, 0.6]), means, factors, tails, bends=bends)
     mixture = bent.mixed_with(straight, 0.3).widened().with_prior_component(0.1)
     assert [bend is not None for bend in mixture.bends] == [True, True, False] * 2
     z = mixture.draw(rng.multinomial(40_000, mixture.all_weights), rng)

@@ -368,7 +368,7 @@ def _thickened(mixture: StudentMixture) -> StudentMixture:
     for k, bend in enumerate(bends):
         if bend is not None:
             factors[k][:, bend.n_wide :] *= RIDGES.thicker
-            bends[k] = replace(bend, coefficients=bend.coefficients / RIDGES.thicker)
+            bends[k] = replace(bend, thin=RIDGES.thicker * bend.thin)
     return replace(mixture, factors=factors, bends=tuple(bends))
 
 
@@ -418,7 +418,7 @@ def bend_along(
     By least squares with weights (n,) of at most one. Returns the bend of all coordinates, the wide
     ones first, and the width (m + k,) of each: one, but for what the polynomials leave.
     """
-    terms, _ = monomials(wide, degree)
+    terms = monomials(wide, degree)
     weighted = terms * weights
     gram = weighted @ terms.T
     gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9

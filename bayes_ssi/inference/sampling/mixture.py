@@ -20,31 +20,36 @@ from bayes_ssi.inference.sampling.settings import MIXTURES, RIDGES
 
 @dataclass(frozen=True, eq=False)
 class Bend:
-    """The polynomials of one component's thin coordinates."""
+    """The polynomials of one component's thin coordinates.
+
+    Bends with the same array of coefficients are of one ridge: their components differ in nothing
+    but ``wide`` and ``thin``, and polynomials are evaluated once for all of them.
+    """
 
     coefficients: FloatArray  # (d - m, F), of all monomials of the wide coordinates
     n_wide: int  # m
     degree: int
-    reach: float = RIDGES.reach  # of the variables; beyond, polynomials are constant
+    # Widths of the component, in its wide and in its thin directions, over those of the one that
+    # the coefficients are for.
+    wide: float = 1.0
+    thin: float = 1.0
 
     def straightened(self, w: FloatArray) -> FloatArray:
         """Coordinates v (d, n) of w (d, n)."""
-        return self._shifted(w, -1.0)
+        return np.concatenate([w[: self.n_wide], w[self.n_wide :] - self.shifts(w) / self.thin])
 
     def bent(self, v: FloatArray) -> FloatArray:
         """Coordinates w (d, n) of v (d, n)."""
-        return self._shifted(v, 1.0)
+        return np.concatenate([v[: self.n_wide], v[self.n_wide :] + self.shifts(v) / self.thin])
 
     def widened(self, factor: float) -> "Bend":
         """The bend of the same ridge for a component ``factor`` times as wide."""
-        _, degrees = monomials(np.zeros((self.n_wide, 1)), self.degree)
-        coefficients = self.coefficients * factor ** (degrees - 1.0)
-        return replace(self, coefficients=coefficients, reach=self.reach / factor)
+        return replace(self, wide=factor * self.wide, thin=factor * self.thin)
 
-    def _shifted(self, w: FloatArray, sign: float) -> FloatArray:
-        wide, thin = w[: self.n_wide], w[self.n_wide :]
-        terms, _ = monomials(np.clip(wide, -self.reach, self.reach), self.degree)
-        return np.concatenate([wide, thin + sign * (self.coefficients @ terms)])
+    def shifts(self, w: FloatArray) -> FloatArray:
+        """The polynomials (d - m, n) at w (d, n), constant beyond their reach."""
+        wide = np.clip(self.wide * w[: self.n_wide], -RIDGES.reach, RIDGES.reach)
+        return self.coefficients @ monomials(wide, self.degree)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +95,13 @@ class StudentMixture:
         whitened = factors @ z.T
         whitened -= means
         whitened = whitened.reshape(*self.means.shape, len(z))
-        for k, bend in enumerate(self.bends):
+        shifts: dict[int, FloatArray] = {}
+        for bend, of_component in zip(self.bends, whitened, strict=False):
             if bend is not None:
-                whitened[k] = bend.straightened(whitened[k])
+                ridge = id(bend.coefficients)
+                if ridge not in shifts:
+                    shifts[ridge] = bend.shifts(of_component)
+                of_component[bend.n_wide :] -= shifts[ridge] / bend.thin
         whitened *= whitened
         return whitened.sum(axis=1)
 
@@ -238,16 +247,24 @@ def log_sum(log_parts: FloatArray) -> FloatArray:
     return np.log(np.exp(log_parts - highest).sum(axis=0)) + highest
 
 
-def monomials(variables: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    """All monomials (F, n) of ``variables`` (m, n) up to a degree, and the degree (F,) of each."""
-    terms, degrees = np.ones((1, variables.shape[1])), np.zeros(1)
-    for variable in variables:
-        lower = [degrees <= degree - exponent for exponent in range(1, degree + 1)]
-        powers = [terms[kept] * variable**exponent for exponent, kept in enumerate(lower, 1)]
-        of_powers = [degrees[kept] + exponent for exponent, kept in enumerate(lower, 1)]
-        terms = np.concatenate([terms, *powers])
-        degrees = np.concatenate([degrees, *of_powers])
-    return terms, degrees
+def monomials(variables: FloatArray, degree: int) -> FloatArray:
+    """All monomials (F, n) of ``variables`` (m, n) up to a degree, in the order of their degrees.
+
+    Those of one degree are in the order of their last variable: that times the first ones of the
+    degree before, which have no later variable.
+    """
+    m, n = variables.shape
+    terms = np.empty((math.comb(m + degree, degree), n))
+    terms[0] = 1.0
+    before, end = 0, 1
+    for lower in range(degree):
+        first, before = before, end
+        for i, variable in enumerate(variables):
+            count = math.comb(i + lower, lower)
+            factors = terms[first : first + count]
+            np.multiply(factors, variable, out=terms[end : end + count])
+            end += count
+    return terms
 
 
 def fit_mixture(
