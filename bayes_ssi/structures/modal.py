@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg import lapack
 
 from bayes_ssi.foundations.arrays import FloatArray, place_of_largest
 
@@ -40,6 +41,8 @@ class SolverSettings:
     unseen_below: float = 1e-8
     # Larger matrices are solved faster one at a time, for their lowest modes only.
     batched_up_to: int = 40
+    # Entries of the matrices that are assembled at once.
+    most_entries: int = 2**19
 
 
 SOLVER = SolverSettings()
@@ -173,11 +176,11 @@ def modal_model(
 def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = None) -> Modes:
     """Solve K φ = (2πf)² M φ for a batch of dense structures: all modes, or the lowest.
 
-    With M = L Lᵀ the matrix L⁻¹ K L⁻ᵀ has the same eigenvalues, and a batch of small matrices is
-    solved at once. Large ones, and those for which that is not accurate (M is singular, or K
-    nearly), are solved one at a time by :func:`lowest_eigenpairs`. A row of the answer does not
-    depend on the other rows, to the last digit. It is NaN where an entry is not finite, K is not
-    positive definite, or M gives fewer modes.
+    With M = L Lᵀ the matrix L⁻¹ K L⁻ᵀ has the same eigenvalues, and a batch of matrices is solved
+    at once. Large ones of which few modes are wanted, and those for which that is not accurate (M
+    is singular, or K nearly), are solved one at a time by :func:`lowest_eigenpairs`. A row of the
+    answer does not depend on the other rows, to the last digit. It is NaN where an entry is not
+    finite, K is not positive definite, or M gives fewer modes.
 
     Args:
         stiffness: (B, n, n) or (1, n, n), symmetric.
@@ -185,7 +188,7 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
     """
     n = stiffness.shape[-1]
     n_modes = n_modes or n
-    if n <= SOLVER.batched_up_to:
+    if n <= SOLVER.batched_up_to or (n_modes == n and mass.ndim == 2):
         eigenvalues, vectors = _scaled_by_mass(stiffness, mass)
         settle(eigenvalues, vectors)
         accurate = eigenvalues[:, 0] > SOLVER.resolved_above * eigenvalues[:, -1]
@@ -203,6 +206,28 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
         else:
             eigenvalues[row], vectors[row] = pairs
     return Modes(frequencies_hz(eigenvalues), vectors)
+
+
+def chain_modes(stiffness: FloatArray, mass: FloatArray, n_shapes: int) -> Modes:
+    """As :func:`solve_modes`, with the lowest shapes alone, of a tridiagonal K and a diagonal M."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        root = 1.0 / np.sqrt(mass)
+        diagonals = stiffness.diagonal(0, 1, 2) * root**2
+        beside = stiffness.diagonal(1, 1, 2) * root[:, 1:] * root[:, :-1]
+    squares, shapes = np.zeros(diagonals.shape), np.zeros((*diagonals.shape, n_shapes))
+    block, end = np.ones(diagonals.shape[1], dtype=int), np.full(diagonals.shape[1], len(root.T))
+    for row in np.flatnonzero(np.isfinite(diagonals).all(axis=1)):
+        chain = diagonals[row], beside[row]
+        squares[row], failed = lapack.dsterf(*chain)
+        shapes[row], lost = lapack.dstein(*chain, squares[row, :n_shapes], block, end)
+        squares[row] *= not (failed or lost)  # not accurate
+    settle(squares[:, :n_shapes], shapes)
+    modes = Modes(frequencies_hz(np.maximum(squares, 0.0)), shapes * root[:, :, None])
+    for row in np.flatnonzero(~(squares[:, 0] > SOLVER.resolved_above * squares[:, -1])):
+        k, m = stiffness[[row % len(stiffness)]], mass[[row % len(mass)]]
+        modes.frequencies_hz[[row]], every = solve_modes(k, m)
+        modes.shapes[row] = every[0, :, :n_shapes]
+    return modes
 
 
 def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -205,7 +205,8 @@ class _Descents:
     def _modes(self, z: FloatArray) -> list[Modes]:
         """Modes of each configuration at ``z`` (B, n_parameters); NaN where there are none."""
         self.n_evaluations += len(z)
-        values, solve = self.model_class.values(z), self.model_class.modes_or_nan
+        values = self.model_class.values(z)
+        solve = partial(self.model_class.modes_or_nan, scored=True)
         if self._workers is None or not len(z):
             return solve(values)
         parts = np.array_split(values, min(len(z), self._workers.n_parts))

@@ -22,15 +22,14 @@ from bayes_ssi.inference.sampling.settings import MIXTURES, RIDGES
 class Bend:
     """The polynomials of one component's thin coordinates.
 
-    Bends with the same array of coefficients are of one ridge: their components differ in nothing
-    but ``wide`` and ``thin``, and polynomials are evaluated once for all of them.
+    Components whose bends have the same array of coefficients differ in nothing but ``wide`` and
+    ``thin``: polynomials are evaluated once for all of them.
     """
 
     coefficients: FloatArray  # (d - m, F), of all monomials of the wide coordinates
     n_wide: int  # m
     degree: int
-    # Widths of the component, in its wide and in its thin directions, over those of the one that
-    # the coefficients are for.
+    # Widths of the component, in either direction, over those that the coefficients are for.
     wide: float = 1.0
     thin: float = 1.0
 
@@ -261,8 +260,7 @@ def monomials(variables: FloatArray, degree: int) -> FloatArray:
         first, before = before, end
         for i, variable in enumerate(variables):
             count = math.comb(i + lower, lower)
-            factors = terms[first : first + count]
-            np.multiply(factors, variable, out=terms[end : end + count])
+            np.multiply(terms[first : first + count], variable, out=terms[end : end + count])
             end += count
     return terms
 
