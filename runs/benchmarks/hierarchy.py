@@ -57,8 +57,7 @@ def single_test(
 ) -> SingleTest:
     """A test with one parameter of the structure and one of the errors, the columns of ``z``."""
     parameters = tuple(
-        ParameterRecord(own, "", bs.Normal(0.0, 1.0), (-1.645, 0.0, 1.645), own == "error")
-        for own in ("k", "error")
+        ParameterRecord(own, "", bs.Normal(0.0, 1.0), own == "error") for own in ("k", "error")
     )
     estimate = Estimate(log_evidence, error)
     return SingleTest(name, parameters, z, log_likelihoods, estimate, name, (), ())
