@@ -42,8 +42,8 @@ T = TypeVar("T")
 
 # Of the columns and titles of the tables.
 LEGEND = (
-    "f_ob: root mean square of the residuals of frequencies and, times λ, of shapes, which is "
-    "minimised; d: root mean square change of the parameters from their prior medians."
+    "f_ob: root mean square of the residuals of frequencies{shapes}, which is minimised; d: root "
+    "mean square change of the parameters from their prior medians."
 )
 
 
@@ -87,7 +87,10 @@ def calibrate(
     for group in _same_to_the_reader(calibrations):
         _show(group)
     if calibrations:
-        say(LEGEND)
+        from bayes_ssi.report.tables.calibration_tables import has_shapes
+
+        shapes = " and, times λ, of shapes" if any(map(has_shapes, calibrations)) else ""
+        say(LEGEND.format(shapes=shapes))
         say_in_paragraphs(*map(_conclusion, calibrations))
     say_warnings(data_warnings(failed))
     print_record(lambda: {"calibrations": calibrations, "failed_checks": failed})

@@ -117,7 +117,7 @@ def save_prediction_figures(
 
 def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[NamedFigure]:
     request = responses[0].request
-    places, level = request.output.labels, 100 * request.level
+    places, level = request.labels, 100 * request.level
     if request.frequencies_hz is not None:
         bands = {
             response.name: response.transfer.curves
@@ -130,7 +130,7 @@ def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[Na
         yield "transfer_functions", _by_place(places, bands, plot, title)
     for i, motion in enumerate(request.motions, 1):
         bands = {each.name: each.histories[motion.name].curves for each in responses}
-        quantity = f"{request.output.quantity} ({request.unit})"
+        quantity = f"{request.quantity} ({request.unit})"
         plot = partial(plot_time_history, motion.times, quantity=quantity)
         title = f"{motion.name}, median and {level:g} % envelope"
         number = f"_{i}" if len(request.motions) > 1 else ""
@@ -161,14 +161,15 @@ def _mode_figures(predictions: Predictions, data: ModalData, level: float) -> It
         return
     own, structure = Predictions(best.name, (best,)), best.structure
     places = (*shown_places(own, data), *structure.appendages)
-    shapes = [
-        DrawnShape(f"mode {label}", own.shapes(label, places).band(level)) for label in paired
-    ]
-    figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
-    title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
-    title = wrapped(title, figure.get_figwidth())
-    figure.suptitle(title, fontsize=STYLE.text, x=0.02, ha="left", parse_math=False)
-    yield "mode_shapes", figure
+    if places:
+        shapes = [
+            DrawnShape(f"mode {label}", own.shapes(label, places).band(level)) for label in paired
+        ]
+        figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
+        title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
+        title = wrapped(title, figure.get_figwidth())
+        figure.suptitle(title, fontsize=STYLE.text, x=0.02, ha="left", parse_math=False)
+        yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:
         identified = np.stack([np.asarray(mode.unit_shape) for mode in measured], axis=1)

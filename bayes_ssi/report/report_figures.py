@@ -220,7 +220,7 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     of = f"of model class {posterior.name!r}"
     # Figures of one kind together: those of shapes are often as wide as the page.
     for modes in posterior.configurations:
-        if modes.updated.modes:
+        if modes.updated.modes and modes.updated.places:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
             yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", plot_mode_shapes(modes.updated, data)
     for modes in posterior.configurations:

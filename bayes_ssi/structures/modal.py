@@ -373,6 +373,8 @@ def shape_signs(
     """
     if identified is not None:
         products = at_sensors @ np.nan_to_num(identified)
+    elif not main.shape[1]:  # frequencies alone
+        return np.ones(len(main))
     else:
         kinds = np.linalg.svd(np.nan_to_num(main), full_matrices=False)[2]
         components = kinds[np.arange(len(kinds)), place_of_largest(np.abs(kinds))]

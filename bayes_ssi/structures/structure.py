@@ -40,6 +40,7 @@ class Accuracy(NamedTuple):
     frequency: float
     shape: float
     statement: str
+    of_shapes: str = ""  # how it goes on where shapes are compared with identified ones
 
 
 class Requirement(NamedTuple):

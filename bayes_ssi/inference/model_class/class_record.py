@@ -129,7 +129,7 @@ class ConfigurationRecord:
 
 @dataclass(frozen=True)
 class ClassRecord:
-    """A model class; ``error_sizes`` describes its error model in words."""
+    """A model class; ``error_sizes`` describes its error model in words, as far as it is used."""
 
     name: str
     description: str
@@ -152,6 +152,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
         error_sizes={
             each.name: in_words(getattr(model_class.error, each.name))
             for each in fields(model_class.error)
+            if model_class.has_shapes or each.name != "shape_sd"
         },
         parameters=tuple(
             ParameterRecord(

@@ -180,6 +180,11 @@ class ModelClass(Displayed):
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def has_shapes(self) -> bool:
+        """Whether the data of any configuration have shapes that carry information."""
+        return any(test.data.has_shapes for test in self.configurations)
+
+    @property
     def data_digest(self) -> str:
         """Digest of the data, of all configurations, whose density the evidence is."""
         return joint_digest({c.name: c.data for c in self.configurations})

@@ -236,8 +236,8 @@ class Confirmation(NamedTuple):
     correction: float  # of the log evidence
     error: float  # of the correction
     change: float  # of the mean log-likelihood
-    # Largest relative difference of frequencies, and least MAC at the sensors.
-    differences: tuple[float, float]
+    # Largest relative difference of frequencies, and least MAC at the sensors; None without shapes.
+    differences: tuple[float, float | None]
 
     def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:
         """The check that fails where these draws do not support the correction, if any."""
@@ -289,10 +289,11 @@ def corrected(
     """The posterior with its evidence corrected by exact solutions at some draws, and remarks."""
     correction, error = confirmation.correction, confirmation.error
     frequency, least_mac = confirmation.differences
+    macs = "" if least_mac is None else f", MAC is {_just_below_one(least_mac)} or more,"
     remark = (
         f"confirmed by {len(confirmation.values)} full solutions at draws: frequencies differ by "
-        f"{frequency:.1g} at most, MAC is {_just_below_one(least_mac)} or more, and the log "
-        f"evidence was corrected by {correction:+.4f} ± {error:.4f}"
+        f"{frequency:.1g} at most{macs} and the log evidence was corrected by "
+        f"{correction:+.4f} ± {error:.4f}"
     )
     evidence = posterior.evidence
     return replace(
@@ -311,16 +312,16 @@ def corrected(
 
 def _differences(
     model_class: ModelClass, exact: ModelClass, values: FloatArray
-) -> tuple[float, float]:
+) -> tuple[float, float | None]:
     """Largest relative difference of frequencies, and least MAC at the sensors, at ``values``."""
-    frequency, least_mac = 0.0, 1.0
+    frequency, least_mac = 0.0, 1.0 if model_class.has_shapes else None
     parts = zip(model_class.parts(values), exact.likelihoods, strict=True)
     for (_, likelihood, columns), of_full_model in parts:
         approximate, full = likelihood.modes(columns), of_full_model.modes(columns)
         off = np.abs(approximate.frequencies_hz / full.frequencies_hz - 1.0)
         frequency = max(frequency, float(off.max()))
         shapes = (likelihood.shapes_at_sensors(modes) for modes in (approximate, full))
-        if len(likelihood.data.sensors) > 1:
+        if least_mac is not None and len(likelihood.data.sensors) > 1:
             alike = np.array([np.diag(mac(a, b)) for a, b in zip(*shapes, strict=True)])
             seen = alike[~np.isnan(alike)]  # by the sensors
             least_mac = float(seen.min(initial=least_mac))
@@ -356,7 +357,9 @@ def requirements(
     needed = []
     for configuration, likelihood, columns in model_class.parts(values):
         frequency, shape = (
-            settings.error_share * float(np.quantile(errors, settings.error_quantile))
+            # One of the errors, as those of shapes that nothing is compared with are infinite.
+            settings.error_share
+            * float(np.quantile(errors, settings.error_quantile, method="lower"))
             for errors in likelihood.least_errors(columns)
         )
         structural = columns[:, : len(configuration.structure.parameters)]
@@ -414,13 +417,18 @@ def certified(
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
         accuracy = configuration.structure.accuracy(required.values, required.n_modes)
-        remarks.append(where + accuracy.statement)
+        shapes = math.isfinite(required.shape)
+        remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
         if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
+            known = [f"{error:.1g} of {what}" for error, what in (
+                (accuracy.frequency, "the frequency"), (accuracy.shape, "a shape")
+            )]  # fmt: skip
+            wanted = [f"{required.frequency:.1g}", f"{required.shape:.1g}"]
             failed.append(
-                f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
-                f"of the frequency and {accuracy.shape:.1g} of a shape, not to "
-                f"{required.frequency:.1g} and {required.shape:.1g}, {settings.error_share:g} of "
-                "the data's and model's errors; allow it more full solutions"
+                f"{where}the approximate structure is certified only to "
+                f"{' and '.join(known[: 1 + shapes])}, not to {' and '.join(wanted[: 1 + shapes])}"
+                f", {settings.error_share:g} of the data's and model's errors; allow it more full "
+                "solutions"
             )
     return remarks, failed

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from rich.table import Table
 
 from bayes_ssi.inference.calibration.calibration import Calibration
@@ -25,7 +26,9 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     ]
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
     classes = ", ".join(map(repr, (calibration.name, *same)))
-    title = f"{what} of {classes}, λ = {calibration.shape_weight:g}"
+    title = f"{what} of {classes}"
+    if has_shapes(calibration):
+        title += f", λ = {calibration.shape_weight:g}"
     if len(names) <= TABLES.most_columns:
         return new_table(title, [""], names, cells)
     shown = cells[: TABLES.most_columns]
@@ -35,19 +38,24 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     return new_table(title, headings[:1], headings[1:], rows)
 
 
+def has_shapes(calibration: Calibration) -> bool:
+    """Whether the objective compares any shape."""
+    return any(not math.isnan(mode.mac) for mode in calibration.before.modes)
+
+
 def calibration_modes_table(calibration: Calibration) -> Table:
-    headings = ["model mode", "identified Hz", "before Hz", "after Hz", "MAC before", "MAC after"]
+    headings = ["model mode", "identified Hz", "before Hz", "after Hz"]
+    macs = ["MAC before", "MAC after"] if has_shapes(calibration) else []
     rows = [
         (
             label_in(after.configuration, after.label),
             str(before.model_mode),
             *digits(before.identified_hz, before.model_hz, after.model_hz),
-            number(before.mac, ".4f"),
-            number(after.mac, ".4f"),
+            *(number(fit.mac, ".4f") for fit in (before, after) if macs),
         )
         for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True)
     ]
-    return new_table(f"Modes of {calibration.name!r}", ["mode"], headings, rows)
+    return new_table(f"Modes of {calibration.name!r}", ["mode"], [*headings, *macs], rows)
 
 
 def determination_tables(calibration: Calibration) -> list[Table]:
@@ -122,14 +130,16 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
 
 def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
     """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
-    title = (
-        f"Sensitivities of {sensitivities.name!r}: percent of frequency (of unit shape) per percent"
-    )
+    shapes = " (of unit shape)" if np.isfinite(sensitivities.of_shapes).any() else ""
+    title = f"Sensitivities of {sensitivities.name!r}: percent of frequency{shapes} per percent"
     rows = []
     # Zero has no sign.
     of_frequencies = (sensitivities.of_frequencies.round(2) + 0.0).tolist()
     of_shapes = sensitivities.of_shapes.tolist()
     for mode, *of_one in zip(sensitivities.modes, of_frequencies, of_shapes, strict=True):
-        pairs = zip(*of_one, strict=True)
-        rows.append([mode, *(f"{by_f:+.2f} ({by_shape:.2f})" for by_f, by_shape in pairs)])
+        cells = [
+            f"{by_f:+.2f}" + ("" if math.isnan(by_shape) else f" ({by_shape:.2f})")
+            for by_f, by_shape in zip(*of_one, strict=True)
+        ]
+        rows.append([mode, *cells])
     return new_table(title, ["mode"], sensitivities.parameters, rows)

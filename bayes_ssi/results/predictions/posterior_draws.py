@@ -125,7 +125,7 @@ class PosteriorDraws:
         ``size_per_draw`` is the size of its largest array for each draw, in numbers, if that is
         larger than the mode shapes.
         """
-        shapes_size = len(self.structure.degrees_of_freedom) * self.structure.n_modes
+        shapes_size = max(1, len(self.structure.degrees_of_freedom)) * self.structure.n_modes
         rows = max(1, PREDICTION_SETTINGS.array_size // max(shapes_size, size_per_draw))
         # The matrices of a draw are small: threads inside BLAS would only wait for one another.
         with threadpool_limits(limits=1, user_api="blas"):

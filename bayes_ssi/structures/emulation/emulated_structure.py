@@ -164,8 +164,8 @@ class EmulatedStructure(ApproximateStructure):
             frequency,
             shape,
             f"modes emulated from {len(fit.x)} solutions; by solutions left out, frequencies "
-            f"differ from the structure's by {frequency:.1g} (as a fraction) and shapes at the "
-            f"sensors by {shape:.1g} (at unit length) at a typical draw",
+            f"differ from the structure's at a typical draw by {frequency:.1g} (as a fraction)",
+            f" and shapes at the sensors by {shape:.1g} (at unit length)",
         )
 
     def _of_fit(self, fit: "EmulatorFit") -> Self:

@@ -190,8 +190,8 @@ class ReducedStructure(ApproximateStructure):
             shape,
             f"{self.full.size} degrees of freedom reduced to {self.basis.size} by "
             f"{self.n_full_solutions} full solutions; by the residuals at {len(values)} draws, "
-            f"frequencies are within {frequency:.1g} of the full model's (as a fraction) and "
-            f"shapes at the sensors within about {shape:.1g} (at unit length)",
+            f"frequencies are within {frequency:.1g} of the full model's (as a fraction)",
+            f" and shapes at the sensors within about {shape:.1g} (at unit length)",
         )
 
     def _train(self, required: Requirement) -> None:

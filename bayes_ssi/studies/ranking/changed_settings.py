@@ -113,6 +113,8 @@ class ChangedSettings:
         """
         known = dict.fromkeys(name for each in model_classes for name in each.parameter_names)
         require_known("prior: no parameter", self.priors, known)
+        if self.shape_sd is not None and not any(each.has_shapes for each in model_classes):
+            raise ValueError("shape_sd: no shape was identified")
         for name in self._numbers:
             if not any(name in _numbers(each) for each in model_classes):
                 size = getattr(model_classes[0].error, name)
@@ -358,7 +360,8 @@ def sensitivity(sampled: SampledClasses, prior_weights: Mapping[str, float] | No
     log_evidences = {name: p.evidence.log_evidence for name, p in sampled.posteriors.items()}
     shares = class_probabilities(log_evidences, prior_weights)
     rows = [SensitivityRow("unchanged", shares)]
-    for variation in default_variations():
+    shapes = any(each.has_shapes for each in sampled.known.values())
+    for variation in default_variations(shapes=shapes):
         answers = sampled.varied(variation, lambda one: bool(sampled.classes and one.problem))
         changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
         after = class_probabilities(changed, prior_weights)

@@ -33,15 +33,18 @@ class Variation:
     change: Callable[[ModelClass], ModelClass]
 
 
-def default_variations() -> tuple[Variation, ...]:
-    """Every setting halved and doubled: missed and spurious modes, error sizes, prior widths."""
+def default_variations(*, shapes: bool = True) -> tuple[Variation, ...]:
+    """Every setting halved and doubled: missed and spurious modes, error sizes, prior widths.
+
+    Without ``shapes`` in the data, the sizes of their errors are none.
+    """
     variations = []
     for factor, times in ((2.0, "× 2"), (0.5, "× ½")):
         variations += [
             Variation(f"missed modes {times}", partial(with_missed, factor)),
             Variation(f"spurious modes {times}", partial(with_spurious, factor)),
             Variation(f"σ_f {times}", partial(with_errors, factor, 1.0)),
-            Variation(f"σ_φ {times}", partial(with_errors, 1.0, factor)),
+            *[Variation(f"σ_φ {times}", partial(with_errors, 1.0, factor))] * shapes,
             Variation(f"width of priors {times}", partial(with_wider_priors, factor)),
         ]
     return tuple(variations)
