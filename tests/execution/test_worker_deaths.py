@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pools import Crew, Death, numbered, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.inference.workers.executors import LocalWorkers, can_copy
 from bayes_ssi.inference.workers.workers import WorkerSettings
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
@@ -123,3 +123,18 @@ def test_an_executor_that_was_given_and_breaks_is_not_replaced():
         pytest.raises(ValueError, match="the executor that was given does not replace it: Broken"),
     ):
         pool.evaluate(lambda _: os._exit(1), points(3))
+
+
+@pytest.mark.skipif(not can_copy(), reason="makes copies of this process")
+def test_a_worker_that_is_killed_while_the_pool_starts_ends_the_run(monkeypatch):
+    def killed():
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("bayes_ssi.inference.workers.executors.end_with_parent", killed)
+        pool = LocalWorkers(2, copies=True)
+        with pytest.raises(ValueError, match=r"^workers: one of 2 died while they started, "), pool:
+            pass
+    # Nothing of them is left, and the next ones start.
+    with pool:
+        np.testing.assert_array_equal(pool.evaluate(sums, points(5)).values, sums(points(5)))

@@ -34,7 +34,14 @@ class LocalWorkers(Workers):
     def _start(self) -> None:
         if self.copies and can_copy():
             self._executor = self._new_executor(multiprocessing.get_context("fork"))
-            self._executor.submit(int).result()  # now, before a thread of this process begins
+            try:
+                self._executor.submit(int).result()  # now, before a thread of this process begins
+            except BrokenExecutor as death:
+                self.abandon()
+                raise ValueError(
+                    f"workers: one of {self.n_workers} died while they started, perhaps for lack "
+                    "of memory, of which fewer workers need less"
+                ) from death
 
     def _running(self) -> Executor:
         if self._executor is None:

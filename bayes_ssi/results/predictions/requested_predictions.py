@@ -388,8 +388,8 @@ def save_predictions(directory: str | Path, responses: Sequence[ResponseBands]) 
     """Write predictions of one request into ``directory``, which exists.
 
     A row for each model class, place and point, with seven digits of every number:
-    ``frequencies.csv``, ``mode_shapes.csv`` and, where requested, ``transfer_functions.csv``,
-    ``time_histories.csv`` and ``peaks.csv`` (for both).
+    ``frequencies.csv``, ``mode_shapes.csv`` where there are places and, where requested,
+    ``transfer_functions.csv``, ``time_histories.csv`` and ``peaks.csv`` (for both).
     """
     for name, columns, rows in _tables(responses):
         rounded = (
@@ -409,16 +409,17 @@ def _tables(responses: Sequence[ResponseBands]) -> Iterator[CsvTable]:
             for each, mode in modes
         ),
     )
-    shapes = ((each, *named) for each in responses for named in each.shapes.items())
-    yield (
-        "mode_shapes.csv",
-        ("model_class", "mode", "place", *BAND),
-        (
-            (each.name, label, *row)
-            for each, label, shape in shapes
-            for row in zip(each.places, *shape, strict=True)
-        ),
-    )
+    if responses[0].places:
+        shapes = ((each, *named) for each in responses for named in each.shapes.items())
+        yield (
+            "mode_shapes.csv",
+            ("model_class", "mode", "place", *BAND),
+            (
+                (each.name, label, *row)
+                for each, label, shape in shapes
+                for row in zip(each.places, *shape, strict=True)
+            ),
+        )
     if request.frequencies_hz is not None:
         yield (
             "transfer_functions.csv",
