@@ -195,7 +195,7 @@ def _with_errors_of_approximation(
         if not structure.is_approximate:
             widened.append(test)
             continue
-        frequency, shape, _ = structure.accuracy(
+        frequency, shape, *_ = structure.accuracy(
             columns[:, : len(structure.parameters)], n_needed(likelihood, columns, settings)
         )
         modes = tuple(

@@ -174,13 +174,22 @@ def _reach(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _influence(sampled: SamplingResult) -> Iterator[str]:
-    """A log-likelihood that is the same wherever it was evaluated."""
-    values = sampled.importance.log_likelihoods
-    if np.mean(values == values.max()) > CHECKS.flat_share:
+    """A log evidence that is the log-likelihood of most of the prior, and of hardly anything else.
+
+    Draws of the prior, by their masses, have it; draws that count as impossible do not hide it.
+    """
+    draws = sampled.importance
+    values, order = draws.log_likelihoods, np.argsort(draws.log_likelihoods, kind="stable")
+    masses = np.exp(log_standard_normal(draws.z) - draws.log_proposals)
+    masses /= masses.sum()
+    shared = values[order[np.searchsorted(masses[order].cumsum(), 0.5)]]
+    alike = np.isclose(values, shared, 1e-9, 1e-9)
+    mass, beyond = float(masses @ alike), float(draws.weights @ ~alike)
+    if mass > CHECKS.flat_share and beyond <= CHECKS.standard_errors * sampled.evidence.error:
         yield (
-            f"the log-likelihood is {values.max():.6g} wherever it was evaluated: either no "
-            "parameter has an influence on it, or this is a floor at which small likelihoods are "
-            "cut off, and all above it lies in regions of less than "
+            f"the log evidence is the log-likelihood of {100 * mass:.3g} % of the prior, "
+            f"{shared:.6g}: either no parameter has an influence on it, or this is a floor at "
+            "which small likelihoods are cut off, and all above it lies in regions of less than "
             f"{sampled.search.largest_unseen_mass:.1g} of the prior, which were not found"
         )
 

@@ -302,9 +302,9 @@ class CheckSettings:
     # Nor need one whose part of the prior had, on average, so many of the draws of each search: it
     # was seen, but led to a higher neighbour.
     draws_that_see: float = 5.0
-    # A likelihood that is the same at more of the importance draws than this says nothing: at the
-    # others, a model may have failed.
-    flat_share: float = 0.999
+    # An evidence that rests on one value of the likelihood, which more of the prior than this share
+    # has, says nothing.
+    flat_share: float = 0.5
 
 
 MAXIMA = MaximaSettings()

@@ -60,7 +60,7 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
     if not largest.any():
         raise ValueError(
             f"model class {baseline.name!r}: no mode of the structure moves a sensor, so masses "
-            "have no scale"
+            "of appendages have no scale; a search needs sensors, or a structure with floors"
         )
     return MassScale(float(np.median(largest[largest > 0.0] ** -2)), "median modal mass")
 
@@ -291,6 +291,7 @@ def _places(
     present_in: Sequence[str] | None,
 ) -> tuple[AppendagePlace, ...]:
     tests = tests_with_appendages(baseline, present_in)
+    scale_of(baseline, present_in)  # refuses masses that have none, before anything is sampled
     if candidates is None:
         sensors = dict.fromkeys(name for test in tests for name in test.data.sensors)
         candidates = tests[0].structure.candidates(list(sensors))

@@ -192,7 +192,10 @@ def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
         except ValueError:
             return False
 
-    return [label for label in labels if all(has(each, label) for each in structures)]
+    common = [label for label in labels if all(has(each, label) for each in structures)]
+    if not common:
+        raise ValueError("plan: the structures have no place in common that a sensor could measure")
+    return common
 
 
 def _places(
