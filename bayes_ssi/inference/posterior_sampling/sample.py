@@ -29,10 +29,12 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     datum_terms,
 )
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region, draws_with_shapes
+from bayes_ssi.inference.posterior_sampling.noise import with_noise_said
 from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
     is_approximate,
     refined,
+    with_exact_structures,
 )
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.result import SamplingResult
@@ -99,13 +101,16 @@ def sample(
                 known_starts=known_starts,
             )
             if not is_approximate(emulated):
-                return sample_class(emulated)
+                posterior = sample_class(emulated)
+                return with_noise_said(posterior, model_class, model_class, run.workers)
             refine = partial(
                 refined, emulated, sample_class, seed, settings.log_evidence_error,
                 own_run.workers, refinement,
             )  # fmt: skip
             if is_emulated:
-                return _with_solutions_counted(refine(), emulated)
+                posterior = _with_solutions_counted(refine(), emulated)
+                solved = with_exact_structures(emulated)
+                return with_noise_said(posterior, model_class, solved, run.workers)
             return refine(report=partial(run.report, model_class.name))
     except ValueError:
         if checkpoint and journal and journal.is_empty:
