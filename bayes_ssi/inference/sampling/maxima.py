@@ -163,6 +163,13 @@ def _mixture(
     return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
+def noise_at(target: Target, maxima: Maxima) -> float:
+    """The noise in nats, by three maxima moved in the last digits; zero where it is rounding."""
+    again = target.log_posterior(maxima.z[:3] * (1.0 + MAXIMA.nudge))
+    noise = float(np.abs(again - maxima.log_posteriors[:3]).max())
+    return noise if MAXIMA.least_noise < noise < math.inf else 0.0
+
+
 def no_maxima(n_dimensions: int) -> Maxima:
     d = n_dimensions
     return Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))
@@ -247,6 +254,7 @@ def ascend(
     gradient[active] = _gradient(target, z[active], value[active], axes)
     reach = np.full(n, 1.0)
     step_lengths = np.array(MAXIMA.step_lengths)
+    least_rise = max(MAXIMA.least_rise, 3.0 * target.noise)
     for _ in range(MAXIMA.steps_of_ascent):
         if not len(active):
             break
@@ -271,7 +279,7 @@ def ascend(
         new_gradient = _gradient(target, z[moved], value[moved], axes)
         _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
         gradient[moved] = new_gradient
-        finished = (better & (rise < MAXIMA.least_rise) & (expected < 10 * MAXIMA.least_rise)) | (
+        finished = (better & (rise < least_rise) & (expected < 10 * least_rise)) | (
             reach[active] < 1e-5
         )
         active = active[~finished]
@@ -280,10 +288,11 @@ def ascend(
 
 def _gradient(target: Target, z: FloatArray, value: FloatArray, axes: FloatArray) -> FloatArray:
     """Forward differences along axes (k, d), (n, k), all in one batch."""
-    ahead = z[:, None, :] + MAXIMA.gradient_step * axes
+    step = max(MAXIMA.gradient_step, MAXIMA.step_over_noise * math.sqrt(target.noise))
+    ahead = z[:, None, :] + step * axes
     rises = target.log_posterior(ahead.reshape(-1, z.shape[1])).reshape(len(z), len(axes))
     rise = rises - value[:, None]
-    return np.nan_to_num(rise / MAXIMA.gradient_step, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.nan_to_num(rise / step, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _update_inverse(
@@ -327,7 +336,8 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
 def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
     """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
     d = len(z)
-    lengths = np.full(d, MAXIMA.hessian_step)
+    lengths = np.full(d, MAXIMA.hessian_step if not target.noise else MAXIMA.noisy_hessian_step)
+    largest_fall = max(MAXIMA.largest_fall, 30.0 * target.noise)
     beside = np.empty((2, d))
     steep = np.arange(d)
     while len(steep):
@@ -336,9 +346,9 @@ def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArr
         beside[:, steep] = target.log_posterior(points).reshape(2, -1)
         fall = value - beside[:, steep].min(axis=0)
         with np.errstate(invalid="ignore"):
-            too_far = np.isfinite(fall) & (fall > MAXIMA.largest_fall)
+            too_far = np.isfinite(fall) & (fall > largest_fall)
         too_far &= lengths[steep] > MAXIMA.gradient_step
-        lengths[steep[too_far]] *= np.sqrt(0.5 * MAXIMA.largest_fall / fall[too_far])
+        lengths[steep[too_far]] *= np.sqrt(0.5 * largest_fall / fall[too_far])
         steep = steep[too_far]
     return lengths, beside
 

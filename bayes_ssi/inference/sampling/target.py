@@ -49,6 +49,8 @@ class Target:
     # Coordinates (B, d) → parameter values (B, d), of which chains are judged; the coordinates
     # themselves if None.
     parameter_values: Callable[[FloatArray], FloatArray] | None = None
+    # In nats, by how much answers at one point differ; measured where searches disagree.
+    noise: float = field(default=0.0, init=False)
     n_evaluations: int = field(default=0, init=False)
     # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
     # zero.
