@@ -87,10 +87,8 @@ def calibrate(
     for group in _same_to_the_reader(calibrations):
         _show(group)
     if calibrations:
-        from bayes_ssi.report.tables.calibration_tables import has_shapes
-
-        shapes = " and, times λ, of shapes" if any(map(has_shapes, calibrations)) else ""
-        say(LEGEND.format(shapes=shapes))
+        shapes = any(each.has_shapes for each in calibrations)
+        say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
         say_in_paragraphs(*map(_conclusion, calibrations))
     say_warnings(data_warnings(failed))
     print_record(lambda: {"calibrations": calibrations, "failed_checks": failed})

@@ -117,7 +117,7 @@ def save_prediction_figures(
 
 def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[NamedFigure]:
     request = responses[0].request
-    places, level = request.labels, 100 * request.level
+    places, level = request.output.labels, 100 * request.level
     if request.frequencies_hz is not None:
         bands = {
             response.name: response.transfer.curves
@@ -130,7 +130,7 @@ def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[Na
         yield "transfer_functions", _by_place(places, bands, plot, title)
     for i, motion in enumerate(request.motions, 1):
         bands = {each.name: each.histories[motion.name].curves for each in responses}
-        quantity = f"{request.quantity} ({request.unit})"
+        quantity = f"{request.output.quantity} ({request.unit})"
         plot = partial(plot_time_history, motion.times, quantity=quantity)
         title = f"{motion.name}, median and {level:g} % envelope"
         number = f"_{i}" if len(request.motions) > 1 else ""

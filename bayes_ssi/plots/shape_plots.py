@@ -95,8 +95,7 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
     :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the model's median.
     """
     if not (modes.modes and modes.places):
-        lack = "the model has no shapes" if modes.modes else "no mode is paired"
-        raise ValueError(f"plot_mode_shapes: {lack}")
+        raise ValueError("plot_mode_shapes: no mode is paired, or the model has no shapes")
     shapes = [
         DrawnShape(
             f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz",

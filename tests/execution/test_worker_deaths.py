@@ -133,7 +133,10 @@ def test_a_worker_that_is_killed_while_the_pool_starts_ends_the_run(monkeypatch)
     with monkeypatch.context() as patched:
         patched.setattr("bayes_ssi.inference.workers.executors.end_with_parent", killed)
         pool = LocalWorkers(2, copies=True)
-        with pytest.raises(ValueError, match=r"^workers: one of 2 died while they started, "), pool:
+        with (
+            pytest.raises(ValueError, match=r"^workers: one of 2 died while they started; is"),
+            pool,
+        ):
             pass
     # Nothing of them is left, and the next ones start.
     with pool:

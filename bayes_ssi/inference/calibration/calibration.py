@@ -75,6 +75,10 @@ class Calibration(Displayed):
     errors_are_correlated: bool
 
     @property
+    def has_shapes(self) -> bool:
+        return any(not math.isnan(mode.mac) for mode in self.before.modes)
+
+    @property
     def best(self) -> DeterministicFit:
         return self.minima[0]
 

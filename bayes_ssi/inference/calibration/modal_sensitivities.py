@@ -34,8 +34,7 @@ class ModalSensitivities(Displayed):
         modes: (m,) labels of the paired modes, with their configurations.
         parameters: (p,) names.
         of_frequencies: (m, p) percent by which a frequency rises where a parameter does by one.
-        of_shapes: (m, p) length in percent of the change of a unit shape at the sensors, likewise;
-            NaN where no shape was identified.
+        of_shapes: (m, p) length in percent of the change of a unit shape at the sensors, likewise.
         signals: (p,) over the noise, each beside those taken before it, the largest first.
         order: (p,) the parameters in that order.
     """
@@ -103,9 +102,7 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
         # A shape's sign is nobody's; that of the first row goes for all.
         signs = np.where((shapes * shapes[:1]).sum(1, keepdims=True) < 0.0, -1.0, 1.0)
         shapes = shapes * signs / np.maximum(lengths, np.finfo(float).tiny)
-        lengths = np.linalg.norm(difference_quotients(shapes), axis=1).T
-        lengths[[mode.scored_shape is None for mode in pairs.modes]] = np.nan
-        changes.append(lengths)
+        changes.append(np.linalg.norm(difference_quotients(shapes), axis=1).T)
     # In prior standard deviations, at the prior medians, too.
     jacobian = problem.sensitivities(np.zeros(len(values)))
     triangle, order = scipy.linalg.qr(jacobian, mode="r", pivoting=True)

@@ -182,7 +182,8 @@ class ModelClass(Displayed):
     @property
     def has_shapes(self) -> bool:
         """Whether the data of any configuration have shapes that carry information."""
-        return any(test.data.has_shapes for test in self.configurations)
+        modes = (mode for test in self.configurations for mode in test.data.modes)
+        return any(mode.scored_shape is not None for mode in modes)
 
     @property
     def data_digest(self) -> str:

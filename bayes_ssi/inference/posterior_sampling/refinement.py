@@ -421,14 +421,12 @@ def certified(
         remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
         if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
-            known = [f"{error:.1g} of {what}" for error, what in (
-                (accuracy.frequency, "the frequency"), (accuracy.shape, "a shape")
-            )]  # fmt: skip
-            wanted = [f"{required.frequency:.1g}", f"{required.shape:.1g}"]
+            known = f" and {accuracy.shape:.1g} of a shape" * shapes
+            wanted = f" and {required.shape:.1g}" * shapes
             failed.append(
-                f"{where}the approximate structure is certified only to "
-                f"{' and '.join(known[: 1 + shapes])}, not to {' and '.join(wanted[: 1 + shapes])}"
-                f", {settings.error_share:g} of the data's and model's errors; allow it more full "
+                f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
+                f"of the frequency{known}, not to {required.frequency:.1g}{wanted}, "
+                f"{settings.error_share:g} of the data's and model's errors; allow it more full "
                 "solutions"
             )
     return remarks, failed

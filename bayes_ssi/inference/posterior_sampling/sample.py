@@ -29,17 +29,21 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     datum_terms,
 )
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region, draws_with_shapes
-from bayes_ssi.inference.posterior_sampling.noise import with_noise_said
 from bayes_ssi.inference.posterior_sampling.refinement import (
     RefinementSettings,
     is_approximate,
     refined,
-    with_exact_structures,
 )
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.settings import CHECKS, SamplingSettings
+from bayes_ssi.inference.sampling.target import (
+    NUDGE,
+    POINTS_TO_CHECK,
+    ROUNDING,
+    Target,
+    log_standard_normal,
+)
 from bayes_ssi.inference.workers.journal import Journal, RecordedStructure
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
@@ -101,16 +105,13 @@ def sample(
                 known_starts=known_starts,
             )
             if not is_approximate(emulated):
-                posterior = sample_class(emulated)
-                return with_noise_said(posterior, model_class, model_class, run.workers)
+                return sample_class(emulated)
             refine = partial(
                 refined, emulated, sample_class, seed, settings.log_evidence_error,
                 own_run.workers, refinement,
             )  # fmt: skip
             if is_emulated:
-                posterior = _with_solutions_counted(refine(), emulated)
-                solved = with_exact_structures(emulated)
-                return with_noise_said(posterior, model_class, solved, run.workers)
+                return _with_solutions_counted(refine(), emulated)
             return refine(report=partial(run.report, model_class.name))
     except ValueError:
         if checkpoint and journal and journal.is_empty:
@@ -196,6 +197,7 @@ def sample_as_it_is(
         z, log_likelihoods, remarks = _quoted_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
         at_values = _at_draws(model_class, values, run.workers)
+        remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
     configurations = configuration_modes(model_class, values)
     values = values.reshape(z.shape)
     return Posterior(
@@ -225,7 +227,8 @@ def sample_as_it_is(
         n_searches=sampled.search.n_searches,
         largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
-        failed_checks=(*sampled.failed_checks, *_failures(model_class, target)),
+        failed_checks=(*sampled.failed_checks, *_failures(model_class, target), *noise),
+        remarks=tuple(remarks),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
@@ -258,6 +261,31 @@ def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None)
         parts = np.array_split(different, min(pool.n_parts, len(different)))
         model = AtDraws.joined(pool.call_each(partial(at_draws, model_class), parts))
     return model.rows(which.ravel())
+
+
+def _noise(
+    model_class: ModelClass,
+    values: FloatArray,
+    log_likelihoods: FloatArray,
+    model: AtDraws,
+    pool: Workers | None,
+) -> tuple[list[str], list[str]]:
+    """A remark, or a failed check, where the model answers differently when it is asked again."""
+    chosen = evenly_spaced_indices(len(values), POINTS_TO_CHECK)
+    nudged = values[chosen] * (1.0 + NUDGE)
+    ask = model_class.modes_or_nan
+    modes = ask(nudged) if pool is None else pool.call_each(ask, [nudged])[0]
+    again = model_class.log_density_of_modes(nudged, modes)
+    nats = float(np.abs(again - log_likelihoods.ravel()[chosen]).max())
+    frequencies = np.concatenate([each.frequencies_hz for each in modes], axis=1)
+    share = float(np.abs(frequencies / model.frequencies_hz[chosen] - 1.0).max())
+    text = (
+        f"asked twice at {len(chosen)} draws, the model answers differently: frequencies differ by "
+        f"{share:.1g} at most (as a fraction) and log-likelihoods by {nats:.1g} nats"
+    )
+    if nats <= CHECKS.most_noise:
+        return [f"{text}, little beside the errors"] * (nats > ROUNDING), []
+    return [], [text]
 
 
 def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:

@@ -163,13 +163,6 @@ def _mixture(
     return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
-def noise_at(target: Target, maxima: Maxima) -> float:
-    """The noise in nats, by three maxima moved in the last digits; zero where it is rounding."""
-    again = target.log_posterior(maxima.z[:3] * (1.0 + MAXIMA.nudge))
-    noise = float(np.abs(again - maxima.log_posteriors[:3]).max())
-    return noise if MAXIMA.least_noise < noise < math.inf else 0.0
-
-
 def no_maxima(n_dimensions: int) -> Maxima:
     d = n_dimensions
     return Maxima(np.empty((0, d)), np.empty(0), np.empty((0, d, d)))

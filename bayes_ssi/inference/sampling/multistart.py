@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, no_maxima, noise_at, reached
+from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, no_maxima, reached
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.settings import MAXIMA
 from bayes_ssi.inference.sampling.target import Target
@@ -93,25 +93,19 @@ def search_maxima(
                 f"the likelihood is zero at all of {n_made * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
-        result = _joined(target, ends, searches, n_made * n_draws)
-        if not result.converged and not target.noise:
-            target.noise = noise_at(target, result.maxima)
-            if target.noise:
-                result = _joined(target, ends, searches, n_made * n_draws)
+        # Climbing on from all of them merges those that stopped short of the same maximum; once
+        # more, where they differ, if the target turns out to be noisy.
+        for _ in range(2):
+            maxima = find_maxima(target, ends)
+            found_by = np.array(
+                [reached(target, maxima, one.z, one.log_posteriors).any(axis=1) for one in searches]
+            )
+            result = MultistartSearch(maxima, found_by, n_made * n_draws)
+            if result.converged or target.noise or not target.is_noisy_at(maxima.z):
+                break
         if result.converged:
             break
     return result
-
-
-def _joined(
-    target: Target, ends: FloatArray, searches: list[Maxima], n_draws: int
-) -> MultistartSearch:
-    # Climbing on from all of them merges those that stopped short of the same maximum.
-    maxima = find_maxima(target, ends)
-    found_by = np.array(
-        [reached(target, maxima, one.z, one.log_posteriors).any(axis=1) for one in searches]
-    )
-    return MultistartSearch(maxima, found_by, n_draws)
 
 
 def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:

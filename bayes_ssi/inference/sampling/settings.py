@@ -89,10 +89,7 @@ class MaximaSettings:
     # Steps over which the log posterior falls by more nats are shortened: further away a narrow
     # maximum may have given way to what surrounds it.
     largest_fall: float = 0.1
-    # Where a model is noisy, which its answers at maxima moved by this share show: longer steps,
-    # over which the log posterior changes by more than the noise, in nats.
-    nudge: float = 1e-13
-    least_noise: float = 1e-6
+    # Where a model is noisy: longer steps, over which the log posterior changes by more.
     step_over_noise: float = 0.05  # forward steps over the root of the noise, the best at sd 0.03
     noisy_hessian_step: float = 0.3  # the first, which are shortened as above
     # An ascent along a curved ridge may need more steps: it is continued once.
@@ -311,6 +308,9 @@ class CheckSettings:
     # An evidence that rests on one value of the likelihood, which more of the prior than this share
     # has, says nothing.
     flat_share: float = 0.5
+    # More noise of a model than this, in nats, is not small beside the errors: of standard
+    # deviation s, it raises an evidence by s²/2, half of the wanted error.
+    most_noise: float = 0.1
 
 
 MAXIMA = MaximaSettings()

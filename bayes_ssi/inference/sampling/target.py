@@ -13,6 +13,9 @@ from bayes_ssi.inference.workers.workers import Evaluated, Function, Workers, ev
 # Points of a journal that are evaluated again, to see that the model is still the same: a change
 # of the model would hardly spare all of them.
 POINTS_TO_CHECK = 3
+# By which share points are moved to be asked twice, as what a model remembers would show no noise,
+# and how many nats count as rounding then.
+NUDGE, ROUNDING = 1e-13, 1e-5
 # Coordinates end here: farther out the prior's density, and the probability that the mapping to
 # parameters begins with, vanish in double precision. Proposals with heavy tails go there.
 FARTHEST = 38.0
@@ -49,8 +52,7 @@ class Target:
     # Coordinates (B, d) → parameter values (B, d), of which chains are judged; the coordinates
     # themselves if None.
     parameter_values: Callable[[FloatArray], FloatArray] | None = None
-    # In nats, by how much answers at one point differ; measured where searches disagree.
-    noise: float = field(default=0.0, init=False)
+    noise: float = field(default=0.0, init=False)  # in nats, where it was measured
     n_evaluations: int = field(default=0, init=False)
     # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
     # zero.
@@ -105,6 +107,15 @@ class Target:
         if self.parameter_values is None:
             return chains
         return self.parameter_values(chains.reshape(-1, chains.shape[-1])).reshape(chains.shape)
+
+    def is_noisy_at(self, z: FloatArray) -> bool:
+        """Whether answers differ at the first of ``z`` (n, d) moved in the last digits; kept."""
+        z = z[:POINTS_TO_CHECK]
+        once, again = self.log_likelihood(np.concatenate([z, z * (1.0 + NUDGE)])).reshape(2, -1)
+        with np.errstate(invalid="ignore"):
+            noise = float(np.abs(again - once).max())
+        self.noise = noise if ROUNDING < noise < np.inf else 0.0
+        return self.noise > 0.0
 
     def suggested(self, rng: np.random.Generator) -> FloatArray:
         """Suggested starts (m, d) of one search; none where nothing suggests any."""

@@ -38,10 +38,8 @@ class LocalWorkers(Workers):
                 self._executor.submit(int).result()  # now, before a thread of this process begins
             except BrokenExecutor as death:
                 self.abandon()
-                raise ValueError(
-                    f"workers: one of {self.n_workers} died while they started, perhaps for lack "
-                    "of memory, of which fewer workers need less"
-                ) from death
+                problem = f"one of {self.n_workers} died while they started; is memory short?"
+                raise ValueError(f"workers: {problem}") from death
 
     def _running(self) -> Executor:
         if self._executor is None:

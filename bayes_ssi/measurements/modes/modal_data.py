@@ -155,11 +155,6 @@ class ModalData(Displayed):
         shapes = [missing if m.unit_shape is None else m.unit_shape for m in self.modes]
         return np.array(shapes).reshape(len(self.modes), len(self.sensors)).T
 
-    @property
-    def has_shapes(self) -> bool:
-        """Whether a shape of any mode carries information."""
-        return any(mode.scored_shape is not None for mode in self.modes)
-
     def mode(self, label: str) -> IdentifiedMode:
         """The mode of that label.
 

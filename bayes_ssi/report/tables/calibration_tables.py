@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from rich.table import Table
 
 from bayes_ssi.inference.calibration.calibration import Calibration
@@ -26,9 +25,8 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     ]
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
     classes = ", ".join(map(repr, (calibration.name, *same)))
-    title = f"{what} of {classes}"
-    if has_shapes(calibration):
-        title += f", λ = {calibration.shape_weight:g}"
+    weight = f", λ = {calibration.shape_weight:g}" * calibration.has_shapes
+    title = f"{what} of {classes}{weight}"
     if len(names) <= TABLES.most_columns:
         return new_table(title, [""], names, cells)
     shown = cells[: TABLES.most_columns]
@@ -38,14 +36,9 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     return new_table(title, headings[:1], headings[1:], rows)
 
 
-def has_shapes(calibration: Calibration) -> bool:
-    """Whether the objective compares any shape."""
-    return any(not math.isnan(mode.mac) for mode in calibration.before.modes)
-
-
 def calibration_modes_table(calibration: Calibration) -> Table:
     headings = ["model mode", "identified Hz", "before Hz", "after Hz"]
-    macs = ["MAC before", "MAC after"] if has_shapes(calibration) else []
+    macs = ["MAC before", "MAC after"] if calibration.has_shapes else []
     rows = [
         (
             label_in(after.configuration, after.label),
@@ -130,16 +123,14 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
 
 def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
     """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
-    shapes = " (of unit shape)" if np.isfinite(sensitivities.of_shapes).any() else ""
-    title = f"Sensitivities of {sensitivities.name!r}: percent of frequency{shapes} per percent"
+    seen = bool((sensitivities.of_shapes >= 0.005).any())  # not zero to the digits shown
+    of = "frequency" + " (of unit shape)" * seen
+    title = f"Sensitivities of {sensitivities.name!r}: percent of {of} per percent"
     rows = []
     # Zero has no sign.
     of_frequencies = (sensitivities.of_frequencies.round(2) + 0.0).tolist()
     of_shapes = sensitivities.of_shapes.tolist()
     for mode, *of_one in zip(sensitivities.modes, of_frequencies, of_shapes, strict=True):
-        cells = [
-            f"{by_f:+.2f}" + ("" if math.isnan(by_shape) else f" ({by_shape:.2f})")
-            for by_f, by_shape in zip(*of_one, strict=True)
-        ]
-        rows.append([mode, *cells])
+        pairs = zip(*of_one, strict=True)
+        rows.append([mode, *(f"{f:+.2f}" + f" ({s:.2f})" * seen for f, s in pairs)])
     return new_table(title, ["mode"], sensitivities.parameters, rows)

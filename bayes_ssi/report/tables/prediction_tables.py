@@ -53,7 +53,7 @@ def shape_table(response: ResponseBands) -> Table | None:
 def peak_table(responses: Sequence[ResponseBands]) -> Table:
     """Peaks of transfer functions and of time histories at every place, median and band."""
     request = responses[0].request
-    title = f"Peak {request.quantity}, absolute value, {100 * request.level:g} % band"
+    title = f"Peak {request.output.quantity}, absolute value, {100 * request.level:g} % band"
     rows = [
         (each.name, motion or "transfer", place, f"{median:.4g}", interval(low, high), unit)
         for each in responses

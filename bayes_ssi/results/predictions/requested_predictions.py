@@ -48,7 +48,7 @@ PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²
 
 @dataclass(frozen=True, eq=False)
 class ResponseRequest:
-    output: Output | None  # None where the structure has no places, but frequencies alone
+    output: Output
     damping: Damping
     # (F,), frequencies of transfer functions; none are computed if None.
     frequencies_hz: FloatArray | None = None
@@ -69,27 +69,19 @@ class ResponseRequest:
                 raise ValueError(f"two ground motions are named {name!r}; give each its own name")
 
     @property
-    def quantity(self) -> str:
-        return self.output.quantity if self.output else ""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return tuple(self.output.labels) if self.output else ()
-
-    @property
     def transfer_unit(self) -> str:
         """Unit of the transfer functions' amplitudes."""
-        return (PER_GROUND if self.force_at is None else PER_FORCE)[self.quantity]
+        return (PER_GROUND if self.force_at is None else PER_FORCE)[self.output.quantity]
 
     @property
     def transfer_name(self) -> str:
         by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
-        return f"{self.quantity} / {by}"
+        return f"{self.output.quantity} / {by}"
 
     @property
     def unit(self) -> str:
         """Unit of time histories and their peaks."""
-        return RESPONSE_UNITS[self.quantity]
+        return RESPONSE_UNITS[self.output.quantity]
 
 
 class Response(NamedTuple):
@@ -118,7 +110,7 @@ class ResponseBands:
         responses: dict[str | None, Response] = {None: self.transfer} if self.transfer else {}
         for motion, response in (responses | self.histories).items():
             unit = self.request.transfer_unit if motion is None else self.request.unit
-            for place, *interval in zip(self.request.labels, *response.peaks, strict=True):
+            for place, *interval in zip(self.request.output.labels, *response.peaks, strict=True):
                 yield (motion, unit, place, *interval)
 
 
@@ -131,7 +123,6 @@ def predict_responses(
 
     def response(compute: Callable[[Output], Prediction], n_points: int) -> Response:
         curves, peaks = [], []
-        assert request.output is not None
         places = request.output.places
         # Solving for the modes again costs more than another place does.
         at_once = max(1, PREDICTION_SETTINGS.array_size // (predictions.n_draws * n_points))
@@ -157,8 +148,9 @@ def predict_responses(
     }
     modes = tuple(predicted_modes(predicted.data, predictions, request.level))
     places = shown_places(predictions, predicted.data)
-    shown = modes if places else ()
-    shapes = {m.label: predictions.shapes(m.label, places).band(request.level) for m in shown}
+    shapes = {
+        m.label: predictions.shapes(m.label, places).band(request.level) for m in modes if places
+    }
     return ResponseBands(predictions, request, modes, places, shapes, transfer, histories)
 
 
@@ -174,22 +166,20 @@ def default_damping(data: ModalData) -> tuple[float, str]:
     return 0.02, "assumed, since none was identified"
 
 
-def default_output(predictions: Predictions, quantity: Quantity) -> Output | None:
+def default_output(predictions: Predictions, quantity: Quantity) -> Output:
     """The quantity at the top of the main structure; for drift, between the ground and the top.
 
     The top is the highest degree of freedom that moves along with the ground, the first of them
-    where there are several; None where there is no degree of freedom.
+    where there are several; where there is none, as of frequencies alone, the ground.
     """
     structure = predictions.classes[0].structure
     heights, influence = structure.heights(), ground_influence(structure)
     places = predictions.main_places
-    if not places:
-        return None
     if influence is not None and influence.any():
         moved = zip(structure.degrees_of_freedom, influence, strict=True)
         moving = {place for place, along_with_ground in moved if along_with_ground}
         places = tuple(place for place in places if place in moving) or places
-    top = max(places, key=lambda place: heights[place])
+    top = max(places, key=lambda place: heights[place], default=GROUND)
     return Output(quantity, ((GROUND, top),) if quantity == "drift" else (top,))
 
 
@@ -231,11 +221,9 @@ def requested(
             raise ValueError(f"{name}: applies to records, but no --record is given")
     ratios, remark = _damping(predicted.data, damping)
     lowest = damping_ratios(ratios, np.size(ratios)).min()
-    default = default_output(first, quantity)
-    if default is None and (places or records or transfer not in (None, "none")):
-        kind = type(first.classes[0].structure).__name__
-        raise ValueError(f"the {kind} has no degrees of freedom; its frequencies alone are known")
-    output = _output(quantity, places) if places else default
+    if not first.main_places and (places or records or transfer not in (None, "none")):
+        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
+    output = _output(quantity, places) if places else default_output(first, quantity)
     remarks = [remark]
     heaviest = float(np.max(ratios))
     if heaviest > HEAVY_DAMPING:
@@ -243,7 +231,9 @@ def requested(
     frequencies = None
     if transfer is None:
         structures = [each.structure for each in first.classes]
-        unknown = [one for one in structures if not output or ground_influence(one) is None]
+        unknown = [
+            each for each in structures if not first.main_places or ground_influence(each) is None
+        ]
         transfer = "none" if unknown else GROUND
         if unknown:
             remarks.append(
@@ -345,8 +335,8 @@ def predictions_record(
         predictions_of=names,
         draws=predicted.n_draws,
         level=request.level,
-        quantity=request.quantity,
-        places=request.labels,
+        quantity=request.output.quantity,
+        places=tuple(request.output.labels),
         damping=damping if isinstance(damping, (int, float)) else tuple(damping),
         transfer_functions=transfer,
         records=tuple(
@@ -457,6 +447,6 @@ def _tables(responses: Sequence[ResponseBands]) -> Iterator[CsvTable]:
 
 def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
     """Place, point, low, median and high."""
-    for i, place in enumerate(each.request.labels):
+    for i, place in enumerate(each.request.output.labels):
         for row in zip(points, *(part[i] for part in band), strict=True):
             yield (place, *row)
