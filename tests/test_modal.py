@@ -169,3 +169,7 @@ def test_shapes_are_turned_with_their_own_kind():
     # An identified shape decides, at the sensors that measured it.
     signs = shape_signs(shapes, shapes, np.array([np.nan, -1.0, np.nan, 1.0]))
     np.testing.assert_array_equal(signs, -1.0)
+
+
+def test_modes_without_components_have_no_sign_to_turn():
+    np.testing.assert_array_equal(shape_signs(np.empty((3, 0)), np.empty((3, 0)), None), 1.0)

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import norm
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.sample import most_evidence
+from bayes_ssi.inference.posterior.model_at_draws import at_draws
+from bayes_ssi.inference.posterior_sampling.sample import _noise, most_evidence
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -193,3 +194,43 @@ def test_the_summary_counts_draws_by_their_effective_number(make_posterior):
         assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.1)
         expected = np.quantile(values[:, i], [0.05, 0.5, 0.95])
         assert (row.quantile_05, row.median, row.quantile_95) == pytest.approx(expected)
+
+
+def noisy_spring(noise):
+    rng = np.random.default_rng(4)
+
+    def frequency(k):
+        return [math.sqrt(k) * (1.0 + noise * rng.standard_normal())], None
+
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    structure = bs.FunctionStructure(frequency, {"k": 1.0 * k}, n_modes=1)
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.1),), band_hz=(0.0, 3.0))
+    return bs.ModelClass("spring", structure, data, bs.ErrorModel(0.01, 0.05), pairing={"1": 1})
+
+
+def assert_of_noise(text, noise):
+    """The largest of three differences of two normal numbers, relative, is near its expectation."""
+    share = float(re.match(r"asked twice at 3 draws, .* by (\S+) at most \(as a ", text)[1])
+    assert 0.2 < share / (math.sqrt(2.0) * noise) < 4.0
+
+
+@pytest.mark.parametrize(("noise", "said"), [(1e-10, 0), (1e-4, 1), (3e-2, 2)])
+def test_a_model_that_answers_differently_when_asked_twice(noise, said):
+    """What it remembers does not hide it: each answer of the function is remembered."""
+    noisy = noisy_spring(noise)
+    values = np.linspace(1.18, 1.24, 5)[:, None]
+    model = at_draws(noisy, values)
+    found = _noise(noisy, values, model.log_likelihoods.sum(axis=1), model, None)
+    assert [len(each) for each in found] == [said == 1, said == 2]
+    for text in sum(found, []):
+        assert_of_noise(text, noise)
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_small_noise_is_said_once_and_fails_nothing(workers):
+    settings = bs.SamplingSettings(log_evidence_error=0.1)
+    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(workers))
+    assert posterior.failed_checks == ()
+    assert len(posterior.regions) == 1
+    (remark,) = posterior.remarks
+    assert_of_noise(remark, 1e-4)
