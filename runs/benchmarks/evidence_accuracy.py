@@ -1,31 +1,27 @@
-"""Log evidences against known answers, over many seeds, compared with two nested samplers.
+"""Log evidences of problems with known answers, over many seeds, and their quoted draws.
 
-    pip install -e ".[benchmarks]"
-    python runs/benchmarks/evidence_accuracy.py [--seeds 20] [--part 1/2] [--lines FILE]
-        [--only "NAME;…"] [--dynesty-seeds 0] [--nautilus-seeds 0] [--time-limit 300]
-    python runs/benchmarks/evidence_table.py FILE …
+    python runs/benchmarks/evidence_accuracy.py FILE [--seeds 5] [--part 1/2] [--only "NAME;…"]
+    python runs/benchmarks/evidence_accuracy.py FILE --summary [--before FILE]
 
-One line for each problem: the root-mean-square error of the log evidence, the claimed error over
-it, the largest error of a region's probability, how many runs failed a check, how many declared
-that a region of that prior mass could be unseen, how many were confidently wrong, evaluations, and
-seconds of one processor. The sum of confident wrong answers comes last.
+The first appends one line of JSON for each run to FILE; ``--part i/n`` takes every nth problem, so
+that calls share the work. The second prints a table of all problems in it, as Markdown: the
+root-mean-square error of the log evidence, the claimed error over it, the largest error of a
+region's probability, how many runs failed a check, declared that a region of that prior mass could
+be unseen, and were confidently wrong, evaluations, seconds of one processor, and of the quoted
+draws by arviz the least effective sample size, bulk and tail, and the largest R-hat, and the share
+of their chains that are emcee's; then the sums, beside those of another file.
 
 A failed check is a result that says itself that it may be wrong. A wrong answer without one is
 confident, unless the problem hides a region to which nothing leads and the result states that a
 region of at least that prior mass could be unseen. Errors are claimed/actual over the runs that
 neither fail a check nor miss such a region.
-
-The nested samplers run at their defaults, vectorised where possible, on problems of up to six
-dimensions; what they have not finished within the time limit (CPU seconds) is printed as such.
-``--part i/n`` takes every nth problem, so that n processes share the work; ``--lines`` writes one
-line of JSON for each run, from which ``evidence_table.py`` makes one table of all parts.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
+from collections import Counter
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -33,16 +29,17 @@ from typing import Any
 import numpy as np
 from catalogue import all_problems
 from known_evidence import Problem
-from nested_samplers import SAMPLERS, sample_within
+from quoted_draws import diagnostics, share_of_emcee, watching_emcee
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.inference.calibration.narrow_regions import class_target
+from bayes_ssi.inference.posterior_sampling import sample
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target
 
 Run = dict[str, Any]
-# Largest number of dimensions in which nested samplers are compared.
-MOST_DIMENSIONS = 6
+# The draws (n_chains, n_draws, d) that a posterior quotes come first.
+QUOTED = getattr(sample, "_quoted_draws", None) or sample._corrected_draws
 # An error of more than four standard errors comes by chance once in 16,000 runs, 0.1 times in 20
 # runs of all problems; one of less than 0.05 nats changes the odds of two classes by less than
 # 5 %, which no ranking turns on.
@@ -55,34 +52,37 @@ def ours(problem: Problem, seed: int) -> Run:
         target = Target(problem.log_likelihood, problem.n_dimensions)
     else:
         target = class_target(problem.model_class)
-    try:
-        sampled = sample_target(target, np.random.SeedSequence(seed))
-    except ValueError as refusal:
+    with watching_emcee() as steps_of_emcee:
+        try:
+            sampled = sample_target(target, np.random.SeedSequence(seed))
+        except ValueError as refusal:
+            return {
+                "unfinished": str(refusal),
+                "seconds": process_time() - begun,
+                "evaluations": target.n_evaluations,
+            }
+        seconds = process_time() - begun
+        weights, z = sampled.importance.weights, sampled.importance.z
+        shares = [abs(weights[test(z)].sum() - known) for test, known in problem.regions.values()]
+        draws = QUOTED(sampled, np.random.default_rng(seed))[0]
         return {
-            "unfinished": str(refusal),
-            "seconds": process_time() - begun,
-            "evaluations": target.n_evaluations,
+            "log_evidence": sampled.evidence.log_evidence,
+            "claimed": sampled.evidence.error,
+            "share_error": max(shares, default=0.0),
+            "evaluations": sampled.n_evaluations,
+            "seconds": seconds,
+            "failed_checks": sampled.failed_checks,
+            "largest_unseen_mass": sampled.search.largest_unseen_mass,
+            "emcee": share_of_emcee(draws, steps_of_emcee()),
+            **diagnostics(draws),
         }
-    seconds = process_time() - begun
-    weights, z = sampled.importance.weights, sampled.importance.z
-    shares = [abs(weights[test(z)].sum() - known) for test, known in problem.regions.values()]
-    return {
-        "log_evidence": sampled.evidence.log_evidence,
-        "claimed": sampled.evidence.error,
-        "share_error": max(shares, default=0.0),
-        "evaluations": sampled.n_evaluations,
-        "seconds": seconds,
-        "failed_checks": sampled.failed_checks,
-        "largest_unseen_mass": sampled.search.largest_unseen_mass,
-    }
 
 
 def verdict(run: Run) -> str:
     """ "right", "failed check", "declared" or "confident wrong"."""
     if "unfinished" in run or run["failed_checks"]:
         return "failed check"
-    error = abs(run["log_evidence"] - run["exact"])
-    if error <= max(STANDARD_ERRORS * run["claimed"], LEAST_ERROR):
+    if not is_off(run):
         return "right"
     hidden = run["hidden_mass"]
     if hidden is not None and hidden <= run["largest_unseen_mass"]:
@@ -90,47 +90,104 @@ def verdict(run: Run) -> str:
     return "confident wrong"
 
 
-def summary(runs: list[Run]) -> dict[str, float]:
-    """Figures of the runs of one sampler on one problem; NaN where no run gives them."""
-    finished = [run for run in runs if "log_evidence" in run]
-    errors = np.array([run["log_evidence"] - run["exact"] for run in finished])
-    verdicts = [run.get("verdict", "right") for run in finished]
-    stands = np.isin(verdicts, ["right", "confident wrong"])
-    claimed = np.array([run["claimed"] for run in finished])
-    return {
-        "runs": len(runs),
-        "unfinished": len(runs) - len(finished),
-        "rms_error": rms(errors),
-        "claimed_over_actual": rms(claimed[stands]) / rms(errors[stands]),
-        "share_error": max((run.get("share_error", 0.0) for run in finished), default=np.nan),
-        "failed_checks": sum(run.get("verdict") == "failed check" for run in runs),
-        "declared": verdicts.count("declared"),
-        "confident_wrong": verdicts.count("confident wrong"),
-        "evaluations": float(np.mean([run.get("evaluations", np.nan) for run in runs])),
-        "seconds": float(np.mean([run.get("seconds", np.nan) for run in runs])),
-    }
+def is_off(run: Run) -> bool:
+    error = abs(run["log_evidence"] - run["exact"])
+    return bool(error > max(STANDARD_ERRORS * run["claimed"], LEAST_ERROR))
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
 
 
-def report(sampler: str, runs: list[Run]) -> None:
-    figures = summary(runs)
-    if figures["unfinished"] == len(runs):
-        print(f"  {sampler:9s} {runs[0]['unfinished']}", flush=True)
-        return
-    line = (
-        f"  {sampler:9s} rms error {figures['rms_error']:.4f}  claimed/actual "
-        f"{figures['claimed_over_actual']:.2f}"
+def errors_of(runs: list[Run], *verdicts: str) -> tuple[np.ndarray, np.ndarray]:
+    """Actual and claimed errors of the finished runs, or of those with one of these verdicts."""
+    kept = [
+        run for run in runs if "claimed" in run and run["verdict"] in (verdicts or run["verdict"])
+    ]
+    actual = np.array([run["log_evidence"] - run["exact"] for run in kept])
+    return actual, np.array([run["claimed"] for run in kept])
+
+
+HEAD = (
+    "problem", "rms error", "claimed/actual", "region", "failed checks", "declared",
+    "confident wrong", "evaluations", "CPU s", "bulk ESS", "tail ESS", "R-hat", "emcee's",
+)  # fmt: skip
+
+
+def row(name: str, runs: list[Run]) -> str:
+    actual, claimed = errors_of(runs, "right", "confident wrong")
+    verdicts = [run["verdict"] for run in runs]
+    finished = [run for run in runs if "claimed" in run]
+    least = [min((run[key] for run in finished), default=np.nan) for key in ("ess_bulk", "ess_tail")]
+    cells = [
+        name,
+        f"{rms(errors_of(runs)[0]):.4f}",
+        f"{rms(claimed) / rms(actual):.2f}",
+        f"{max((run['share_error'] for run in finished), default=np.nan):.3f}",
+        f"{verdicts.count('failed check')}/{len(runs)}",
+        str(verdicts.count("declared")),
+        str(verdicts.count("confident wrong")),
+        f"{np.mean([run['evaluations'] for run in runs]):.0f}",
+        f"{np.mean([run['seconds'] for run in runs]):.2f}",
+        *(f"{each:.0f}" for each in least),
+        f"{max((run['r_hat'] for run in finished), default=np.nan):.3f}",
+        f"{np.mean([run['emcee'] for run in finished] or [np.nan]):.2f}",
+    ]
+    return "| " + " | ".join("–" if cell == "nan" else cell for cell in cells) + " |"
+
+
+def sums(runs: list[Run]) -> str:
+    actual, claimed = errors_of(runs, "right")
+    counts = Counter(run["verdict"] for run in runs).most_common()
+    finished = [run for run in runs if "claimed" in run]
+    right_and_failed = sum(
+        run["verdict"] == "failed check" and not is_off(run) for run in finished
     )
-    if sampler == "bayes_ssi":
-        line += (
-            f"  region {figures['share_error']:.3f}  failed checks {figures['failed_checks']}"
-            f"  declared {figures['declared']}  confident wrong {figures['confident_wrong']}"
+    return (
+        f"{len(runs)} runs of {len({run['problem'] for run in runs})} problems, "
+        f"{sum(run['evaluations'] for run in runs):.3g} evaluations and "
+        f"{sum(run['seconds'] for run in runs):.0f} s: "
+        + ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        + f"; {right_and_failed} of the failed checks in right answers. Of the right without one: "
+        f"rms error {rms(actual):.4f}, claimed {rms(claimed):.4f}, rms of error over claimed "
+        f"{rms(actual / claimed):.2f}, largest {np.abs(actual / claimed).max():.1f}. All quoted "
+        f"chains are emcee's in {sum(run['emcee'] == 1.0 for run in finished)} runs, some in "
+        f"{sum(0.0 < run['emcee'] < 1.0 for run in finished)}; bulk ESS below 400 in "
+        f"{sum(run['ess_bulk'] < 400 for run in finished)}, tail ESS in "
+        f"{sum(run['ess_tail'] < 400 for run in finished)}, R-hat above 1.01 in "
+        f"{sum(not run['r_hat'] <= 1.01 for run in finished)}"
+    )
+
+
+def read(file: Path) -> dict[str, list[Run]]:
+    by_problem: dict[str, list[Run]] = {}
+    for run in map(json.loads, file.read_text().splitlines()):
+        by_problem.setdefault(run["problem"], []).append(run)
+    return by_problem
+
+
+def summary(file: Path, before: Path | None) -> None:
+    own = read(file)
+    print("| " + " | ".join(HEAD) + " |\n" + "| " + " | ".join("---" for _ in HEAD) + " |")
+    for name, runs in own.items():
+        print(row(name, runs))
+    print(f"\n{sums([run for runs in own.values() for run in runs])}")
+    if before is None:
+        return
+    other = read(before)
+    both = [name for name in own if name in other]
+    print(f"\nBefore: {sums([run for name in both for run in other[name]])}")
+    for key in ("evaluations", "seconds"):
+        ratios = np.array([
+            np.mean([run[key] for run in own[name]]) / np.mean([run[key] for run in other[name]])
+            for name in both
+        ])  # fmt: skip
+        low, middle, high = np.quantile(ratios, (0.1, 0.5, 0.9))
+        print(
+            f"{key} of {len(both)} problems, over before: median {middle:.2f}, tenths {low:.2f} "
+            f"and {high:.2f}; at most 0.75 in {(ratios <= 0.75).sum()}; most "
+            + ", ".join(f"{both[i]} {ratios[i]:.2f}" for i in np.argsort(-ratios)[:5])
         )
-    line += f"  evaluations {figures['evaluations']:.0f}  {figures['seconds']:.2f} s"
-    print(line, flush=True)
 
 
 def part(text: str) -> tuple[int, int]:
@@ -151,65 +208,35 @@ def chosen(only: str, one_of: tuple[int, int]) -> list[Problem]:
     return kept[one_of[0] - 1 :: one_of[1]]
 
 
-def runs_of(problem: Problem, sampler: str, seeds: range, limit: int) -> list[Run]:
-    runs = []
-    for seed in seeds:
-        if sampler == "bayes_ssi":
-            answer = ours(problem, seed)
-        else:
-            answer = sample_within(sampler, problem, seed, limit)
-        run: Run = {
-            "problem": problem.name,
-            "n_dimensions": problem.n_dimensions,
-            "sampler": sampler,
-            "seed": seed,
-            "exact": problem.log_evidence,
-            "hidden_mass": problem.hidden_mass,
-            **answer,
-        }
-        if sampler == "bayes_ssi":
-            run["verdict"] = verdict(run)
-        runs.append(run)
-    return runs
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("file", type=Path, help="one line of JSON a run")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--part", type=part, default=(1, 1), help="i/n: every nth problem")
     parser.add_argument("--only", default="", help="names of problems, separated by semicolons")
-    parser.add_argument("--lines", type=Path, help="file for one line of JSON a run")
-    parser.add_argument("--dynesty-seeds", type=int, default=0)
-    parser.add_argument("--nautilus-seeds", type=int, default=0)
-    parser.add_argument("--time-limit", type=int, default=300, help="CPU seconds of one of these")
+    parser.add_argument("--summary", action="store_true")
+    parser.add_argument("--before", type=Path, help="a file to compare with")
     options = parser.parse_args()
-    counts = {"bayes_ssi": options.seeds}
-    counts |= {name: getattr(options, f"{name}_seeds") for name in SAMPLERS}
-    n_runs = n_wrong = 0
-    lines = options.lines.open("x") if options.lines else contextlib.nullcontext()
-    with threadpool_limits(limits=1, user_api="blas"), lines as file:
+    if options.summary:
+        return summary(options.file, options.before)
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    with threadpool_limits(limits=1, user_api="blas"):
         for problem in chosen(options.only, options.part):
-            print(
-                f"{problem.name}: d = {problem.n_dimensions}, log evidence "
-                f"{problem.log_evidence:.4f}",
-                flush=True,
-            )
-            for sampler, n in counts.items():
-                if sampler != "bayes_ssi" and problem.n_dimensions > MOST_DIMENSIONS:
-                    continue
-                if not n or (sampler == "nautilus" and problem.n_dimensions < 2):  # it needs two
-                    continue
-                seeds = range(options.first_seed, options.first_seed + n)
-                runs = runs_of(problem, sampler, seeds, options.time_limit)
-                report(sampler, runs)
-                if file:
-                    file.writelines(json.dumps(run) + "\n" for run in runs)
-                    file.flush()
-                if sampler == "bayes_ssi":
-                    n_runs += len(runs)
-                    n_wrong += sum(run["verdict"] == "confident wrong" for run in runs)
-    print(f"confident wrong answers: {n_wrong} of {n_runs} runs")
+            runs = []
+            for seed in seeds:
+                run = {
+                    "problem": problem.name,
+                    "n_dimensions": problem.n_dimensions,
+                    "seed": seed,
+                    "exact": problem.log_evidence,
+                    "hidden_mass": problem.hidden_mass,
+                    **ours(problem, seed),
+                }
+                runs.append({**run, "verdict": verdict(run)})
+                with options.file.open("a") as lines:
+                    lines.write(json.dumps(runs[-1]) + "\n")
+            print(row(problem.name, runs), flush=True)
 
 
 if __name__ == "__main__":

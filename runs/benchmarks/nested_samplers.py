@@ -1,66 +1,172 @@
-"""dynesty and nautilus at their defaults on one problem, within a limit of computing time."""
+"""dynesty beside bayes_ssi on problems that users have: computing time at equal error.
+
+    pip install -e ".[benchmarks,fem]"
+    python runs/benchmarks/nested_samplers.py FILE [--sampler bayes_ssi] [--seeds 0:10]
+        [--only NAME,…] [--time-limit 200]
+    python runs/benchmarks/nested_samplers.py FILE --references
+    python runs/benchmarks/nested_samplers.py FILE [FILE …] --summary
+
+The first appends a line of JSON for each run. ``--sampler`` is bayes_ssi at its defaults (its whole
+``sample``: draws, evidence, checks, adequacy), dynesty at its defaults, or dynesty-rwalk, the same
+with random walks in place of its choice. All see the same likelihood. dynesty evaluates it point by
+point; it is charged as if it could evaluate batches of 512, by the cost of such batches at its own
+posterior draws. A reduced finite-element model is reduced once for dynesty, which is charged to it;
+ours goes on refining it. A black box is charged a second a call, above what the processor did.
+
+dynesty's error falls with the root of its number of live points, to which its cost is proportional
+(``--live 2000`` shows it), so its time at equal error is its time multiplied by the square of the
+ratio of root-mean-square errors. The better of the two samplings of dynesty counts.
+
+``--references`` computes the log evidences that errors are measured against, from dynesty's draws
+in FILE: importance sampling from a kernel of heavy tails around each of some draws, with the
+covariance of its neighbours, which owes nothing to bayes_ssi's sampling.
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
+import math
 import multiprocessing
 import resource
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from multiprocessing.connection import Connection
+from pathlib import Path
 from time import process_time
+from typing import Any, NamedTuple
 
+import economical
 import numpy as np
-from known_evidence import Array, Problem, from_unit_cube
+import scaling
+from problems_modal import any_pairing_of_twelve_degrees_of_freedom, two_frequencies
+from scipy.special import gammaln, logsumexp, ndtri
 
-Answer = dict[str, float | str]
+import bayes_ssi as bs
+
+STUDIES = Path(__file__).parents[2] / "model_classes"
+BATCH = 512
+Run = dict[str, Any]
 
 
-def likelihood(problem: Problem) -> Callable[[Array], Array]:
-    """The log-likelihood of coordinates (B, d), -inf where the model fails."""
-    return lambda z: np.nan_to_num(problem.log_likelihood(z), nan=-np.inf, neginf=-np.inf)
+class UsersProblem(NamedTuple):
+    """A class, its log evidence by ``--references`` unless stated, and seconds a call besides."""
+
+    model_class: Callable[[], bs.ModelClass]
+    log_evidence: float
+    a_call: float = 0.0
 
 
-def dynesty_default(problem: Problem, seed: int) -> Answer:
+def of_study(study: str, name: str) -> bs.ModelClass:
+    (candidate,) = bs.load_study(STUDIES / f"{study}.py").only([name]).model_classes
+    return candidate
+
+
+def exact_data() -> bs.ModelClass:
+    """Modes without noise, errors of 0.01 %."""
+    return replace(of_study("shear_building", "3"), error=bs.ErrorModel(1e-4, 1e-4))
+
+
+def many_modes() -> bs.ModelClass:
+    """Ten modes of ten storeys, a sensor on each, a stiffness factor for each."""
+    structure = economical.building(10)
+    data, error, pairing = economical.identified(
+        structure, economical.TEN, 10, structure.degrees_of_freedom
+    )
+    return bs.ModelClass("ten storeys", structure, data, error, pairing=pairing)
+
+
+PROBLEMS = {
+    # Independent nested sampling and quadrature.
+    "veering": UsersProblem(lambda: of_study("shear_building", "3"), 16.067),
+    "exact data": UsersProblem(exact_data, math.nan),
+    "errors inferred": UsersProblem(
+        lambda: of_study("four_storey_frame", "each storey, free errors"), math.nan
+    ),
+    "two tests": UsersProblem(lambda: of_study("liverpool_frame", "x"), math.nan),
+    # By modal_references.py, as is the next but two.
+    "any pairing": UsersProblem(lambda: any_pairing_of_twelve_degrees_of_freedom(1e-2), 141.915),
+    "own finite elements": UsersProblem(lambda: scaling.model_class(1000), math.nan),
+    "black box of 1 s": UsersProblem(
+        lambda: economical.six_storeys_at_sensors().model_class, math.nan, a_call=1.0
+    ),
+    "frequencies alone": UsersProblem(two_frequencies, 1.8121),
+    "many modes": UsersProblem(many_modes, math.nan),
+}
+
+
+@cache
+def model_class(name: str) -> bs.ModelClass:
+    return PROBLEMS[name].model_class()
+
+
+def ours(name: str, seed: int, live: int) -> Run:
+    settings = None
+    if PROBLEMS[name].a_call:
+        settings = bs.SamplingSettings(economical=True, log_evidence_error=0.05)
+    posterior = bs.sample(model_class(name), seed, settings)
+    return {
+        "log_evidence": posterior.evidence.log_evidence,
+        "claimed": posterior.evidence.error,
+        "evaluations": posterior.n_evaluations,
+        "failed_checks": posterior.failed_checks,
+    }
+
+
+def dynesty(name: str, seed: int, live: int, sample: str = "auto") -> Run:
     import dynesty
 
-    log_likelihoods = likelihood(problem)
+    candidate = model_class(name)
     sampler = dynesty.NestedSampler(
-        lambda z: float(log_likelihoods(z[None])[0]),
-        from_unit_cube,
-        problem.n_dimensions,
+        lambda z: float(np.nan_to_num(candidate.log_likelihood_at(z[None])[0], nan=-1e300)),
+        ndtri,
+        len(candidate.parameters),
+        nlive=live,
+        sample=sample,
         rstate=np.random.default_rng(seed),
     )
     sampler.run_nested(print_progress=False)
+    sampling = process_time()
     result = sampler.results
+    draws = result.samples_equal(rstate=np.random.default_rng(seed))
+    z = draws[np.random.default_rng(0).integers(len(draws), size=BATCH)]
+    one_by_one, batched = (price(candidate, z, size) for size in (1, BATCH))
+    calls = int(np.sum(result.ncall))
     return {
         "log_evidence": float(result.logz[-1]),
         "claimed": float(result.logzerr[-1]),
-        "evaluations": int(np.sum(result.ncall)),
+        "evaluations": calls,
+        "priced": process_time() - sampling,
+        "saved_by_batches": calls * max(one_by_one - batched, 0.0),
+        "draws": draws[:: max(1, len(draws) // 2000)].tolist() if seed == 0 else [],
     }
 
 
-def nautilus_default(problem: Problem, seed: int) -> Answer:
-    import nautilus
-
-    sampler = nautilus.Sampler(
-        from_unit_cube, likelihood(problem), n_dim=problem.n_dimensions, vectorized=True,
-        pass_dict=False, seed=seed,
-    )  # fmt: skip
-    sampler.run()
-    return {
-        "log_evidence": float(sampler.log_z),
-        "claimed": float(1.0 / np.sqrt(sampler.n_eff)),
-        "evaluations": int(sampler.n_like),
-    }
+def price(candidate: bs.ModelClass, z: np.ndarray, size: int) -> float:
+    """Seconds of one of the log-likelihoods in batches of ``size``, the least of three."""
+    parts = np.split(z, len(z) // size)[:100]
+    times = []
+    for _ in range(3):
+        begun = process_time()
+        for each in parts:
+            candidate.log_likelihood_at(each)
+        times.append((process_time() - begun) / (len(parts) * size))
+    return min(times)
 
 
-SAMPLERS = {"dynesty": dynesty_default, "nautilus": nautilus_default}
+SAMPLERS = {
+    "bayes_ssi": ours,
+    "dynesty": dynesty,
+    "dynesty-rwalk": lambda *arguments: dynesty(*arguments, sample="rwalk"),
+}
 
 
-def sample_within(name: str, problem: Problem, seed: int, limit: int) -> Answer:
+def sample_within(sampler: str, name: str, seed: int, live: int, limit: int) -> Run:
     """What the sampler answers, or why it has no answer, after at most ``limit`` CPU seconds."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, name, problem, seed, limit))
+    process = context.Process(target=_answer, args=(sender, sampler, name, seed, live, limit))
     process.start()
     sender.close()
     try:
@@ -71,12 +177,128 @@ def sample_within(name: str, problem: Problem, seed: int, limit: int) -> Answer:
     return answer
 
 
-def _answer(sender: Connection, name: str, problem: Problem, seed: int, limit: int) -> None:
+def _answer(
+    sender: Connection, sampler: str, name: str, seed: int, live: int, limit: int
+) -> None:
     # The system ends the process there, whatever it is doing.
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
     begun = process_time()
     try:
-        answer = SAMPLERS[name](problem, seed)
+        answer = SAMPLERS[sampler](name, seed, live)
     except Exception as error:  # noqa: BLE001 - whatever a sampler raises is its answer
         answer = {"unfinished": f"{type(error).__name__}: {error}"}
-    sender.send({**answer, "seconds": process_time() - begun})
+    sender.send({**answer, "seconds": process_time() - begun - answer.pop("priced", 0.0)})
+
+
+def log_kernels(z: np.ndarray, centres: np.ndarray, roots: np.ndarray, nu: float) -> np.ndarray:
+    """Log density (n,) of the mean of Student t kernels, ``roots`` L⁻¹ of their scales (K, d, d)."""
+    n, d = z.shape
+    constant = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * math.log(nu * math.pi)
+    logs = np.full(n, -np.inf)
+    for centre, root in zip(centres, roots, strict=True):
+        squares = (((z - centre) @ root.T) ** 2).sum(1)
+        own = constant + np.linalg.slogdet(root)[1] - 0.5 * (nu + d) * np.log1p(squares / nu)
+        logs = np.logaddexp(logs, own)
+    return logs - math.log(len(centres))
+
+
+def reference(
+    candidate: bs.ModelClass, draws: np.ndarray, n: int = 100_000, kernels: int = 200
+) -> tuple[float, float, float]:
+    """Log evidence, standard error and share of effective draws, from draws of the posterior."""
+    rng, (size, d), nu = np.random.default_rng(0), draws.shape, 5.0
+    centres = draws[rng.choice(size, min(kernels, size), replace=False)]
+    neighbours, scales = max(10 * d, size // 10), []
+    spread = draws.std(axis=0)
+    for centre in centres:
+        order = (((draws - centre) / spread) ** 2).sum(1).argsort()[:neighbours]
+        scales.append(np.cov(draws[order].T).reshape(d, d) + 1e-12 * np.diag(spread**2))
+    roots = np.linalg.cholesky(np.array(scales))
+    which = rng.integers(len(centres), size=n)
+    steps = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(nu, (n, 1)) / nu)
+    z = centres[which] + np.einsum("nij,nj->ni", roots[which], steps)
+    inverses = np.linalg.inv(roots)
+    logs = np.concatenate([candidate.log_likelihood_at(part) for part in np.array_split(z, 50)])
+    logs = np.nan_to_num(logs, nan=-np.inf) - 0.5 * (z**2).sum(1) - 0.5 * d * math.log(2 * math.pi)
+    logs -= log_kernels(z, centres, inverses, nu)
+    weights = np.exp(logs - logs.max())
+    effective = weights.sum() ** 2 / (weights**2).sum()
+    error = weights.std() / weights.mean() / math.sqrt(n)
+    return float(logsumexp(logs)) - math.log(n), error, effective / n
+
+
+def rms(runs: list[Run], exact: float) -> float:
+    return float(np.sqrt(np.mean([(run["log_evidence"] - exact) ** 2 for run in runs])))
+
+
+def seconds(runs: list[Run], a_call: float) -> float:
+    each = [r["seconds"] - r.get("saved_by_batches", 0.0) + a_call * r["evaluations"] for r in runs]
+    return float(np.mean(each))
+
+
+def summary(runs: list[Run]) -> None:
+    print(
+        f"{'problem':20s} {'sampler':14s} runs {'evaluations':>11s} {'s':>8s} {'fair s':>8s} "
+        f"{'rms error':>9s} {'claimed':>7s}  times ours, at equal error"
+    )
+    for name, problem in PROBLEMS.items():
+        own = None
+        for sampler in SAMPLERS:
+            those = [r for r in runs if (r["problem"], r["sampler"]) == (name, sampler)]
+            finished = [run for run in those if "log_evidence" in run]
+            if not finished:
+                print(*(f"{name:20s} {sampler:14s} {run['unfinished']}" for run in those[:1]))
+                continue
+            error, fair = rms(finished, problem.log_evidence), seconds(finished, problem.a_call)
+            line = (
+                f"{name:20s} {sampler:14s} {len(finished):4d} "
+                f"{np.mean([run['evaluations'] for run in finished]):11.0f} "
+                f"{np.mean([r['seconds'] for r in finished]):8.2f} {fair:8.2f} {error:9.4f} "
+                f"{np.mean([run['claimed'] for run in finished]):7.4f}"
+            )
+            if sampler == "bayes_ssi":
+                own = fair, error
+                flagged = sum(bool(run["failed_checks"]) for run in finished)
+                line += f"  failed checks in {flagged}" if flagged else ""
+            elif own:
+                line += f"  {fair / own[0]:10.1f} {fair / own[0] * (error / own[1]) ** 2:10.0f}"
+            print(line)
+
+
+def references(runs: list[Run]) -> None:
+    for name in PROBLEMS:
+        draws = [r["draws"] for r in runs if r["problem"] == name and r.get("draws")]
+        if draws:
+            value, error, share = reference(model_class(name), np.concatenate(draws))
+            known = PROBLEMS[name].log_evidence
+            print(f"{name}: {value:.4f} ± {error:.4f}, {share:.0%} effective; stated {known}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", type=Path, nargs="+")
+    parser.add_argument("--sampler", choices=tuple(SAMPLERS), default="bayes_ssi")
+    parser.add_argument("--seeds", default="0:10", help="first:last + 1")
+    parser.add_argument("--only", help="names of problems, separated by commas")
+    parser.add_argument("--live", type=int, default=500, help="live points of dynesty")
+    parser.add_argument("--time-limit", type=int, default=200, help="CPU seconds of a run")
+    parser.add_argument("--references", action="store_true")
+    parser.add_argument("--summary", action="store_true")
+    options = parser.parse_args()
+    if options.references or options.summary:
+        lines = [line for file in options.files for line in file.read_text().splitlines()]
+        return (references if options.references else summary)([json.loads(x) for x in lines])
+    for name in options.only.split(",") if options.only else PROBLEMS:
+        bs.sample(of_study("shear_building", "1-a"), 1000)  # imports are not compared
+        candidate = model_class(name)
+        for seed in range(*map(int, options.seeds.split(":"))):
+            run = {"problem": name, "sampler": options.sampler, "seed": seed}
+            run |= sample_within(options.sampler, name, seed, options.live, options.time_limit)
+            with options.files[0].open("a") as lines:
+                lines.write(json.dumps(run) + "\n")
+            shown = {k: v for k, v in run.items() if k not in ("draws", "problem")}
+            print(f"{name}, {len(candidate.parameters)} parameters: {shown}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,99 +1,176 @@
-"""Is the whole chain calibrated? Data drawn from the prior of the study's structures, inverted.
+"""Is the whole chain calibrated? Data drawn from priors and likelihoods of studies, inverted.
 
-    python runs/benchmarks/simulation_based_calibration.py [--sets 300] [--processes 2]
+    python runs/benchmarks/simulation_based_calibration.py FILE [--sets 0:300] [--only STUDY]
+    python runs/benchmarks/simulation_based_calibration.py FILE --summary
 
-Each set: one of the two structures of the shear building study (infill as mass, infill with its
-own degree of freedom) is chosen with equal probability, parameters are drawn from the prior, and
-modes are drawn from the likelihood itself: each model mode in the band is identified with the
-detection probability, with frequency and shape errors, and spurious modes are added. Both
-structures are then sampled on that data with the pairing that was drawn. If everything is right,
-the ranks of the true parameters among posterior draws are uniform, 50 % and 90 % intervals hold
-that share of the true values, and the true structure gets, on average, the probability that is
-stated for it.
+Each set: parameters are drawn from the prior, and modes from the likelihood itself: each model mode
+in the band is identified with the detection probability, with frequency and shape errors, and
+spurious modes are added. The class is sampled on that data, with the pairing that was drawn or any.
+If everything is right, the ranks of the true parameters, and of their log-likelihood, among quoted
+posterior draws are uniform, and 50 % and 90 % intervals hold that share of the true values. Draws
+of a chain depend on one another, so ranks are those among 99 draws, spread evenly over all chains:
+a few per cent of the effective sample size, which is stated.
+
+Studies: the shear building, of whose two structures (infill as mass, infill with its own degree of
+freedom) one is chosen, and both are sampled, so that the true one has, on average, the probability
+that is stated for it; the same with any pairing, whose posteriors have separate regions; the
+four-storey frame with a factor a storey and inferred errors; and the steel frame in three
+configurations. Results are appended to FILE as lines of JSON, so that calls share the sets.
 """
 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
+import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from time import process_time
+from typing import Any
 
 import numpy as np
-from scipy.stats import chisquare
-from simulated import print_bands, simulate
+from quoted_draws import diagnostics, share_of_emcee, watching_emcee
+from scipy.stats import chisquare, kstest
+from simulated import print_bands, simulate_tests
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
-STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
-NAMES = {"infill as mass": "1-a", "resonant infill": "3"}
-N_BINS = 10
-
-
-class Inverted(NamedTuple):
-    """One data set: which structure is true, the ranks of its parameters, and its probability."""
-
-    truth: str
-    ranks: dict[str, float]
-    probability_of_truth: float
-    failed_checks: tuple[str, ...]
+STUDIES = Path(__file__).parents[2] / "model_classes"
+N_RANKED, N_BINS = 99, 20
+Run = dict[str, Any]
 
 
-def invert(seed: int) -> Inverted:
-    """Draw one data set and sample both structures on it."""
-    rng = np.random.default_rng([7, seed])
-    study = load_study(STUDY).only(list(NAMES.values()))
-    by_name = dict(zip(NAMES, study.model_classes, strict=True))
-    truth = list(NAMES)[rng.integers(2)]
-    values, data, pairing = simulate(by_name[truth], rng)
-    posteriors = [
-        bs.sample(bs.ModelClass(name, c.structure, data, c.error, pairing=pairing), seed=seed)
-        for name, c in by_name.items()
-        if max(pairing.values(), default=0) <= c.structure.n_modes
-    ]
+def classes(study: str, *names: str) -> list[bs.ModelClass]:
+    return list(bs.load_study(STUDIES / f"{study}.py").only(list(names)).model_classes)
+
+
+CASES: dict[str, Callable[[], list[bs.ModelClass]]] = {
+    "shear building": lambda: classes("shear_building", "1-a", "3"),
+    "any pairing": lambda: [classes("shear_building", "3")[0].with_any_pairing("3, any pairing")],
+    "errors inferred": lambda: classes("four_storey_frame", "each storey, free errors"),
+    "three tests": lambda: classes("steel_frame", "3 M1+"),
+}
+
+
+def invert(case: str, index: int) -> Run:
+    """Draw one data set and sample its classes on it."""
+    rng = np.random.default_rng([7, index])
+    candidates = CASES[case]()
+    truth = candidates[rng.integers(len(candidates))] if len(candidates) > 1 else candidates[0]
+    values, tests = simulate_tests(truth, rng)
+    begun, posteriors = process_time(), []
+    for candidate in candidates:
+        largest = max((max(pairing.values(), default=0) for _, pairing in tests), default=0)
+        if largest > candidate.configurations[0].structure.n_modes:
+            continue  # it does not have the modes that were identified
+        configurations = tuple(
+            replace(c, data=data, pairing=c.pairing if c.pairing == "any" else pairing)
+            for c, (data, pairing) in zip(candidate.configurations, tests, strict=True)
+        )
+        on_data = replace(candidate, configurations=configurations)
+        with watching_emcee() as steps_of_emcee:
+            posteriors.append(bs.sample(on_data, index))
+            if candidate is truth:
+                shape, steps, true_class = len(values), steps_of_emcee(), on_data
+    seconds = process_time() - begun
+    (posterior,) = (each for each in posteriors if each.name == truth.name)
+    ways = [true_class.values(s.reshape(-1, shape)).reshape(s.shape) for s in steps]
     comparison = bs.compare(posteriors)
-    ranked = {row.name: row for row in comparison.classes}
-    (posterior,) = (p for p in posteriors if p.name == truth)
-    ranks = (posterior.values < values).mean(axis=0)
-    return Inverted(
-        truth,
-        dict(zip(posterior.parameter_names, ranks.tolist(), strict=True)),
-        ranked[truth].probability,
-        comparison.failed_checks,
+    (probability,) = (r.probability for r in comparison.classes if r.name == truth.name)
+    quantities = {
+        **dict(zip(posterior.parameter_names, posterior.values.T, strict=True)),
+        "log-likelihood": posterior.log_likelihoods.ravel(),
+    }
+    true_values = [*values, float(true_class.log_likelihood(values[None])[0])]
+    return {
+        "case": case,
+        "set": index,
+        "truth": truth.name,
+        "ranks": {
+            name: rank(draws, true, rng)
+            for (name, draws), true in zip(quantities.items(), true_values, strict=True)
+        },
+        "below": {
+            name: float((draws < true).mean())
+            for (name, draws), true in zip(quantities.items(), true_values, strict=True)
+        },
+        "probability": probability,
+        "regions": len(posterior.regions),
+        "seconds": seconds,
+        "emcee": share_of_emcee(posterior.draws, ways),
+        **diagnostics(posterior.draws),
+        "failed_checks": sorted({c for each in posteriors for c in each.failed_checks}),
+    }
+
+
+def rank(draws: np.ndarray, true: float, rng: np.random.Generator) -> int:
+    """Of the true value among draws that are spread evenly over all; ties by chance."""
+    spacing = len(draws) / N_RANKED
+    chosen = draws[((np.arange(N_RANKED) + rng.random()) * spacing).astype(int)]
+    equal = int((chosen == true).sum())
+    return int((chosen < true).sum()) + int(rng.integers(equal + 1))
+
+
+def summary(runs: list[Run]) -> None:
+    p_values = []
+    for case in [case for case in CASES if any(run["case"] == case for run in runs)]:
+        own = [run for run in runs if run["case"] == case]
+        print(
+            f"{case}: {len(own)} sets, {sum(run['seconds'] for run in own):.0f} s; quoted chains "
+            f"are emcee's in {sum(run['emcee'] == 1.0 for run in own)}; least bulk ESS "
+            f"{min(run['ess_bulk'] for run in own):.0f}, tail {min(run['ess_tail'] for run in own):.0f}, "
+            f"largest R-hat {max(run['r_hat'] for run in own):.3f}; several regions in "
+            f"{sum(run['regions'] > 1 for run in own)}"
+        )
+        for truth in sorted({run["truth"] for run in own}):
+            of_truth = [run for run in own if run["truth"] == truth]
+            for name in of_truth[0]["ranks"]:
+                p_values.append(uniformity(truth, name, of_truth))
+        probabilities = np.array([run["probability"] for run in own])
+        if (probabilities < 1.0).any():
+            # Of all statements "structure S has probability p", true and false ones, in bands of p.
+            stated = np.concatenate([probabilities, 1.0 - probabilities])
+            right = np.arange(len(stated)) < len(own)
+            print_bands(stated, right, (0.0, 0.05, 0.3, 0.7, 0.95, 1.0))
+        flagged = [run for run in own if run["failed_checks"]]
+        print(f"{len(flagged)} of {len(own)} sets with a failed check")
+        for check in sorted({check for run in flagged for check in run["failed_checks"]}):
+            print(f"    {check}")
+    smallest = min(p_values)
+    print(
+        f"{len(p_values)} tests of ranks: smallest p = {smallest:.4f}, of so many the smallest is "
+        f"below that with a probability of {1.0 - (1.0 - smallest) ** len(p_values):.2f}"
     )
 
 
-def report(results: list[Inverted]) -> None:
-    for truth in NAMES:
-        own = [result for result in results if result.truth == truth]
-        for name in own[0].ranks:
-            ranks = np.array([result.ranks[name] for result in own])
-            counts = np.histogram(ranks, bins=N_BINS, range=(0, 1))[0]
-            within = [np.abs(ranks - 0.5) < 0.5 * share for share in (0.5, 0.9)]
-            print(
-                f"{truth:16s} {name}: ranks uniform with p = {chisquare(counts).pvalue:.3f}; the "
-                f"50 % interval holds {within[0].mean():.2f}, the 90 % interval "
-                f"{within[1].mean():.2f} of {len(own)}"
-            )
-    probabilities = np.array([result.probability_of_truth for result in results])
-    # Of all statements "structure S has probability p", true and false ones, in bands of p.
-    stated = np.concatenate([probabilities, 1.0 - probabilities])
-    right = np.concatenate([np.ones(len(results), bool), np.zeros(len(results), bool)])
-    print_bands(stated, right, (0.0, 0.05, 0.3, 0.7, 0.95, 1.0))
-    flagged = [result for result in results if result.failed_checks]
-    print(f"{len(flagged)} of {len(results)} sets with a failed check")
-    for check in {check for result in flagged for check in result.failed_checks}:
-        print(f"    {check}")
+def uniformity(truth: str, name: str, runs: list[Run]) -> float:
+    ranks = np.array([run["ranks"][name] for run in runs])
+    counts = np.bincount(ranks * N_BINS // (N_RANKED + 1), minlength=N_BINS)
+    p = float(chisquare(counts).pvalue)
+    jittered = (ranks + np.random.default_rng(0).random(len(ranks))) / (N_RANKED + 1)
+    below = np.array([run["below"][name] for run in runs])
+    held = [np.mean(np.abs(below - 0.5) < 0.5 * share) for share in (0.5, 0.9)]
+    print(
+        f"  {truth:28s} {name:16s} ranks uniform with p = {p:.3f} (chi squared), "
+        f"{kstest(jittered, 'uniform').pvalue:.3f} (Kolmogorov-Smirnov); intervals of 50 and 90 % "
+        f"hold {held[0]:.2f} and {held[1]:.2f} of {len(runs)}"
+    )
+    return p
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", type=int, default=300)
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--sets", default="0:300", help="first:last + 1")
+    parser.add_argument("--only", choices=tuple(CASES))
+    parser.add_argument("--summary", action="store_true")
     options = parser.parse_args()
-    with ProcessPoolExecutor(options.processes) as pool:
-        report(list(pool.map(invert, range(options.sets))))
+    if options.summary:
+        return summary([json.loads(line) for line in options.file.read_text().splitlines()])
+    for case in [options.only] if options.only else CASES:
+        for index in range(*map(int, options.sets.split(":"))):
+            with options.file.open("a") as lines:
+                lines.write(json.dumps(invert(case, index)) + "\n")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,9 @@
 
 Every command runs as a process of its own with its defaults, several times; those of another
 checkout, PATH, alternate with those of this one, so that both see the same state of the machine.
-The table gives medians of wall time and of the processor time of all its processes.
+The table gives medians of wall time and of the processor time of all its processes, and of the
+latter without the import of arviz: of the modules that arviz imports and that the other checkout
+does without.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import subprocess
 import sys
 from pathlib import Path
 from statistics import median
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from time import perf_counter
 from typing import NamedTuple
 
@@ -45,6 +47,30 @@ class Seconds(NamedTuple):
 
     wall: float
     processor: float
+    imports: dict[str, float]  # of every module below arviz, its own seconds
+    others: set[str]  # all other modules that were imported
+
+    def without_arviz(self, other: Seconds) -> float:
+        """Processor time without the modules below arviz that ``other`` never imports."""
+        elsewhere = other.others | set(other.imports)
+        return self.processor - sum(s for name, s in self.imports.items() if name not in elsewhere)
+
+
+def below_arviz(report: str) -> tuple[dict[str, float], set[str]]:
+    """Own seconds of modules below arviz, and all others, of ``python -X importtime``."""
+    rows = (line.removeprefix("import time:").split("|") for line in report.splitlines())
+    below, others, depth_of_arviz = {}, set(), None
+    # A module comes after those that it imports, which are indented further.
+    for own, _, name in reversed([row for row in rows if len(row) == 3 and row[0].strip().isdigit()]):
+        depth = len(name) - len(name.lstrip())
+        if depth_of_arviz is None or depth <= depth_of_arviz:
+            is_arviz = name.split(".")[0].strip().startswith("arviz")
+            depth_of_arviz = depth if is_arviz else None
+        if depth_of_arviz is None:
+            others.add(name.strip())
+        else:
+            below[name.strip()] = int(own) / 1e6
+    return below, others
 
 
 def timed(command: tuple[str, ...], tree: Path) -> Seconds:
@@ -55,23 +81,36 @@ def timed(command: tuple[str, ...], tree: Path) -> Seconds:
     """
     # As a user has it: linear algebra may use what threads it likes.
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    environment["PYTHONPATH"] = str(tree)
-    with TemporaryDirectory() as directory:
+    environment |= {"PYTHONPATH": str(tree), "PYTHONPROFILEIMPORTTIME": "1"}
+    with TemporaryDirectory() as directory, TemporaryFile("w+") as messages:
         arguments = [str(Path(directory, "r")) if each == OUTPUT else each for each in command]
         begun = perf_counter()
-        process = subprocess.Popen(arguments, cwd=tree, env=environment, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            arguments, cwd=tree, env=environment, stdout=subprocess.DEVNULL, stderr=messages
+        )
         _, status, usage = os.wait4(process.pid, 0)
         wall = perf_counter() - begun
         process.returncode = os.waitstatus_to_exitcode(status)
+        messages.seek(0)
+        report = messages.read()
     if process.returncode:
-        raise RuntimeError(f"{tree}: exit code {process.returncode}: {' '.join(arguments)}")
-    return Seconds(wall, usage.ru_utime + usage.ru_stime)
+        lines = [line for line in report.splitlines() if not line.startswith("import time:")]
+        raise RuntimeError(
+            f"{tree}: exit code {process.returncode}: {' '.join(arguments)}\n" + "\n".join(lines)
+        )
+    return Seconds(wall, usage.ru_utime + usage.ru_stime, *below_arviz(report))
 
 
-def summary(runs: list[Seconds]) -> str:
-    wall, processor = (median(values) for values in zip(*runs, strict=True))
-    low, high = min(run.wall for run in runs), max(run.wall for run in runs)
-    return f"{wall:6.1f} ({low:.1f} to {high:.1f})  {processor:6.1f}"
+def summary(runs: list[Seconds], others: list[Seconds]) -> str:
+    walls = [run.wall for run in runs]
+    pairs = list(zip(runs, others, strict=True))
+    without = [run.without_arviz(other) for run, other in pairs]
+    ratios = [run.without_arviz(other) / other.without_arviz(run) for run, other in pairs]
+    return (
+        f"{median(walls):6.1f} ({min(walls):.1f} to {max(walls):.1f})  "
+        f"{median(run.processor for run in runs):9.2f} {median(without):13.2f} "
+        f"{median(ratios):6.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+    )
 
 
 def main() -> None:
@@ -85,7 +124,10 @@ def main() -> None:
     if options.before is not None:
         trees = {"before": options.before.resolve(), **trees}
     print(f"{options.runs} runs each on {len(os.sched_getaffinity(0))} cores; seconds, medians")
-    print(f"{'command':22s} {'tree':7s} {'wall (least to most)':>22s}  processor  wanted")
+    print(
+        f"{'command':22s} {'tree':7s} {'wall (least to most)':>22s}  processor without arviz, "
+        "over the first tree's, wanted wall"
+    )
     for name in chosen:
         runs: dict[str, list[Seconds]] = {tree: [] for tree in trees}
         for _ in range(options.runs):
@@ -93,7 +135,8 @@ def main() -> None:
                 runs[tree].append(timed(COMMANDS[name], path))
         for tree, of_tree in runs.items():
             wanted = f"{WANTED[name]:8.0f}" if tree == "this" else ""
-            print(f"{name:22s} {tree:7s} {summary(of_tree):>31s}  {wanted}", flush=True)
+            text = summary(of_tree, next(iter(runs.values())))
+            print(f"{name:22s} {tree:7s} {text}  {wanted}", flush=True)
 
 
 if __name__ == "__main__":
