@@ -19,6 +19,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import beside_tests  # noqa: F401
 import numpy as np
 from simulated import simulate_tests
 

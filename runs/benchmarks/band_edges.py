@@ -16,6 +16,7 @@ from dataclasses import replace
 from itertools import product
 from time import perf_counter
 
+import beside_tests  # noqa: F401
 import numpy as np
 from simulated import simulate
 

@@ -22,6 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import beside_tests  # noqa: F401
 import numpy as np
 from simulated_records import simulated_record, with_infill
 

@@ -26,6 +26,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+import beside_tests  # noqa: F401
 import numpy as np
 from catalogue import all_problems
 from known_evidence import Problem
@@ -78,6 +79,17 @@ def ours(problem: Problem, seed: int) -> Run:
         }
 
 
+def run_of(problem: Problem, seed: int) -> Run:
+    run = {
+        "problem": problem.name,
+        "seed": seed,
+        "exact": problem.log_evidence,
+        "hidden_mass": problem.hidden_mass,
+        **ours(problem, seed),
+    }
+    return {**run, "verdict": verdict(run)}
+
+
 def verdict(run: Run) -> str:
     """ "right", "failed check", "declared" or "confident wrong"."""
     if "unfinished" in run or run["failed_checks"]:
@@ -118,7 +130,9 @@ def row(name: str, runs: list[Run]) -> str:
     actual, claimed = errors_of(runs, "right", "confident wrong")
     verdicts = [run["verdict"] for run in runs]
     finished = [run for run in runs if "claimed" in run]
-    least = [min((run[key] for run in finished), default=np.nan) for key in ("ess_bulk", "ess_tail")]
+    least = [
+        min((run[key] for run in finished), default=np.nan) for key in ("ess_bulk", "ess_tail")
+    ]
     cells = [
         name,
         f"{rms(errors_of(runs)[0]):.4f}",
@@ -129,7 +143,7 @@ def row(name: str, runs: list[Run]) -> str:
         str(verdicts.count("confident wrong")),
         f"{np.mean([run['evaluations'] for run in runs]):.0f}",
         f"{np.mean([run['seconds'] for run in runs]):.2f}",
-        *(f"{each:.0f}" for each in least),
+        *(f"{min(each, default=np.nan):.0f}" for each in sizes),
         f"{max((run['r_hat'] for run in finished), default=np.nan):.3f}",
         f"{np.mean([run['emcee'] for run in finished] or [np.nan]):.2f}",
     ]
@@ -140,9 +154,7 @@ def sums(runs: list[Run]) -> str:
     actual, claimed = errors_of(runs, "right")
     counts = Counter(run["verdict"] for run in runs).most_common()
     finished = [run for run in runs if "claimed" in run]
-    right_and_failed = sum(
-        run["verdict"] == "failed check" and not is_off(run) for run in finished
-    )
+    right_and_failed = sum(run["verdict"] == "failed check" and not is_off(run) for run in finished)
     return (
         f"{len(runs)} runs of {len({run['problem'] for run in runs})} problems, "
         f"{sum(run['evaluations'] for run in runs):.3g} evaluations and "
@@ -219,24 +231,15 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="a file to compare with")
     options = parser.parse_args()
     if options.summary:
-        return summary(options.file, options.before)
+        summary(options.file, options.before)
+        return
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    with threadpool_limits(limits=1, user_api="blas"):
-        for problem in chosen(options.only, options.part):
-            runs = []
-            for seed in seeds:
-                run = {
-                    "problem": problem.name,
-                    "n_dimensions": problem.n_dimensions,
-                    "seed": seed,
-                    "exact": problem.log_evidence,
-                    "hidden_mass": problem.hidden_mass,
-                    **ours(problem, seed),
-                }
-                runs.append({**run, "verdict": verdict(run)})
-                with options.file.open("a") as lines:
-                    lines.write(json.dumps(runs[-1]) + "\n")
-            print(row(problem.name, runs), flush=True)
+    for problem in chosen(options.only, options.part):
+        with threadpool_limits(limits=1, user_api="blas"):
+            runs = [run_of(problem, seed) for seed in seeds]
+        with options.file.open("a") as lines:
+            lines.writelines(json.dumps(run) + "\n" for run in runs)
+        print(row(problem.name, runs), flush=True)
 
 
 if __name__ == "__main__":

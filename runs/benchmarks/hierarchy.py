@@ -21,6 +21,7 @@ import math
 from itertools import product
 from time import perf_counter, process_time
 
+import beside_tests  # noqa: F401
 import numpy as np
 from scipy.special import logsumexp, ndtri
 from scipy.stats import chisquare, kstest

@@ -18,6 +18,7 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+import beside_tests  # noqa: F401
 import numpy as np
 from simulated_records import FRAME, Truth, simulated_record, truth_of, with_infill
 

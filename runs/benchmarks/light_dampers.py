@@ -20,6 +20,7 @@ from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
+import beside_tests  # noqa: F401
 import numpy as np
 from simulated import IdentificationErrors, simulate
 

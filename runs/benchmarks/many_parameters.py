@@ -12,6 +12,7 @@ import argparse
 import math
 from time import process_time
 
+import beside_tests  # noqa: F401
 import numpy as np
 from problems_modal import frequencies_alone
 from threadpoolctl import threadpool_limits

@@ -37,6 +37,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
 
+import beside_tests  # noqa: F401
 import economical
 import numpy as np
 import scaling
@@ -101,7 +102,7 @@ def model_class(name: str) -> bs.ModelClass:
     return PROBLEMS[name].model_class()
 
 
-def ours(name: str, seed: int, live: int) -> Run:
+def ours(name: str, seed: int, _: int) -> Run:
     settings = None
     if PROBLEMS[name].a_call:
         settings = bs.SamplingSettings(economical=True, log_evidence_error=0.05)
@@ -177,9 +178,7 @@ def sample_within(sampler: str, name: str, seed: int, live: int, limit: int) -> 
     return answer
 
 
-def _answer(
-    sender: Connection, sampler: str, name: str, seed: int, live: int, limit: int
-) -> None:
+def _answer(sender: Connection, sampler: str, name: str, seed: int, live: int, limit: int) -> None:
     # The system ends the process there, whatever it is doing.
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
     begun = process_time()
@@ -191,7 +190,7 @@ def _answer(
 
 
 def log_kernels(z: np.ndarray, centres: np.ndarray, roots: np.ndarray, nu: float) -> np.ndarray:
-    """Log density (n,) of the mean of Student t kernels, ``roots`` L⁻¹ of their scales (K, d, d)."""
+    """Log density (n,) of the mean of Student t kernels, ``roots`` (K, d, d) L⁻¹ of scales."""
     n, d = z.shape
     constant = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * math.log(nu * math.pi)
     logs = np.full(n, -np.inf)
@@ -287,7 +286,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.references or options.summary:
         lines = [line for file in options.files for line in file.read_text().splitlines()]
-        return (references if options.references else summary)([json.loads(x) for x in lines])
+        (references if options.references else summary)([json.loads(line) for line in lines])
+        return
     for name in options.only.split(",") if options.only else PROBLEMS:
         bs.sample(of_study("shear_building", "1-a"), 1000)  # imports are not compared
         candidate = model_class(name)

@@ -9,6 +9,7 @@ have an envelope, and are filtered as agencies do and rounded. Faults are added 
 
 from __future__ import annotations
 
+import beside_tests  # noqa: F401
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 from simulated_records import FRAME, simulated_record, with_infill

@@ -36,6 +36,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import beside_tests  # noqa: F401
 import numpy as np
 from scipy.special import softmax
 from scipy.stats import beta, kstest

@@ -119,7 +119,8 @@ def compare(before: Path, after: Path) -> None:
             f"{name}: after over before, median {np.median(each):.2f}, {each.min():.2f} to "
             f"{each.max():.2f}; at most 0.75 in {(each <= 0.75).sum()} of {len(each)} classes"
         )
-    print(f"log evidences differ by {np.std(off):.2f} standard errors, at most {max(map(abs, off)):.1f}")
+    largest = np.abs(off).max()
+    print(f"log evidences differ by {np.std(off):.2f} standard errors, at most {largest:.1f}")
     for name, runs in (("before", old), ("after", new)):
         every = [run for each in runs.values() for run in each]
         print(

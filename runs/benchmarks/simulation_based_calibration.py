@@ -28,6 +28,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+import beside_tests  # noqa: F401
 import numpy as np
 from quoted_draws import diagnostics, share_of_emcee, watching_emcee
 from scipy.stats import chisquare, kstest
@@ -115,12 +116,12 @@ def summary(runs: list[Run]) -> None:
     p_values = []
     for case in [case for case in CASES if any(run["case"] == case for run in runs)]:
         own = [run for run in runs if run["case"] == case]
+        bulk, tail = (min(run[key] for run in own) for key in ("ess_bulk", "ess_tail"))
         print(
             f"{case}: {len(own)} sets, {sum(run['seconds'] for run in own):.0f} s; quoted chains "
-            f"are emcee's in {sum(run['emcee'] == 1.0 for run in own)}; least bulk ESS "
-            f"{min(run['ess_bulk'] for run in own):.0f}, tail {min(run['ess_tail'] for run in own):.0f}, "
-            f"largest R-hat {max(run['r_hat'] for run in own):.3f}; several regions in "
-            f"{sum(run['regions'] > 1 for run in own)}"
+            f"are emcee's in {sum(run['emcee'] == 1.0 for run in own)}; least bulk ESS {bulk:.0f}, "
+            f"tail {tail:.0f}, largest R-hat {max(run['r_hat'] for run in own):.3f}; several "
+            f"regions in {sum(run['regions'] > 1 for run in own)}"
         )
         for truth in sorted({run["truth"] for run in own}):
             of_truth = [run for run in own if run["truth"] == truth]
@@ -166,7 +167,8 @@ def main() -> None:
     parser.add_argument("--summary", action="store_true")
     options = parser.parse_args()
     if options.summary:
-        return summary([json.loads(line) for line in options.file.read_text().splitlines()])
+        summary([json.loads(line) for line in options.file.read_text().splitlines()])
+        return
     for case in [options.only] if options.only else CASES:
         for index in range(*map(int, options.sets.split(":"))):
             with options.file.open("a") as lines:

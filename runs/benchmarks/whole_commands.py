@@ -58,10 +58,11 @@ class Seconds(NamedTuple):
 
 def below_arviz(report: str) -> tuple[dict[str, float], set[str]]:
     """Own seconds of modules below arviz, and all others, of ``python -X importtime``."""
-    rows = (line.removeprefix("import time:").split("|") for line in report.splitlines())
+    rows = [line.removeprefix("import time:").split("|") for line in report.splitlines()]
     below, others, depth_of_arviz = {}, set(), None
     # A module comes after those that it imports, which are indented further.
-    for own, _, name in reversed([row for row in rows if len(row) == 3 and row[0].strip().isdigit()]):
+    rows = [row for row in rows if len(row) == 3 and row[0].strip().isdigit()]
+    for own, _, name in reversed(rows):
         depth = len(name) - len(name.lstrip())
         if depth_of_arviz is None or depth <= depth_of_arviz:
             is_arviz = name.split(".")[0].strip().startswith("arviz")

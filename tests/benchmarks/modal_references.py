@@ -1,6 +1,6 @@
 """Reference log evidences of the modal problems, independent of the engine.
 
-    python runs/benchmarks/modal_references.py [--only NAME,…] [--draws 400000] [--seed 0]
+    python tests/benchmarks/modal_references.py [--only NAME,…] [--draws 400000] [--seed 0]
 
 Least-squares ascents of every pairing from draws of the prior find the maxima. Importance sampling
 from one Student t at each, and from the prior, gives the evidence. Where more than 1000 pairings
