@@ -130,9 +130,7 @@ def row(name: str, runs: list[Run]) -> str:
     actual, claimed = errors_of(runs, "right", "confident wrong")
     verdicts = [run["verdict"] for run in runs]
     finished = [run for run in runs if "claimed" in run]
-    least = [
-        min((run[key] for run in finished), default=np.nan) for key in ("ess_bulk", "ess_tail")
-    ]
+    sizes = [[run[key] for run in finished] for key in ("ess_bulk", "ess_tail")]
     cells = [
         name,
         f"{rms(errors_of(runs)[0]):.4f}",
