@@ -27,17 +27,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
-import resource
+import signal
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from multiprocessing.connection import Connection
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
 
 import beside_tests  # noqa: F401
+import dynesty
 import economical
 import numpy as np
 import scaling
@@ -97,16 +96,10 @@ PROBLEMS = {
 }
 
 
-@cache
-def model_class(name: str) -> bs.ModelClass:
-    return PROBLEMS[name].model_class()
-
-
-def ours(name: str, seed: int, _: int) -> Run:
-    settings = None
-    if PROBLEMS[name].a_call:
-        settings = bs.SamplingSettings(economical=True, log_evidence_error=0.05)
-    posterior = bs.sample(model_class(name), seed, settings)
+def ours(candidate: bs.ModelClass, seed: int, _: int, economical: bool) -> Run:
+    error = 0.05 if economical else 0.01
+    settings = bs.SamplingSettings(economical=economical, log_evidence_error=error)
+    posterior = bs.sample(candidate, seed, settings)
     return {
         "log_evidence": posterior.evidence.log_evidence,
         "claimed": posterior.evidence.error,
@@ -115,10 +108,9 @@ def ours(name: str, seed: int, _: int) -> Run:
     }
 
 
-def dynesty(name: str, seed: int, live: int, sample: str = "auto") -> Run:
-    import dynesty
-
-    candidate = model_class(name)
+def of_dynesty(
+    candidate: bs.ModelClass, seed: int, live: int, _: bool, sample: str = "auto"
+) -> Run:
     sampler = dynesty.NestedSampler(
         lambda z: float(np.nan_to_num(candidate.log_likelihood_at(z[None])[0], nan=-1e300)),
         ndtri,
@@ -158,35 +150,29 @@ def price(candidate: bs.ModelClass, z: np.ndarray, size: int) -> float:
 
 SAMPLERS = {
     "bayes_ssi": ours,
-    "dynesty": dynesty,
-    "dynesty-rwalk": lambda *arguments: dynesty(*arguments, sample="rwalk"),
+    "dynesty": of_dynesty,
+    "dynesty-rwalk": partial(of_dynesty, sample="rwalk"),
 }
 
 
 def sample_within(sampler: str, name: str, seed: int, live: int, limit: int) -> Run:
     """What the sampler answers, or why it has no answer, after at most ``limit`` CPU seconds."""
-    context = multiprocessing.get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, sampler, name, seed, live, limit))
-    process.start()
-    sender.close()
-    try:
-        answer = receiver.recv()
-    except EOFError:
-        answer = {"unfinished": f"not finished after {limit} s"}
-    process.join()
-    return answer
+    problem = PROBLEMS[name]
+    candidate = problem.model_class()
 
+    def end(*_: object) -> None:
+        raise TimeoutError(f"not finished after {limit} s")
 
-def _answer(sender: Connection, sampler: str, name: str, seed: int, live: int, limit: int) -> None:
-    # The system ends the process there, whatever it is doing.
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, limit)
     begun = process_time()
     try:
-        answer = SAMPLERS[sampler](name, seed, live)
+        answer = SAMPLERS[sampler](candidate, seed, live, problem.a_call > 0.0)
     except Exception as error:  # noqa: BLE001 - whatever a sampler raises is its answer
         answer = {"unfinished": f"{type(error).__name__}: {error}"}
-    sender.send({**answer, "seconds": process_time() - begun - answer.pop("priced", 0.0)})
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    return {**answer, "seconds": process_time() - begun - answer.pop("priced", 0.0)}
 
 
 def log_kernels(z: np.ndarray, centres: np.ndarray, roots: np.ndarray, nu: float) -> np.ndarray:
@@ -268,7 +254,7 @@ def references(runs: list[Run]) -> None:
     for name in PROBLEMS:
         draws = [r["draws"] for r in runs if r["problem"] == name and r.get("draws")]
         if draws:
-            value, error, share = reference(model_class(name), np.concatenate(draws))
+            value, error, share = reference(PROBLEMS[name].model_class(), np.concatenate(draws))
             known = PROBLEMS[name].log_evidence
             print(f"{name}: {value:.4f} ± {error:.4f}, {share:.0%} effective; stated {known}")
 
@@ -290,14 +276,13 @@ def main() -> None:
         return
     for name in options.only.split(",") if options.only else PROBLEMS:
         bs.sample(of_study("shear_building", "1-a"), 1000)  # imports are not compared
-        candidate = model_class(name)
         for seed in range(*map(int, options.seeds.split(":"))):
             run = {"problem": name, "sampler": options.sampler, "seed": seed}
             run |= sample_within(options.sampler, name, seed, options.live, options.time_limit)
             with options.files[0].open("a") as lines:
                 lines.write(json.dumps(run) + "\n")
             shown = {k: v for k, v in run.items() if k not in ("draws", "problem")}
-            print(f"{name}, {len(candidate.parameters)} parameters: {shown}", flush=True)
+            print(f"{name}: {shown}", flush=True)
 
 
 if __name__ == "__main__":
