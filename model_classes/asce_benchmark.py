@@ -7,11 +7,11 @@ known and hardly resist torsion. The stiffnesses of the 16 faces are inferred: w
 brace, floors turn as they move. All together they are the published 106.601 and 67.904 MN/m and
 232.022 MN m of a storey in x, y and torsion.
 
-`runs/make_asce_benchmark.py` simulated the tests: of the undamaged structure, of the same again
-("none"), and of it without some braces. In pattern 1 those of storey 1 are gone (55 % of its faces
-in x, 79 % in y), in pattern 2 those of storeys 1 and 3; in pattern 3 one brace of storey 1 (39 % of
-face e1), in pattern 4 another one of storey 3, too (28 % of s3); in pattern 6 a third of one brace
-of storey 1 (13 % of e1).
+`tests/benchmarks/make_asce_benchmark.py` simulated the tests: of the undamaged structure, of the
+same again ("none"), and of it without some braces. In pattern 1 those of storey 1 are gone (55 % of
+its faces in x, 79 % in y), in pattern 2 those of storeys 1 and 3; in pattern 3 one brace of storey
+1 (39 % of face e1), in pattern 4 another one of storey 3, too (28 % of s3); in pattern 6 a third of
+one brace of storey 1 (13 % of e1).
 
     bayes-ssi changes model_classes/asce_benchmark.py --from undamaged --to "pattern 4"
     bayes-ssi changes model_classes/asce_benchmark.py --from undamaged --to "pattern 1" \

@@ -4,9 +4,10 @@
     python runs/benchmarks/changes.py table FILE.csv...
     python runs/benchmarks/changes.py visible
 
-Every pair is two simulated tests (``runs/make_asce_benchmark.py``), before and after; with --finer
-both are of the model on flexible beams, which the class of 12 degrees of freedom is not. A row of
-FILE is written for each pair as it is done, and pairs that it has are not done again. STUDY is
+Every pair is two simulated tests (``tests/benchmarks/make_asce_benchmark.py``), before and after;
+with --finer both are of the model on flexible beams, which the class of 12 degrees of freedom is
+not. A row of FILE is written for each pair as it is done, and pairs that it has are not done again.
+STUDY is
 
     none, or a pattern of the benchmark
     uniform         3 % of all stiffnesses
@@ -31,13 +32,14 @@ and how often it would have shown the losses of pattern 6.
 import argparse
 import csv
 import json
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from time import process_time
 from types import SimpleNamespace
 
+import beside_tests  # noqa: F401
+import make_asce_benchmark as asce
 import numpy as np
 
 import bayes_ssi as bs
@@ -50,8 +52,6 @@ from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, ToScr
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "runs"))
-import make_asce_benchmark as asce  # noqa: E402
 
 STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
 OF_STOREYS = ("pattern 1", "pattern 2")

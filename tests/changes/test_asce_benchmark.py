@@ -1,22 +1,14 @@
 """The IASC-ASCE benchmark: the modes that are simulated are the published ones."""
 
-import sys
 from pathlib import Path
 
+import make_asce_benchmark as benchmark
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(ROOT / "runs"))
-    import make_asce_benchmark
-
-    return make_asce_benchmark
 
 
 PUBLISHED_HZ = {
@@ -29,7 +21,7 @@ PUBLISHED_HZ = {
 
 
 @pytest.mark.parametrize("pattern", PUBLISHED_HZ)
-def test_frequencies_are_the_published_ones(benchmark, pattern):
+def test_frequencies_are_the_published_ones(pattern):
     """Stiffnesses are given to five digits, and losses to four."""
     published = np.array(PUBLISHED_HZ[pattern])
     ours, _ = benchmark.modes(benchmark.braces_left(pattern))
@@ -46,13 +38,13 @@ PUBLISHED_LOSSES = {
 
 
 @pytest.mark.parametrize("pattern", PUBLISHED_LOSSES)
-def test_losses_of_storeys_are_the_published_ones(benchmark, pattern):
+def test_losses_of_storeys_are_the_published_ones(pattern):
     ours = benchmark.of_storeys(benchmark.braces_left(pattern))
     for place, loss in PUBLISHED_LOSSES[pattern].items():
         assert ours[place] == pytest.approx(loss, abs=1.1e-4)
 
 
-def test_the_finer_model_has_the_frequencies_of_120_degrees_of_freedom(benchmark):
+def test_the_finer_model_has_the_frequencies_of_120_degrees_of_freedom():
     frequencies_hz, _ = benchmark.modes(finer=True)
     assert frequencies_hz[:3] == pytest.approx((8.588, 9.181, 14.580), rel=1e-6)
 

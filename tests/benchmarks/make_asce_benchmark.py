@@ -1,6 +1,6 @@
 """Make the SIMULATED modes of model_classes/asce_benchmark.py.
 
-    python runs/make_asce_benchmark.py [DIRECTORY]
+    python tests/benchmarks/make_asce_benchmark.py [DIRECTORY]
 
 The structure of the IASC-ASCE benchmark for structural health monitoring (Johnson, Lam,
 Katafygiotis and Beck 2004), as its analytical model of 12 degrees of freedom: four floors that
