@@ -20,17 +20,16 @@ neither fail a check nor miss such a region.
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import beside_tests  # noqa: F401
 import numpy as np
+import quoted_draws
 from catalogue import all_problems
 from known_evidence import Problem
-from quoted_draws import diagnostics, share_of_emcee, watching_emcee
+from quoted_draws import Run
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.inference.calibration.narrow_regions import class_target
@@ -38,7 +37,6 @@ from bayes_ssi.inference.posterior_sampling import sample
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target
 
-Run = dict[str, Any]
 # The draws (n_chains, n_draws, d) that a posterior quotes come first.
 QUOTED = getattr(sample, "_quoted_draws", None) or sample._corrected_draws
 # An error of more than four standard errors comes by chance once in 16,000 runs, 0.1 times in 20
@@ -53,7 +51,7 @@ def ours(problem: Problem, seed: int) -> Run:
         target = Target(problem.log_likelihood, problem.n_dimensions)
     else:
         target = class_target(problem.model_class)
-    with watching_emcee() as steps_of_emcee:
+    with quoted_draws.watching_emcee() as steps_of_emcee:
         try:
             sampled = sample_target(target, np.random.SeedSequence(seed))
         except ValueError as refusal:
@@ -74,8 +72,8 @@ def ours(problem: Problem, seed: int) -> Run:
             "seconds": seconds,
             "failed_checks": sampled.failed_checks,
             "largest_unseen_mass": sampled.search.largest_unseen_mass,
-            "emcee": share_of_emcee(draws, steps_of_emcee()),
-            **diagnostics(draws),
+            "emcee": quoted_draws.share_of_emcee(draws, steps_of_emcee()),
+            **quoted_draws.diagnostics(draws),
         }
 
 
@@ -160,44 +158,22 @@ def sums(runs: list[Run]) -> str:
         + ", ".join(f"{count} {verdict}" for verdict, count in counts)
         + f"; {right_and_failed} of the failed checks in right answers. Of the right without one: "
         f"rms error {rms(actual):.4f}, claimed {rms(claimed):.4f}, rms of error over claimed "
-        f"{rms(actual / claimed):.2f}, largest {np.abs(actual / claimed).max():.1f}. All quoted "
-        f"chains are emcee's in {sum(run['emcee'] == 1.0 for run in finished)} runs, some in "
-        f"{sum(0.0 < run['emcee'] < 1.0 for run in finished)}; bulk ESS below 400 in "
-        f"{sum(run['ess_bulk'] < 400 for run in finished)}, tail ESS in "
-        f"{sum(run['ess_tail'] < 400 for run in finished)}, R-hat above 1.01 in "
-        f"{sum(not run['r_hat'] <= 1.01 for run in finished)}"
+        f"{rms(actual / claimed):.2f}, largest {np.abs(actual / claimed).max():.1f}; "
+        f"{quoted_draws.quality(finished)}"
     )
 
 
-def read(file: Path) -> dict[str, list[Run]]:
-    by_problem: dict[str, list[Run]] = {}
-    for run in map(json.loads, file.read_text().splitlines()):
-        by_problem.setdefault(run["problem"], []).append(run)
-    return by_problem
-
-
 def summary(file: Path, before: Path | None) -> None:
-    own = read(file)
+    own = quoted_draws.read(file, "problem")
     print("| " + " | ".join(HEAD) + " |\n" + "| " + " | ".join("---" for _ in HEAD) + " |")
     for name, runs in own.items():
         print(row(name, runs))
     print(f"\n{sums([run for runs in own.values() for run in runs])}")
     if before is None:
         return
-    other = read(before)
-    both = [name for name in own if name in other]
-    print(f"\nBefore: {sums([run for name in both for run in other[name]])}")
-    for key in ("evaluations", "seconds"):
-        ratios = np.array([
-            np.mean([run[key] for run in own[name]]) / np.mean([run[key] for run in other[name]])
-            for name in both
-        ])  # fmt: skip
-        low, middle, high = np.quantile(ratios, (0.1, 0.5, 0.9))
-        print(
-            f"{key} of {len(both)} problems, over before: median {middle:.2f}, tenths {low:.2f} "
-            f"and {high:.2f}; at most 0.75 in {(ratios <= 0.75).sum()}; most "
-            + ", ".join(f"{both[i]} {ratios[i]:.2f}" for i in np.argsort(-ratios)[:5])
-        )
+    other = quoted_draws.read(before, "problem")
+    print(f"\nBefore: {sums([run for name in own for run in other.get(name, [])])}")
+    quoted_draws.print_ratios(other, own)
 
 
 def part(text: str) -> tuple[int, int]:
@@ -235,8 +211,7 @@ def main() -> None:
     for problem in chosen(options.only, options.part):
         with threadpool_limits(limits=1, user_api="blas"):
             runs = [run_of(problem, seed) for seed in seeds]
-        with options.file.open("a") as lines:
-            lines.writelines(json.dumps(run) + "\n" for run in runs)
+        quoted_draws.append(options.file, runs)
         print(row(problem.name, runs), flush=True)
 
 

@@ -25,7 +25,6 @@ covariance of its neighbours, which owes nothing to bayes_ssi's sampling.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import signal
 from collections.abc import Callable
@@ -33,21 +32,22 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import beside_tests  # noqa: F401
 import dynesty
 import economical
 import numpy as np
+import quoted_draws
 import scaling
 from problems_modal import any_pairing_of_twelve_degrees_of_freedom, two_frequencies
+from quoted_draws import Run
 from scipy.special import gammaln, logsumexp, ndtri
 
 import bayes_ssi as bs
 
 STUDIES = Path(__file__).parents[2] / "model_classes"
 BATCH = 512
-Run = dict[str, Any]
 
 
 class UsersProblem(NamedTuple):
@@ -232,7 +232,8 @@ def summary(runs: list[Run]) -> None:
             those = [r for r in runs if (r["problem"], r["sampler"]) == (name, sampler)]
             finished = [run for run in those if "log_evidence" in run]
             if not finished:
-                print(*(f"{name:20s} {sampler:14s} {run['unfinished']}" for run in those[:1]))
+                if those:
+                    print(f"{name:20s} {sampler:14s} {those[0]['unfinished']}")
                 continue
             error, fair = rms(finished, problem.log_evidence), seconds(finished, problem.a_call)
             line = (
@@ -271,16 +272,20 @@ def main() -> None:
     parser.add_argument("--summary", action="store_true")
     options = parser.parse_args()
     if options.references or options.summary:
-        lines = [line for file in options.files for line in file.read_text().splitlines()]
-        (references if options.references else summary)([json.loads(line) for line in lines])
+        runs = [
+            run
+            for file in options.files
+            for each in quoted_draws.read(file).values()
+            for run in each
+        ]
+        (references if options.references else summary)(runs)
         return
     for name in options.only.split(",") if options.only else PROBLEMS:
         bs.sample(of_study("shear_building", "1-a"), 1000)  # imports are not compared
         for seed in range(*map(int, options.seeds.split(":"))):
             run = {"problem": name, "sampler": options.sampler, "seed": seed}
             run |= sample_within(options.sampler, name, seed, options.live, options.time_limit)
-            with options.files[0].open("a") as lines:
-                lines.write(json.dumps(run) + "\n")
+            quoted_draws.append(options.files[0], [run])
             shown = {k: v for k, v in run.items() if k not in ("draws", "problem")}
             print(f"{name}: {shown}", flush=True)
 

@@ -1,10 +1,12 @@
-"""Are quoted posterior draws chains of emcee's, and how good are they by arviz?"""
+"""Are quoted posterior draws chains of emcee's, and how good are they by arviz? Runs in files."""
 
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -13,6 +15,7 @@ import emcee
 import numpy as np
 
 Array = np.ndarray
+Run = dict[str, Any]
 # Chains may keep every second, third … step; more are not looked for.
 MOST_THINNED = 20
 
@@ -74,3 +77,47 @@ def diagnostics(draws: Array) -> dict[str, float]:
         "ess_tail": min(float(arviz.ess(each, method="tail")) for each in columns),
         "r_hat": max(float(arviz.rhat(each)) for each in columns),
     }
+
+
+def quality(runs: Sequence[Run]) -> str:
+    """What several runs quote, by :func:`diagnostics`, and ``emcee``, the share of its chains."""
+    least = [min(run[key] for run in runs) for key in ("ess_bulk", "ess_tail")]
+    below = [sum(run[key] < 400 for run in runs) for key in ("ess_bulk", "ess_tail")]
+    return (
+        f"all quoted chains are emcee's in {sum(run['emcee'] == 1.0 for run in runs)} of "
+        f"{len(runs)} runs; bulk ESS at least {least[0]:.0f}, below 400 in {below[0]}, tail ESS at "
+        f"least {least[1]:.0f}, below 400 in {below[1]}; R-hat at most "
+        f"{max(run['r_hat'] for run in runs):.3f}, above 1.01 in "
+        f"{sum(not run['r_hat'] <= 1.01 for run in runs)}"
+    )
+
+
+def print_ratios(before: dict[str, list[Run]], after: dict[str, list[Run]]) -> None:
+    """How evaluations and seconds of what both have changed; means over the runs of each."""
+    both = [name for name in after if name in before]
+    for key in ("evaluations", "seconds"):
+        old, new = (
+            np.array([np.mean([run[key] for run in runs[name]]) for name in both])
+            for runs in (before, after)
+        )
+        low, middle, high = np.quantile(new / old, (0.1, 0.5, 0.9))
+        print(
+            f"{key} of {len(both)}, after over before: all {new.sum() / old.sum():.2f}, median "
+            f"{middle:.2f}, tenths {low:.2f} and {high:.2f}; at most 0.75 in "
+            f"{(new <= 0.75 * old).sum()}; most "
+            + ", ".join(f"{both[i]} {new[i] / old[i]:.2f}" for i in np.argsort(-new / old)[:5])
+        )
+
+
+def append(file: Path, runs: Sequence[Run]) -> None:
+    """A line of JSON for each run."""
+    with file.open("a") as lines:
+        lines.writelines(json.dumps(run) + "\n" for run in runs)
+
+
+def read(file: Path, *keys: str) -> dict[str, list[Run]]:
+    """The runs of a file, by the values of ``keys``."""
+    runs: dict[str, list[Run]] = {}
+    for run in map(json.loads, file.read_text().splitlines()):
+        runs.setdefault(", ".join(str(run[key]) for key in keys), []).append(run)
+    return runs

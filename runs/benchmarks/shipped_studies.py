@@ -13,24 +13,22 @@ shear building, whose log evidences are known to 0.002, their errors.
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import numpy as np
-from quoted_draws import diagnostics, share_of_emcee, watching_emcee
+import quoted_draws
+from quoted_draws import Run
 
 import bayes_ssi as bs
 
 STUDIES = Path(__file__).parents[2] / "model_classes"
 # Independent nested sampling and quadrature.
 REFERENCES = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
-Run = dict[str, Any]
 
 
 def sampled(candidate: bs.ModelClass, seed: int) -> Run:
-    with watching_emcee() as steps_of_emcee:
+    with quoted_draws.watching_emcee() as steps_of_emcee:
         begun = process_time()
         posterior = bs.sample(candidate, seed)
         seconds = process_time() - begun
@@ -47,8 +45,8 @@ def sampled(candidate: bs.ModelClass, seed: int) -> Run:
         "error": posterior.evidence.error,
         "acceptance": getattr(posterior, "acceptance_fraction", None) or posterior.acceptance,
         "regions": len(posterior.regions),
-        "emcee": share_of_emcee(posterior.draws, in_values),
-        **diagnostics(posterior.draws),
+        "emcee": quoted_draws.share_of_emcee(posterior.draws, in_values),
+        **quoted_draws.diagnostics(posterior.draws),
         "failed_checks": posterior.failed_checks,
     }
 
@@ -60,8 +58,7 @@ def sample(file: Path, studies: list[str], seeds: int) -> None:
         for candidate in bs.load_study(STUDIES / f"{study}.py").model_classes:
             for seed in range(seeds):
                 run = {"study": study, **sampled(candidate, seed)}
-                with file.open("a") as lines:
-                    lines.write(json.dumps(run) + "\n")
+                quoted_draws.append(file, [run])
                 print(row(f"{study}, {candidate.name}", [run]), flush=True)
 
 
@@ -87,49 +84,27 @@ def row(name: str, runs: list[Run]) -> str:
     )
 
 
-def read(file: Path) -> dict[tuple[str, str], list[Run]]:
-    runs: dict[tuple[str, str], list[Run]] = {}
-    for run in map(json.loads, file.read_text().splitlines()):
-        runs.setdefault((run["study"], run["class"]), []).append(run)
-    return runs
-
-
 def compare(before: Path, after: Path) -> None:
     print(HEAD)
-    old, new = read(before), read(after)
-    ratios, off = [], []
-    for key in [key for key in old if key in new]:
-        print(row(", ".join(key), old[key]))
-        print(row("    after", new[key]))
-        ratios.append(
-            [np.mean([r[k] for r in new[key]]) / np.mean([r[k] for r in old[key]])
-             for k in ("evaluations", "seconds")]
-        )  # fmt: skip
-        for a, b in zip(old[key], new[key], strict=False):
+    old, new = (quoted_draws.read(file, "study", "class") for file in (before, after))
+    off = []
+    for name in [name for name in old if name in new]:
+        print(row(name, old[name]))
+        print(row("    after", new[name]))
+        for a, b in zip(old[name], new[name], strict=False):
             off.append((b["log_evidence"] - a["log_evidence"]) / np.hypot(a["error"], b["error"]))
-        if key[0] == "shear_building":
-            for name, runs in (("before", old[key]), ("after", new[key])):
-                errors = [run["log_evidence"] - REFERENCES[key[1]] for run in runs]
-                print(
-                    f"    {name}: log evidence less its reference {np.mean(errors):+.4f}, "
-                    f"scatter {np.std(errors):.4f}, largest {np.abs(errors).max():.4f}"
-                )
-    for name, each in zip(("evaluations", "seconds"), np.transpose(ratios), strict=True):
-        print(
-            f"{name}: after over before, median {np.median(each):.2f}, {each.min():.2f} to "
-            f"{each.max():.2f}; at most 0.75 in {(each <= 0.75).sum()} of {len(each)} classes"
-        )
+        study, _, own = name.partition(", ")
+        for runs in (old[name], new[name]) if study == "shear_building" else ():
+            errors = [run["log_evidence"] - REFERENCES[own] for run in runs]
+            print(
+                f"    log evidence less its reference {np.mean(errors):+.4f}, scatter "
+                f"{np.std(errors):.4f}, largest {np.abs(errors).max():.4f}"
+            )
+    quoted_draws.print_ratios(old, new)
     largest = np.abs(off).max()
     print(f"log evidences differ by {np.std(off):.2f} standard errors, at most {largest:.1f}")
-    for name, runs in (("before", old), ("after", new)):
-        every = [run for each in runs.values() for run in each]
-        print(
-            f"{name}: all quoted chains are emcee's in {sum(r['emcee'] == 1.0 for r in every)} of "
-            f"{len(every)} runs; least bulk {min(r['ess_bulk'] for r in every):.0f} and tail ESS "
-            f"{min(r['ess_tail'] for r in every):.0f}, largest R-hat "
-            f"{max(r['r_hat'] for r in every):.3f}; failed checks in "
-            f"{sum(bool(r['failed_checks']) for r in every)}"
-        )
+    for name, each in (("before", old), ("after", new)):
+        print(f"{name}: {quoted_draws.quality([run for runs in each.values() for run in runs])}")
 
 
 def main() -> None:

@@ -21,16 +21,15 @@ configurations. Results are appended to FILE as lines of JSON, so that calls sha
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import beside_tests  # noqa: F401
 import numpy as np
-from quoted_draws import diagnostics, share_of_emcee, watching_emcee
+import quoted_draws
+from quoted_draws import Run
 from scipy.stats import chisquare, kstest
 from simulated import print_bands, simulate_tests
 
@@ -38,7 +37,6 @@ import bayes_ssi as bs
 
 STUDIES = Path(__file__).parents[2] / "model_classes"
 N_RANKED, N_BINS = 99, 20
-Run = dict[str, Any]
 
 
 def classes(study: str, *names: str) -> list[bs.ModelClass]:
@@ -69,7 +67,7 @@ def invert(case: str, index: int) -> Run:
             for c, (data, pairing) in zip(candidate.configurations, tests, strict=True)
         )
         on_data = replace(candidate, configurations=configurations)
-        with watching_emcee() as steps_of_emcee:
+        with quoted_draws.watching_emcee() as steps_of_emcee:
             posteriors.append(bs.sample(on_data, index))
             if candidate is truth:
                 shape, steps, true_class = len(values), steps_of_emcee(), on_data
@@ -98,8 +96,8 @@ def invert(case: str, index: int) -> Run:
         "probability": probability,
         "regions": len(posterior.regions),
         "seconds": seconds,
-        "emcee": share_of_emcee(posterior.draws, ways),
-        **diagnostics(posterior.draws),
+        "emcee": quoted_draws.share_of_emcee(posterior.draws, ways),
+        **quoted_draws.diagnostics(posterior.draws),
         "failed_checks": sorted({c for each in posteriors for c in each.failed_checks}),
     }
 
@@ -112,16 +110,12 @@ def rank(draws: np.ndarray, true: float, rng: np.random.Generator) -> int:
     return int((chosen < true).sum()) + int(rng.integers(equal + 1))
 
 
-def summary(runs: list[Run]) -> None:
+def summary(by_case: dict[str, list[Run]]) -> None:
     p_values = []
-    for case in [case for case in CASES if any(run["case"] == case for run in runs)]:
-        own = [run for run in runs if run["case"] == case]
-        bulk, tail = (min(run[key] for run in own) for key in ("ess_bulk", "ess_tail"))
+    for case, own in by_case.items():
         print(
-            f"{case}: {len(own)} sets, {sum(run['seconds'] for run in own):.0f} s; quoted chains "
-            f"are emcee's in {sum(run['emcee'] == 1.0 for run in own)}; least bulk ESS {bulk:.0f}, "
-            f"tail {tail:.0f}, largest R-hat {max(run['r_hat'] for run in own):.3f}; several "
-            f"regions in {sum(run['regions'] > 1 for run in own)}"
+            f"{case}: {len(own)} sets, {sum(run['seconds'] for run in own):.0f} s, several regions "
+            f"in {sum(run['regions'] > 1 for run in own)}; {quoted_draws.quality(own)}"
         )
         for truth in sorted({run["truth"] for run in own}):
             of_truth = [run for run in own if run["truth"] == truth]
@@ -167,12 +161,11 @@ def main() -> None:
     parser.add_argument("--summary", action="store_true")
     options = parser.parse_args()
     if options.summary:
-        summary([json.loads(line) for line in options.file.read_text().splitlines()])
+        summary(quoted_draws.read(options.file, "case"))
         return
     for case in [options.only] if options.only else CASES:
         for index in range(*map(int, options.sets.split(":"))):
-            with options.file.open("a") as lines:
-                lines.write(json.dumps(invert(case, index)) + "\n")
+            quoted_draws.append(options.file, [invert(case, index)])
 
 
 if __name__ == "__main__":

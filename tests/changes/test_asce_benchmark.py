@@ -10,7 +10,6 @@ import bayes_ssi as bs
 
 ROOT = Path(__file__).parents[2]
 
-
 PUBLISHED_HZ = {
     "none": (9.411, 11.791, 16.383, 25.545, 32.006, 38.663),
     "pattern 1": (6.241, 9.909, 11.731),
@@ -50,9 +49,7 @@ def test_the_finer_model_has_the_frequencies_of_120_degrees_of_freedom():
 
 
 @pytest.mark.parametrize("pattern", PUBLISHED_HZ)
-def test_the_study_has_the_benchmark_s_modes_where_its_faces_lose_what_braces_take(
-    benchmark, pattern
-):
+def test_the_study_has_the_benchmark_s_modes_where_its_faces_lose_what_braces_take(pattern):
     """Stiffnesses of faces are rounded to five digits, those of middle columns to four."""
     study = bs.load_study(ROOT / "model_classes" / "asce_benchmark.py")
     structure = study.model_classes[0].configurations[0].structure
