@@ -36,7 +36,7 @@ def test_the_script_has_15_lines_and_finds_the_right_class(monkeypatch, capsys):
 
 @pytest.mark.usefixtures("no_figures")
 def test_the_table_is_what_the_command_prints(tmp_path, capsys):
-    pages = runpy.run_path(str(ROOT / "runs" / "documented_tables.py"))
+    pages = runpy.run_path(str(ROOT / "tests" / "documented_tables.py"))
     (table,) = pages["documented_tables"](README)
     assert [row.name for row in table.rows] == ["3", "1-a", "2", "1-b"]
     study = str(ROOT / table.command[-1])

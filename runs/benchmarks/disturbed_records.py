@@ -17,8 +17,10 @@ import runpy
 import time
 from pathlib import Path
 
+import beside_tests  # noqa: F401
 import numpy as np
-from random_records import Case, case, chain, compare, print_summary, spectra_of, stationary
+from random_records import compare, print_summary
+from random_structures import Case, case, chain, spectra_of, stationary
 from scipy.linalg import eigh
 
 import bayes_ssi as bs

@@ -19,11 +19,12 @@ import time
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 
+import beside_tests  # noqa: F401
 import numpy as np
 from pyoma2.algorithms.data.run_params import Clustering
 from pyoma2.algorithms.ssi import SSI
 from pyoma2.setup import SingleSetup
-from random_records import Case, case
+from random_structures import Case, case
 
 BLOCK_ROWS, HIGHEST_ORDER = 45, 60
 

@@ -1,6 +1,6 @@
 """Compare the ranking tables in the README and the guide with what the commands print today.
 
-    python runs/documented_tables.py [PAGE.md …]
+    python tests/documented_tables.py [PAGE.md …]
 
 Runs the command that a page shows above each table of log evidences, and compares the order of the
 classes and their log evidences, within three standard errors of the difference. The exit code is 1
