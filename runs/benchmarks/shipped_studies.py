@@ -16,6 +16,7 @@ import argparse
 from pathlib import Path
 from time import process_time
 
+import beside_tests  # noqa: F401
 import numpy as np
 import quoted_draws
 from quoted_draws import Run
