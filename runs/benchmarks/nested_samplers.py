@@ -7,15 +7,15 @@
     python runs/benchmarks/nested_samplers.py FILE [FILE …] --summary
 
 The first appends a line of JSON for each run. ``--sampler`` is bayes_ssi at its defaults (its whole
-``sample``: draws, evidence, checks, adequacy), dynesty at its defaults, or dynesty-rwalk, the same
-with random walks in place of its choice. All see the same likelihood. dynesty evaluates it point by
+``sample``: draws, evidence, checks, adequacy), dynesty at its defaults, or dynesty-rwalk and
+-rslice, with random walks or slices in place of its choice. All see the same likelihood. dynesty evaluates it point by
 point; it is charged as if it could evaluate batches of 512, by the cost of such batches at its own
 posterior draws. A reduced finite-element model is reduced once for dynesty, which is charged to it;
 ours goes on refining it. A black box is charged a second a call, above what the processor did.
 
 dynesty's error falls with the root of its number of live points, to which its cost is proportional
 (``--live 2000`` shows it), so its time at equal error is its time multiplied by the square of the
-ratio of root-mean-square errors. The better of the two samplings of dynesty counts.
+ratio of root-mean-square errors. The best of dynesty's samplings counts.
 
 ``--references`` computes the log evidences that errors are measured against, from dynesty's draws
 in FILE: importance sampling from a kernel of heavy tails around each of some draws, with the
@@ -151,7 +151,7 @@ def price(candidate: bs.ModelClass, z: np.ndarray, size: int) -> float:
 SAMPLERS = {
     "bayes_ssi": ours,
     "dynesty": of_dynesty,
-    "dynesty-rwalk": partial(of_dynesty, sample="rwalk"),
+    **{f"dynesty-{name}": partial(of_dynesty, sample=name) for name in ("rwalk", "rslice")},
 }
 
 
