@@ -8,10 +8,11 @@
 
 The first appends a line of JSON for each run. ``--sampler`` is bayes_ssi at its defaults (its whole
 ``sample``: draws, evidence, checks, adequacy), dynesty at its defaults, or dynesty-rwalk and
--rslice, with random walks or slices in place of its choice. All see the same likelihood. dynesty evaluates it point by
-point; it is charged as if it could evaluate batches of 512, by the cost of such batches at its own
-posterior draws. A reduced finite-element model is reduced once for dynesty, which is charged to it;
-ours goes on refining it. A black box is charged a second a call, above what the processor did.
+-rslice, with random walks or slices in place of its choice. All see the same likelihood. dynesty
+evaluates it point by point; it is charged as if it could evaluate batches of 512, by the cost of
+such batches at its own posterior draws. A reduced finite-element model is reduced once for dynesty,
+which is charged to it; ours goes on refining it. A black box is charged a second a call, above what
+the processor did.
 
 dynesty's error falls with the root of its number of live points, to which its cost is proportional
 (``--live 2000`` shows it), so its time at equal error is its time multiplied by the square of the
