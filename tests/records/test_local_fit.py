@@ -1,9 +1,13 @@
 """The spectral model of a narrow band: its derivatives, its information and its evidence."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.linalg import block_diag, null_space
 
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_fit import Fitter, _Steps
 from bayes_ssi.measurements.records.local_model import (
     IndependentLoads,
@@ -242,6 +246,63 @@ def test_noise_is_what_no_other_channel_explains():
     whole = np.concatenate([data.to_channels, data.rest_to_channels], axis=1)
     assert np.linalg.matrix_rank(whole) == 3
     np.testing.assert_allclose(data.from_channels @ data.to_channels, np.eye(2), atol=1e-9)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
+    """By quadrature over the 2r - 1 directions of each mode's force across i φ, r = 2.
+
+    Along i φ its size s is uniform in logarithm over FIT.log_range_of_forces: what is left is the
+    product of 1 / (s · range). The trapezoidal rule is exact for normal densities to 1e-8 at steps
+    of 0.9 standard deviations.
+    """
+    rng = np.random.default_rng(8)
+    turns = np.array([0.4, 1.3])[:m]
+    modes = Resonances(
+        np.array([1.95, 2.08])[:m],
+        np.array([0.015, 0.02])[:m],
+        np.array([np.cos(turns), np.sin(turns)]).astype(complex),
+    )
+    half = rng.standard_normal((m, 2, 2))
+    scales = 0.01 * np.eye(2) + 0.02 * half @ half.swapaxes(1, 2)
+    sizes = np.array([0.3, 0.2])[:m]
+    log_integral = 0.0
+    for i, scale in enumerate(scales):
+        phi = modes.shapes[:, i].real
+        along = np.r_[0.0, 0.0, phi]  # of i φ; real parts come first
+        across = null_space(along[None])
+        precision = across.T @ np.linalg.inv(block_diag(scale, scale)) @ across
+        axes = across @ np.linalg.cholesky(np.linalg.inv(precision))
+        steps = 0.9 * np.arange(-8, 9)
+        total = 0.0
+        for at in product(steps, repeat=3):
+            forces = 1j * sizes * modes.shapes
+            move = axes @ at
+            forces[:, i] += move[:2] + 1j * move[2:]
+            drive = IndependentLoads(np.zeros((2, 0), dtype=complex), forces)
+            total += np.exp(-drive.energy(modes, scales))
+        log_integral += np.log(total * 0.9**3) - 0.5 * np.linalg.slogdet(precision)[1]
+    drive = IndependentLoads(np.zeros((2, 0), dtype=complex), 1j * sizes * modes.shapes)
+    expected = -np.log(sizes * FIT.log_range_of_forces).sum()
+    log_integral -= drive.log_normalisation(modes, scales)
+    assert log_integral == pytest.approx(expected, abs=1e-8)
+
+
+def test_the_prior_of_one_source_integrates_to_one():
+    """Of direct motion over complex planes, and of a mode's factor over all sizes and phases.
+
+    In plane polar coordinates the density 1 / (π l² range) of a factor's size l gives
+    2 ∫ dl / l / range, over sizes l² whose logarithms have that range: one.
+    """
+    modes = random_model(np.random.default_rng(3), "one source")[0].modes
+    none = np.zeros((3, R), dtype=complex), np.zeros(1, dtype=complex)
+    factors = np.array([0.2 + 0.1j, -0.3j])
+    drive = OneSource(*none, factors)
+    log_density = -drive.log_normalisation(modes, np.zeros(0)) - drive.energy(modes, np.zeros(0))
+    of_factors = -np.log(np.pi * np.abs(factors) ** 2 * FIT.log_range_of_forces).sum()
+    # Integral of exp(-|d|²/2s²) over both parts of a complex number d is 2π s².
+    of_direct = -R * sum(np.log(2.0 * np.pi * sd**2) for sd in FIT.direct_sds)
+    assert log_density == pytest.approx(of_factors + of_direct, abs=1e-9)
 
 
 def test_a_fit_goes_on_from_another():
