@@ -10,7 +10,12 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.measurements.records.record_checks import machine_lines, remarks_on, without_lines
+from bayes_ssi.measurements.records.record_checks import (
+    machine_lines,
+    moving,
+    remarks_on,
+    without_lines,
+)
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 RATE = 50.0
@@ -74,6 +79,16 @@ def drifting(row, times):
 
 def noise(row, _):
     row[:] = np.random.default_rng(1).standard_normal(len(row))
+
+
+@pytest.mark.parametrize("level", [0.2, -3000.0, 1e-9])
+def test_a_sensor_is_dead_where_it_moves_by_rounding_alone(level):
+    """Twenty last digits up and down are rounding; a step of a 32-bit converter, 2⁻³¹, is motion."""
+    steps = np.random.default_rng(2).choice([-1.0, 0.0, 1.0], size=500)
+    rows = level * (1.0 + np.outer([0.0, 20.0 * np.finfo(float).eps, 2.0**-31], steps))
+    np.testing.assert_array_equal(moving(rows), [False, False, True])
+    zeros = np.zeros((1, 500))
+    assert not moving(zeros).any()
 
 
 @pytest.mark.parametrize(
