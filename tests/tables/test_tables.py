@@ -12,16 +12,20 @@ from scipy.stats import norm
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
 from bayes_ssi.inference.posterior.posterior import Region
+from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.report.tables.calibration_tables import calibration_modes_table, calibration_table
 from bayes_ssi.report.tables.mode_tables import modes_table
 from bayes_ssi.report.tables.ranking_tables import (
+    changed_parameters_table,
     comparison_notes,
     evidence_table,
     parameter_table,
     ranking_table,
     region_notes,
 )
+from bayes_ssi.studies.ranking.changed_settings import ChangedClass, ParameterChange
 from bayes_ssi.studies.ranking.comparison import Check
+from bayes_ssi.studies.ranking.variations import ParameterSpread
 
 
 def lines(table, width=80):
@@ -94,6 +98,26 @@ def test_parameters(make_posterior):
     expected = [f"{number:.4g}" for number in numbers]
     assert cells(parameter_table(posterior), ["k1"]) == [*expected, "0.25"]
     assert lines(parameter_table(posterior))[0] == "Parameters of 'x'"
+
+
+def test_the_shift_of_a_changed_mean_has_its_sign_and_its_unit():
+    """From 1.0 ± 0.2 to 1.3, by hand: 0.3 / 0.2; from 2.0 ± 0.5 to 1.0: -1.0 / 0.5."""
+
+    def spread(name, mean, sd):
+        return ParameterSpread(name, mean, sd, mean - 1.645 * sd, mean, mean + 1.645 * sd, 0.0)
+
+    known = Estimate(-1.0, 0.01)
+    up = ParameterChange(spread("up", 1.0, 0.2), spread("up", 1.3, 0.4))
+    down = ParameterChange(spread("down", 2.0, 0.5), spread("down", 1.0, 0.1))
+    unknown = ParameterChange(spread("unknown", 1.0, 0.2), None)
+    parameters = (up, down, unknown)
+    changed = ChangedClass("A", known, known, 0.5, 0.5, 0.1, "", None, None, "", parameters)
+    table = changed_parameters_table(changed)
+    assert [cells(table, [name])[-1] for name in ("up", "down", "unknown")] == [
+        "+1.50",
+        "-2.00",
+        "-",
+    ]
 
 
 def test_regions(make_posterior):
