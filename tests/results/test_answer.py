@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
-from bayes_ssi.results.answer import answer, parameters_in_words, why_it_loses
+from bayes_ssi.results.answer import answer, explained, parameters_in_words, why_it_loses
 from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
@@ -145,6 +145,25 @@ def test_how_closely_a_class_explains_modes(tiny_ranking, tmp_path):
         f"{min(np.floor(1000 * lowest), 999) / 1000:.3f})" in each
         for each in answer(result).reasons
     )
+
+
+def test_all_shapes_are_at_least_as_close_as_is_said(tiny_ranking):
+    """Medians of 0.9731 and 0.9999, of 2 % and 1 % in frequency: the worst of both is named."""
+    posterior, data = tiny_ranking.posteriors[0], tiny_ranking.study.model_classes[0].data
+    (test,) = posterior.configurations
+    modes = [
+        replace(mode, after_hz=(0.0, factor * data.mode(mode.label).frequency_hz, 9.0),
+                mac_after=(0.5, mac, 1.0))
+        for mode, factor, mac in zip(
+            test.updated.modes, (0.98, 1.01), (0.9731, 0.9999), strict=True
+        )
+    ]  # fmt: skip
+    for order in (modes, modes[::-1]):
+        updated = replace(test.updated, modes=tuple(order))
+        changed = replace(posterior, configurations=(replace(test, updated=updated),))
+        assert explained(changed, {test.name: data}) == (
+            "explains all 2 identified modes (frequencies within 2 %, MAC above 0.973)"
+        )
 
 
 def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, tmp_path):
