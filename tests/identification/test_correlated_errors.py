@@ -569,3 +569,29 @@ def test_labels_may_have_other_numbers_where_modes_are_not_correlated():
     groups = candidate.correlated_errors.groups
     named = [[candidate.correlated_errors.modes[i][:2] for i in group] for group in groups]
     assert named == [[(0, "mode 1"), (1, "mode 1")], [(0, "mode 2"), (1, "mode 2")]]
+
+
+@pytest.mark.parametrize(
+    ("tests", "modes"), [(0.0, 0.0), (0.8, 0.0), (0.0, 0.6), (0.8, 0.6), (0.3, 0.9)]
+)
+def test_the_least_error_is_that_of_the_difference_that_data_determine_best(tests, modes):
+    """The smallest eigenvalue of σ² ρ_tests^[t ≠ s] ρ_modes^|i - j| of 300 modes in two tests.
+
+    It comes down to its bound for any number of modes like 1/n². Shapes share ρ_tests alone.
+    """
+    mode = np.arange(300)
+    of_modes = modes ** np.abs(mode[:, None] - mode)
+    of_tests = np.array([[1.0, tests], [tests, 1.0]])
+    of_frequencies = np.linalg.eigvalsh(np.kron(of_tests, of_modes))[0]
+    of_shapes = np.linalg.eigvalsh(of_tests)[0]
+    two = tuple(
+        configuration(name, mass, (1, 2), seed, ("floor 1", "floor 2", "floor 4"))
+        for name, mass, seed in (("a", 1.0, 1), ("b", 2.0, 2))
+    )
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, tests, modes), two)
+    for _, likelihood, own in candidate.parts(values_of(candidate)):
+        frequency, shape = likelihood.least_errors(own)
+        # Of the mode with the smallest identification errors, none of frequency and 0.01 of shape.
+        np.testing.assert_allclose(frequency, SD * math.sqrt(of_frequencies), rtol=2e-3)
+        expected = math.sqrt(SHAPE_SD**2 * of_shapes + 0.01**2)
+        np.testing.assert_allclose(shape, expected, rtol=1e-9)

@@ -240,12 +240,12 @@ class ModalLikelihood:
             own = self.joint_pairs.least_variances
         tests, modes = ProductTable(self.error.correlations, self.parameters).evaluate(values).T
         # The smallest eigenvalue of the correlation matrix is 1 - ρ for one correlation for all,
-        # and above (1 - ρ)/(1 + ρ) for ρ^|i - j|.
-        independent = (1.0 - tests) * (1.0 - modes) / (1.0 + modes)
-        prediction_var = self.prediction_var(values) * independent[:, None]
+        # and above (1 - ρ)/(1 + ρ) for ρ^|i - j|. Shapes of different modes err independently.
+        independent = (1.0 - tests) * (1.0 - modes) / (1.0 + modes), 1.0 - tests
+        prediction_var = self.prediction_var(values)
         frequency, shape = (
-            np.sqrt(prediction_var[:, column] + variances.min(initial=np.inf))
-            for column, variances in zip((0, -1), own, strict=True)
+            np.sqrt(prediction_var[:, column] * share + variances.min(initial=np.inf))
+            for column, share, variances in zip((0, -1), independent, own, strict=True)
         )
         return frequency, shape
 
