@@ -83,7 +83,7 @@ def noise(row, _):
 
 @pytest.mark.parametrize("level", [0.2, -3000.0, 1e-9])
 def test_a_sensor_is_dead_where_it_moves_by_rounding_alone(level):
-    """Twenty last digits up and down are rounding; a step of a 32-bit converter, 2⁻³¹, is motion."""
+    """Twenty last digits are rounding; a step of a 32-bit converter, 2⁻³¹, is motion."""
     steps = np.random.default_rng(2).choice([-1.0, 0.0, 1.0], size=500)
     rows = level * (1.0 + np.outer([0.0, 20.0 * np.finfo(float).eps, 2.0**-31], steps))
     np.testing.assert_array_equal(moving(rows), [False, False, True])
