@@ -295,6 +295,7 @@ class TestFiles:
         scipy.io.savemat(tmp_path / "k.mat", {"K": sparse, "M": np.eye(5)})
         for name, key in (("k.npz", None), ("both.npz", "K"), ("k.mtx", None), ("k.mat", "K")):
             read = bs.read_matrix(tmp_path / name, key)
+            assert not sp.isspmatrix(read)  # of which * is the product of matrices
             dense = read.toarray() if sp.issparse(read) else read
             np.testing.assert_array_equal(dense, sparse.toarray())
 

@@ -46,7 +46,10 @@ def test_means_of_residuals_are_within_bands(identified):
     """Of the record's four modes the first has a band of its own, and beside it there is a gap."""
     bands = [band.fit.data for band in identified.bands if band.is_wanted]
     assert any(high.band_hz[0] - low.band_hz[1] > 0.1 for low, high in pairwise(bands))
-    lines = plot_whitened_residuals(identified).lines
+    ax = plot_whitened_residuals(identified)
+    ends = bands[0].frequencies_hz[0], bands[-1].frequencies_hz[-1]
+    np.testing.assert_array_equal(ax.get_xlim(), ends)
+    lines = ax.lines
     means = [line.get_xdata() for line in lines if line.get_color() == STYLE.orange]
     assert len(means) == len(bands)
     for line, band in zip(means, bands, strict=True):

@@ -1,7 +1,10 @@
 """Parameters by difference of exports, against matrices whose dependence is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
@@ -66,6 +69,20 @@ def test_a_property_that_enters_linearly():
     # Compact: no entry where the property has no effect.
     assert matrices.stiffness[1].matrix.nnz == np.count_nonzero(COLUMNS)
     assert matrices.errors["0.7-1.0.sti"] < 1e-13
+
+
+@pytest.mark.parametrize("which", ["stiffness", "mass"])
+def test_the_error_of_a_check_is_its_worst_entry_in_either_matrix(which):
+    """By hand: 4e-9 of √(K_ii K_jj) in one entry, and 1e-9 in another."""
+    check = export(0.7)
+    scales = np.sqrt(getattr(NOMINAL, which).diagonal())
+    wrong = np.zeros((8, 8))
+    wrong[2, 5] = wrong[5, 2] = 4e-9 * scales[2] * scales[5]
+    wrong[1, 1] = -1e-9 * scales[1] ** 2
+    model = replace(check.model, **{which: getattr(check.model, which) + sp.csc_array(wrong)})
+    altered = replace(check, model=model)
+    matrices = parameter_matrices(NOMINAL, [export(1.1)], [altered])
+    assert matrices.errors[check.file] == pytest.approx(4e-9, rel=1e-4)
 
 
 @pytest.mark.parametrize(
