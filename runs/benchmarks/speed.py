@@ -1,10 +1,9 @@
-"""How fast is it? Ratios within one run, and seconds of whole commands.
+"""How fast are likelihoods, starting up, responses and workers? Ratios within one run.
 
     python runs/benchmarks/speed.py likelihood
     python runs/benchmarks/speed.py start [--runs 9]
     python runs/benchmarks/speed.py responses
     python runs/benchmarks/speed.py workers    # with pip install -e ".[dask]"
-    python runs/benchmarks/speed.py commands [--before PATH] [--runs 3] [--only "shear building;…"]
 
 ``likelihood``: CPU time of ``ModelClass.log_likelihood`` of a batch of 512 over that of
 ``numpy.linalg.eigh`` on the same matrices, for shear buildings of 3, 4 and 7 degrees of freedom and
@@ -21,9 +20,6 @@ over one call of ``scipy.signal.lfilter`` a history. A draw takes four such call
 ``workers``: batches of a shear building that sleeps for 50 ms a point, with one and two processes
 of this machine and of a Dask cluster; values must be identical. The overhead is the time in excess
 of the sleep alone.
-
-``commands``: whole commands with their defaults, as processes; those of another checkout, PATH,
-alternate with those of this one. Medians of wall time, and of processor time of all processes.
 """
 
 from __future__ import annotations
@@ -37,19 +33,16 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import NamedTuple
 
 import numpy as np
 
 import bayes_ssi as bs
 
-THIS = Path(__file__).parents[2]
-STUDIES = THIS / "model_classes"
+STUDIES = Path(__file__).parents[2] / "model_classes"
 
 
 def exact_building(n: int, building: type[bs.ShearBuilding] = bs.ShearBuilding) -> bs.ModelClass:
@@ -137,7 +130,7 @@ def import_seconds(code: str) -> float:
 def start(options: argparse.Namespace) -> None:
     for code in STARTS.values():  # what Python compiles on the first run
         import_seconds(code)
-    rounds = [[import_seconds(code) for code in STARTS.values()] for _ in range(options.runs or 9)]
+    rounds = [[import_seconds(code) for code in STARTS.values()] for _ in range(options.runs)]
     medians = [statistics.median(seconds) for seconds in zip(*rounds, strict=True)]
     for name, seconds in zip(STARTS, medians, strict=True):
         ratio, most = seconds / medians[0], MOST_TIMES.get(name)
@@ -259,75 +252,13 @@ def workers(_: argparse.Namespace) -> None:
     print(f"values identical everywhere: {same}")
 
 
-# Whole commands, as a user has them.
-
-CLI = (sys.executable, "-c", "from bayes_ssi.cli import main; main()")
-OUTPUT = "OUTPUT"  # replaced by the path of a new directory
-OPTIONS = ("--out", OUTPUT, "--quiet", "--accept-failed-checks")
-# With the seconds wanted on two cores.
-COMMANDS = {
-    "shear building": (5.0, (*CLI, "rank", "model_classes/shear_building.py", *OPTIONS)),
-    "Liverpool frame": (20.0, (*CLI, "rank", "model_classes/liverpool_frame.py", *OPTIONS)),
-    "steel frame": (30.0, (*CLI, "rank", "model_classes/steel_frame.py", *OPTIONS)),
-    "search, bare building": (10.0, (*CLI, "search", "model_classes/bare_building.py", *OPTIONS)),
-    "search, 20 storeys": (30.0, (sys.executable, "runs/benchmarks/tall_building.py")),
-}
-
-
-class Seconds(NamedTuple):
-    """What one process took, with all processes that it started."""
-
-    wall: float
-    processor: float
-
-
-def timed(command: Sequence[str], tree: Path) -> Seconds:
-    """Run a command of a checkout.
-
-    Raises:
-        RuntimeError: it failed.
-    """
-    # Linear algebra may use what threads it likes.
-    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    environment["PYTHONPATH"] = str(tree)
-    with TemporaryDirectory() as directory:
-        arguments = [str(Path(directory, "r")) if word == OUTPUT else word for word in command]
-        begun = perf_counter()
-        process = subprocess.Popen(arguments, cwd=tree, env=environment, stdout=subprocess.DEVNULL)
-        _, status, usage = os.wait4(process.pid, 0)
-        wall = perf_counter() - begun
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{tree}: exit code {process.returncode}: {' '.join(arguments)}")
-    return Seconds(wall, usage.ru_utime + usage.ru_stime)
-
-
-def commands(options: argparse.Namespace) -> None:
-    chosen = options.only.split(";") if options.only else list(COMMANDS)
-    before = {} if options.before is None else {"before": options.before.resolve()}
-    trees = {**before, "this": THIS}
-    n_runs = options.runs or 3
-    print(f"{n_runs} runs each on {len(os.sched_getaffinity(0))} cores; seconds, medians")
-    print(f"{'command':22s} {'tree':7s} {'wall (least to most)':>22s}  processor  wanted")
-    for name in chosen:
-        wanted, command = COMMANDS[name]
-        rounds = [[timed(command, path) for path in trees.values()] for _ in range(n_runs)]
-        for tree, runs in zip(trees, zip(*rounds, strict=True), strict=True):
-            walls, processors = zip(*runs, strict=True)
-            spread = f"({min(walls):.1f} to {max(walls):.1f})"
-            print(f"{name:22s} {tree:7s} {statistics.median(walls):6.1f} {spread:>15s}  "
-                  f"{statistics.median(processors):9.1f}  {wanted:6.0f}", flush=True)  # fmt: skip
-
-
-PARTS = {each.__name__: each for each in (likelihood, start, responses, workers, commands)}
+PARTS = {each.__name__: each for each in (likelihood, start, responses, workers)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=PARTS)
-    parser.add_argument("--runs", type=int)
-    parser.add_argument("--before", type=Path, help="another checkout to compare with")
-    parser.add_argument("--only", help="names of commands, separated by semicolons")
+    parser.add_argument("--runs", type=int, default=9, help="of starting up")
     options = parser.parse_args()
     PARTS[options.part](options)
 
