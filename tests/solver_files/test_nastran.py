@@ -147,6 +147,23 @@ def test_kinds_of_output4_files(tmp_path, samples, binary, layout):
         bs.read_model(path)
 
 
+@pytest.mark.usefixtures("samples")
+def test_two_output4_files_hold_one_matrix_each(tmp_path):
+    from pyyeti.nastran import op4
+
+    stiffness, mass = portal()
+    files = {"k": {"kaa": stiffness}, "m": {"maa": mass}, "both": {"kaa": stiffness, "maa": mass}}
+    for name, matrices in files.items():
+        op4.OP4().write(str(tmp_path / f"{name}.op4"), list(matrices), list(matrices.values()))
+    k, m, both = (tmp_path / f"{name}.op4" for name in files)
+    model = bs.read_model(k, m, labels=LABELS)
+    np.testing.assert_allclose(model.stiffness.toarray(), stiffness, rtol=1e-9)
+    np.testing.assert_allclose(model.mass.toarray(), mass, rtol=1e-9)
+    for pair, counts in (((both, m), "2 and 1"), ((k, both), "1 and 2")):
+        with pytest.raises(ValueError, match=f"two files must hold one matrix each, got {counts}"):
+            bs.read_model(*pair)
+
+
 def test_punches_are_read_as_the_library_reads_them(tmp_path, samples):
     """A sample of it, and a punch that it writes of stored matrices; values have ten digits."""
     import pandas as pd
