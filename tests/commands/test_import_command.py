@@ -208,6 +208,23 @@ def test_sensors_by_the_nodes_of_a_universal_file():
         assert words in refused.output
 
 
+def test_the_band_of_a_universal_file_is_the_studys(folder):
+    pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
+    mode = {
+        "type": 55, "id1": "NONE", "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
+        "model_type": 1, "analysis_type": 2, "data_ch": 2, "spec_data_type": 8, "data_type": 2,
+        "n_data_per_node": 3, "load_case": 1, "mode_n": 1, "freq": 1.9, "modal_m": 1.0,
+        "modal_damp_vis": 0.01, "modal_damp_his": 0.0, "node_nums": [1, 2],
+        "r1": np.array([0.5, 1.0]), "r2": np.zeros(2), "r3": np.zeros(2),
+    }  # fmt: skip
+    pyuff.UFF("modes.uff").write_sets([mode], "overwrite")
+    done = run("uff_study", *FRAME, "--data", "modes.uff", "--band", "0.5", "17")
+    assert done.exit_code == 0, done.output
+    data = load_study(folder / "uff_study.py").model_classes[0].data
+    assert data.band_hz == (0.5, 17.0)
+    assert data.sensors == ("1 x", "2 x")
+
+
 def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):
     """SAP2000's text: joint 5 moves as equation 1 less 2 times the rotation, equation 2."""
     monkeypatch.chdir(tmp_path)
