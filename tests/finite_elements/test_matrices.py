@@ -211,6 +211,7 @@ BAD = [
     ({"labels": ("a", "b")}, "labels: 2 for 3 degrees of freedom"),
     ({"sensors": {"roof": 3}}, "sensor 'roof': must be the number .*, from 0 to 2, or .*, got 3"),
     ({"sensors": {"roof": "x"}}, "sensor 'roof': .* its label .none was given., got 'x'"),
+    ({"labels": ("a", "b", "c"), "sensors": ["a", 2]}, "sensors: a list holds labels; .*'a', 2"),
     ({"n_modes": 4}, "n_modes must be a whole number from 1 to 3"),
     ({"n_modes": None}, "give either n_modes or up_to_hz"),
     ({"n_modes": None, "up_to_hz": -1.0}, "up_to_hz must be a positive frequency"),
