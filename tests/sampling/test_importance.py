@@ -320,14 +320,16 @@ def exact_ensemble(seed, n_steps=200, n_walkers=32):
     return Ensemble(z, heights, 0, 1.0, 0.5)
 
 
-def test_bridge_sampling_recovers_the_evidence_within_its_error():
+@pytest.mark.parametrize(("wider", "most"), [(1.2, 0.02), (8.0, 0.08)])
+def test_bridge_sampling_recovers_the_evidence_within_its_error(wider, most):
+    """Also from a proposal so wide that almost all of the error is that of its draws."""
     result = []
     for seed in range(30):
-        sample = importance_draws(MEAN + 0.1, 1.2 * SD, 100 + seed)
+        sample = importance_draws(MEAN + 0.1, wider * SD, 100 + seed)
         result.append(bridge_sampling(exact_ensemble(seed), sample))
     errors = np.array([estimate.error for estimate in result])
     off = np.array([estimate.log_evidence for estimate in result]) - LOG_EVIDENCE
-    assert errors.max() < 0.02
+    assert errors.max() < most
     assert (np.abs(off) < 4.0 * errors).all()
     assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
 
