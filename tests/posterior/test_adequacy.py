@@ -3,16 +3,18 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import STOREY_STIFFNESS, multiplier
+from scipy.optimize import minimize
 from scipy.stats import binom, norm, vonmises_fisher
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import adequacy
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.studies.ranking.diagnosis import repair_of_pairing
+from bayes_ssi.studies.ranking.diagnosis import _log_maximum, repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=256, searches=2, economical=True)
@@ -280,3 +282,16 @@ def test_an_inferred_error_beyond_five_per_cent_is_a_model_that_does_not_fit(med
     said = "the model does not fit: it infers an error of "
     assert result.comparison.misfit.startswith(f"'rough': {said}") == fails
     assert bool(result.comparison.failed_checks) == fails
+
+
+def test_repairs_are_compared_with_the_maximum_of_the_class_itself(bare):
+    """That of scipy's minimiser, where the stored maximum is one of correlated errors."""
+
+    def less(z):
+        return -float(bare.log_likelihood_at(z[None])[0] + norm.logpdf(z).sum())
+
+    start = np.full(len(bare.parameters), 0.3)
+    stored = SimpleNamespace(maxima=bare.values(start[None]))
+    highest = -minimize(less, start, method="Nelder-Mead", options={"xatol": 1e-6}).fun
+    assert _log_maximum(bare, stored, climbs=True) == pytest.approx(highest, abs=1e-3)
+    assert _log_maximum(bare, stored, climbs=False) == pytest.approx(-less(start), rel=1e-9)
