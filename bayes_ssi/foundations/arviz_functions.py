@@ -1,4 +1,4 @@
-"""Measures of chains and of importance weights as arviz computes them.
+"""What arviz does: measures of chains and of importance weights, and draws by groups and in files.
 
 This module alone touches arviz, of both generations: up to 0.23, and from 1.0 on. It is imported
 where it is first needed, because its import takes longer than many a study.
@@ -7,16 +7,19 @@ where it is first needed, because its import takes longer than many a study.
 import math
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
 
+# Name of a variable → its dimensions and its values; a coordinate is named as its dimension.
+Group = Mapping[str, tuple[Sequence[str], ArrayLike]]
 # Of shorter chains arviz computes nothing: their halves have no variance.
 FEWEST_STEPS = 4
 # Of fewer weights, the tail is shorter than the six that every version fits a distribution to.
@@ -25,7 +28,6 @@ FEWEST_WEIGHTS = 30
 
 @cache
 def arviz() -> ModuleType:
-    """The package, whichever generation is installed."""
     with warnings.catch_warnings():
         # Versions 0.22 and 0.23 announce the next generation.
         warnings.simplefilter("ignore", FutureWarning)
@@ -40,10 +42,14 @@ def arviz() -> ModuleType:
     return arviz
 
 
+def _is_first_generation() -> bool:
+    return hasattr(arviz(), "psislw")
+
+
 @cache
 def _statistics() -> Any:
-    """What has arviz's functions of arrays: of both generations ``rhat``, ``ess`` and ``mcse``."""
-    if hasattr(arviz(), "psislw"):
+    """What has ``rhat``, ``ess``, ``mcse`` and ``psislw`` of arrays."""
+    if _is_first_generation():
         return arviz()
     from arviz_stats.base import array_stats
 
@@ -65,45 +71,30 @@ def r_hat(chains: FloatArray) -> FloatArray:
 
 
 def bulk_ess(chains: FloatArray) -> FloatArray:
-    """Effective sample size of the ranks of each coordinate, (d,) (Vehtari et al. 2021).
-
-    Of chains (n_chains, n_steps, d). Zero where it is not defined, as for :func:`r_hat`.
-    """
+    """Effective sample size of the ranks of each coordinate, (d,); 0 where it is not defined."""
     return _by_coordinate(_statistics().ess, chains, 0.0)
 
 
 def tail_ess(chains: FloatArray) -> FloatArray:
-    """The smaller of the effective sample sizes of the 5 and 95 % quantiles, (d,).
-
-    Of chains (n_chains, n_steps, d). Zero where it is not defined, as for :func:`r_hat`.
-    """
+    """The smaller one of the 5 and 95 % quantiles of each coordinate, (d,); 0 likewise."""
     ess = _statistics().ess
     return _by_coordinate(lambda draws: ess(draws, method="tail", prob=(0.05, 0.95)), chains, 0.0)
 
 
 def mcse_mean(chains: FloatArray) -> FloatArray:
-    """Monte Carlo standard error of the mean of each coordinate, (d,).
-
-    Of chains (n_chains, n_steps, d). Infinite where it is not defined, as for :func:`r_hat`.
-    """
-    return _monte_carlo_errors(chains, "mean")
+    """Monte Carlo standard error of the mean of each coordinate, (d,); infinite likewise."""
+    return _errors(chains, "mean")
 
 
 def mcse_sd(chains: FloatArray) -> FloatArray:
-    """Monte Carlo standard error of the standard deviation of each coordinate, (d,).
-
-    Of chains (n_chains, n_steps, d). Infinite where it is not defined, as for :func:`r_hat`.
-    """
-    return _monte_carlo_errors(chains, "sd")
+    """The same of the standard deviation."""
+    return _errors(chains, "sd")
 
 
-def _monte_carlo_errors(chains: FloatArray, method: str) -> FloatArray:
-    mcse = _statistics().mcse
-
+def _errors(chains: FloatArray, method: str) -> FloatArray:
     def error(draws: FloatArray) -> float:
-        # Draws that differ by less than 1e-15, in whatever unit, arviz takes for a constant.
-        spread = np.ptp(draws)
-        return mcse(draws / spread, method=method) * spread
+        spread = np.ptp(draws)  # below 1e-15, in whatever unit, arviz sees none
+        return spread * _statistics().mcse(draws / spread, method=method)
 
     return _by_coordinate(error, chains, math.inf)
 
@@ -137,14 +128,44 @@ def pareto_k(log_weights: FloatArray) -> float:
         return math.inf
     n_tail = int(min(0.2 * n, 3.0 * math.sqrt(n)))
     tail = np.partition(log_weights, n - n_tail)[n - n_tail :]
-    statistics = _statistics()
     # The second generation takes log-likelihoods left out: their negatives are the log weights.
-    sign = 1.0 if statistics is arviz() else -1.0
+    sign = 1.0 if _is_first_generation() else -1.0
     with np.errstate(all="ignore"):
         span = tail.max() - tail[0]
         if span < 1e-10:
             return -math.inf
         if not span < 700.0:  # beyond, their ratio is no double
             return math.inf
-        k = float(statistics.psislw(sign * log_weights)[1])
+        k = float(_statistics().psislw(sign * log_weights)[1])
     return math.inf if math.isnan(k) else k
+
+
+def in_arviz(groups: Mapping[str, Group]) -> Any:
+    """Groups of draws as arviz holds them: an ``InferenceData``, from 1.0 on a ``DataTree``."""
+    return arviz().InferenceData(**_datasets(groups)) if _is_first_generation() else _tree(groups)
+
+
+def netcdf_file(groups: Mapping[str, Group]) -> memoryview:
+    """What a netCDF file of groups of draws holds, which arviz opens.
+
+    It is made in memory: the HDF5 library crashes where a disk becomes full.
+    """
+    return _tree(groups).to_netcdf(engine="h5netcdf")
+
+
+def _tree(groups: Mapping[str, Group]) -> Any:
+    from xarray import DataTree
+
+    return DataTree.from_dict(_datasets(groups))
+
+
+def _datasets(groups: Mapping[str, Group]) -> dict[str, Any]:
+    return {name: _dataset(group) for name, group in groups.items()}
+
+
+def _dataset(group: Group) -> Any:
+    from xarray import Dataset
+
+    made = Dataset({name: (dims, np.asarray(values)) for name, (dims, values) in group.items()})
+    numbered = {name: range(n) for name, n in made.sizes.items() if name in ("chain", "draw")}
+    return made.assign_coords(numbered)

@@ -1,4 +1,4 @@
-"""Installed packages: their versions, and imports without parts that take long to import."""
+"""Installed packages: their versions, and those that are optional."""
 
 import platform
 import sys
@@ -30,23 +30,3 @@ def optional_package(name: str, extra: str) -> Iterator[None]:
         raise ValueError(
             f'{name} is not installed; install it with pip install "bayes_ssi[{extra}]"'
         ) from None
-
-
-@contextmanager
-def importing_without(optional: str, package: str) -> Iterator[None]:
-    """Within it, ``package`` is imported as if ``optional`` were not installed.
-
-    Whoever imports the package later gets another copy of it, a whole one. Where either is
-    imported already, nothing is left out.
-    """
-    if optional in sys.modules or package in sys.modules:
-        yield
-        return
-    sys.modules[optional] = None  # type: ignore[assignment]  # importing it fails
-    try:
-        yield
-    finally:
-        del sys.modules[optional]
-        for name in list(sys.modules):
-            if name == package or name.startswith(f"{package}."):
-                del sys.modules[name]

@@ -4,9 +4,7 @@ And its parameters in many tests.
 """
 
 import warnings
-from collections.abc import Sequence
-from functools import cache
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.packages import importing_without
+from bayes_ssi.foundations.arviz_functions import arviz
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
@@ -217,7 +215,10 @@ def plot_parameters(posterior: Posterior, ax: Axes | None = None) -> Axes:
 
 
 def plot_corner(
-    posterior: Posterior, figure: Figure | None = None, parameters: Sequence[str] | None = None
+    posterior: Posterior,
+    figure: Figure | None = None,
+    parameters: Sequence[str] | None = None,
+    truths: Mapping[str, float] | None = None,
 ) -> Figure:
     """Marginal and joint posterior densities of all or some of the parameters.
 
@@ -227,8 +228,11 @@ def plot_corner(
 
     Args:
         parameters: names of the parameters; all if None.
+        truths: true values of some of them, which lines mark.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
+    truths = truths or {}
+    require_known("plot_corner: no parameter", truths, posterior.parameter_names)
     require_known("plot_corner: no parameter", names, posterior.parameter_names)
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
@@ -237,7 +241,8 @@ def plot_corner(
     # two variables.
     shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
     figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
-    corner = import_corner()
+    arviz()  # corner imports it, and would show its warnings
+    import corner
 
     with warnings.catch_warnings():
         # Constrained layout replaces corner's own.
@@ -246,6 +251,7 @@ def plot_corner(
             values, bins=30, range=[shown] * n, fig=figure, color=STYLE.blue, quantiles=LEVELS,
             smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
+            truths=[truths.get(name) for name in names], truth_color=STYLE.vermilion,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     # Panels above the diagonal are empty; the layout need not look for what they hold.
@@ -269,14 +275,6 @@ def plot_corner(
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
-
-
-@cache
-def import_corner() -> Any:
-    """The module corner, which takes arrays without arviz."""
-    with importing_without("arviz", package="corner"):
-        import corner
-    return corner
 
 
 def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figure:

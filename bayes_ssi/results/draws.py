@@ -1,112 +1,69 @@
-"""Draws to and from netCDF files that arviz opens, as an ``InferenceData`` or a ``DataTree``.
+"""Draws as arviz holds them, and to and from netCDF files that it opens."""
 
-Writing netCDF files as arviz lays them out, without importing it, which takes seconds.
-
-A file is made in memory and then written as one piece, because the HDF5 library may crash on a
-disk that becomes full.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arviz_functions import Group, in_arviz, netcdf_file
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 
-# Name of a variable → its dimensions and its values; a coordinate is named as its dimension.
-Group = Mapping[str, tuple[Sequence[str], ArrayLike]]
-
-
-def write_netcdf(path: Path, groups: Mapping[str, Group]) -> None:
-    import h5netcdf
-    import h5py
-
-    in_memory = BytesIO()
-    with h5netcdf.File(in_memory, "w") as file:
-        for group_name, variables in groups.items():
-            group = file.create_group(group_name)
-            for name, (dimensions, values) in variables.items():
-                array = np.asarray(values)
-                if array.dtype.kind == "U":
-                    array = array.astype(h5py.string_dtype())
-                for dimension, size in zip(dimensions, array.shape, strict=True):
-                    if dimension not in group.dimensions:
-                        group.dimensions[dimension] = size
-                group.create_variable(name, tuple(dimensions), array.dtype, data=array)
-    try:
-        with path.open("xb") as on_disk:
-            on_disk.write(in_memory.getbuffer())
-    except OSError as error:
-        error.filename = str(path)  # Python names it where opening fails, but not writing
-        raise
-
-
 MODEL, FREQUENCY, MODE = "model", "frequency_hz", "model_mode"
-LOG_LIKELIHOOD, DATUM = "modes", "datum"
+LOG_LIKELIHOODS, LOG_LIKELIHOOD, DATUM = "log_likelihood_total", "modes", "datum"
 IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
-def save_draws(path: Path, posterior: Posterior, model_class: ModelClass) -> None:
-    """Write the draws of a posterior to a new netCDF file with arviz's standard groups.
+def to_arviz(posterior: Posterior) -> Any:
+    return in_arviz(_groups(posterior))
 
-    ``posterior`` and ``prior`` hold a variable for each parameter, ``sample_stats`` the
-    log-likelihood (``log_likelihood_total``), ``log_likelihood`` the same datum by datum
-    (``modes``), ``posterior_predictive`` the identified frequencies as the class predicts them
-    (``identified_hz``), which ``observed_data`` holds as they were identified. Groups of this
-    package's own hold the model's frequencies (``model``) and mode shapes at the sensors at some of
-    the draws (``sensor_shapes``).
-    """
+
+def save_draws(path: Path, posterior: Posterior) -> None:
+    """Write the draws of a posterior to a new netCDF file, as one piece."""
+    content = netcdf_file(_groups(posterior))
+    try:
+        with path.open("xb") as file:
+            file.write(content)
+    except OSError as error:
+        error.filename = str(path)  # Python names it where opening fails, but not writing
+        raise
+
+
+def _groups(posterior: Posterior) -> dict[str, Group]:
     draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
-    z = np.random.default_rng(0).standard_normal((1000, len(model_class.parameters)))
-    prior = model_class.values(z)
     modes = {MODE: ([MODE], _mode_labels(posterior))}
-    frequencies: Group = {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes}
     groups: dict[str, Group] = {
         "posterior": {name: (draw, posterior.draws[..., i]) for i, name in enumerate(names)},
-        "prior": {name: (draw, prior[None, :, i]) for i, name in enumerate(names)},
-        "sample_stats": {"log_likelihood_total": (draw, posterior.log_likelihoods)},
-        MODEL: frequencies,
+        "sample_stats": {LOG_LIKELIHOODS: (draw, posterior.log_likelihoods)},
+        MODEL: {FREQUENCY: ([*draw, MODE], posterior.frequencies_hz), **modes},
     }
+    if posterior.prior_draws is not None:
+        prior = posterior.prior_draws[None]
+        groups["prior"] = {name: (draw, prior[..., i]) for i, name in enumerate(names)}
     if posterior.datum_terms is not None:
         terms = posterior.datum_terms
-        identified_hz = [c.data.frequencies_hz for c in model_class.configurations]
         labels: Group = {IDENTIFIED_MODE: ([IDENTIFIED_MODE], terms.identified)}
         groups["log_likelihood"] = {
             LOG_LIKELIHOOD: ([*draw, DATUM], _varying_terms(terms)),
             DATUM: ([DATUM], terms.data),
         }
-        groups["observed_data"] = {
-            IDENTIFIED: ([IDENTIFIED_MODE], np.concatenate(identified_hz)),
-            **labels,
-        }
+        groups["observed_data"] = {IDENTIFIED: ([IDENTIFIED_MODE], terms.identified_hz), **labels}
         predicted = ([*draw, IDENTIFIED_MODE], terms.predicted_hz)
         groups["posterior_predictive"] = {IDENTIFIED: predicted, **labels}
-    numbered = {name: _with_numbered_draws(group) for name, group in groups.items()}
     if posterior.sensor_shapes is not None:
-        numbered[SHAPES] = {
+        groups[SHAPES] = {
             SHAPES: ([WITH_SHAPES, SHAPES + "_component"], posterior.sensor_shapes),
             WITH_SHAPES: ([WITH_SHAPES], draws_with_shapes(len(posterior.values))),
         }
-    write_netcdf(path, numbered)
-
-
-def _with_numbered_draws(group: Group) -> Group:
-    """A group with coordinates that number its chains and draws from 0, where it has any."""
-    dimensions, values = next(iter(group.values()))
-    sizes = zip(dimensions, np.shape(values), strict=True)
-    numbers = {n: ([n], np.arange(size)) for n, size in sizes if n in ("chain", "draw")}
-    return {**group, **numbers}
+    return groups
 
 
 def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
@@ -143,14 +100,32 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
     """The posterior with the draws that :func:`save_draws` wrote."""
     import h5py  # the files are plain netCDF
 
+    names = variable_names(posterior.parameter_names)
     with h5py.File(path, "r") as file:
-        names = variable_names(posterior.parameter_names)
+
+        def draws(group: str) -> FloatArray:
+            return np.stack([file[group][name][...] for name in names], axis=-1)
+
+        def labels(group: str, name: str) -> tuple[str, ...]:
+            return tuple(file[group][name].asstr()[...])
+
+        terms = None
+        if "log_likelihood" in file:
+            terms = DatumTerms(
+                labels("log_likelihood", DATUM),
+                file["log_likelihood"][LOG_LIKELIHOOD][...],
+                labels("observed_data", IDENTIFIED_MODE),
+                file["observed_data"][IDENTIFIED][...],
+                file["posterior_predictive"][IDENTIFIED][...],
+            )
         return replace(
             posterior,
-            draws=np.stack([file["posterior"][name][...] for name in names], axis=-1),
-            log_likelihoods=file["sample_stats"]["log_likelihood_total"][...],
+            draws=draws("posterior"),
+            log_likelihoods=file["sample_stats"][LOG_LIKELIHOODS][...],
             frequencies_hz=file[MODEL][FREQUENCY][...],
             sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
+            datum_terms=terms,
+            prior_draws=draws("prior")[0] if "prior" in file else None,
         )
 
 

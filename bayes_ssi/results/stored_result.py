@@ -9,20 +9,19 @@ commands have ``figures``. ``digests.json`` holds the digests of all these files
 
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked, require_known
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
-from bayes_ssi.inference.model_class.configuration import choose_configuration, failed_data_checks
+from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -40,7 +39,7 @@ from bayes_ssi.results.result_files import (
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.studies.ranking.study import Ranking, Study
+from bayes_ssi.studies.ranking.study import RankedStudy, Ranking, Study
 from bayes_ssi.studies.search.search_record import FamilyRecord
 
 # The file that every result directory holds.
@@ -49,7 +48,7 @@ COMPARISON = "comparison.json"
 FIGURES = "figures"
 SEARCH = "search.json"
 IN_THE_FILE_OF_DRAWS = (
-    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms"
+    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms", "prior_draws",
 )  # fmt: skip
 
 
@@ -83,8 +82,8 @@ class ResultRecord:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StoredResult(InWords):
-    """What a result directory holds.
+class StoredResult(RankedStudy):
+    """A study's result, as a directory holds it.
 
     Attributes:
         directory: path of the directory.
@@ -93,6 +92,7 @@ class StoredResult(InWords):
         posteriors: the posteriors, in the study's order.
         comparison: the ranking.
         search: the search, for appendages or for changes, that gave the ranking; None if none did.
+        study: None, for files hold no Python objects; ``record`` says what it was.
     """
 
     directory: Path
@@ -101,32 +101,20 @@ class StoredResult(InWords):
     posteriors: tuple[Posterior, ...]
     comparison: Comparison
     search: FamilyRecord | None = None
+    study: None = field(default=None, init=False)
 
     @property
-    def data(self) -> ModalData:
-        """The identified modes of the only configuration; ValueError where there are several."""
-        return choose_configuration(self.tests, None, str(self.directory))
+    def seed(self) -> int:
+        """From which the result follows."""
+        return self.record.seed
 
     @property
-    def ranked_posteriors(self) -> tuple[Posterior, ...]:
-        """The posteriors in the order of the ranking, the best first."""
-        return tuple(self.posterior(row.name) for row in self.comparison.classes)
-
-    def posterior(self, name: str) -> Posterior:
-        """The posterior of one class.
-
-        Raises:
-            ValueError: no class has that name.
-        """
-        by_name = {posterior.name: posterior for posterior in self.posteriors}
-        require_known(f"{self.directory}: no model class", [name], by_name)
-        return by_name[name]
+    def settings(self) -> SamplingSettings:
+        """How precisely classes were sampled."""
+        return self.record.settings
 
     def _line(self) -> str:
         return f"of {self.record.study!r} in {self.directory}: {self.comparison._line()}"
-
-    def _rows(self) -> list[dict[str, Any]]:
-        return self.comparison._rows()
 
 
 # A ranking, as it was made or read, or the directory that holds it.
@@ -155,7 +143,6 @@ def load_result(directory: str | Path) -> StoredResult:
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     comparison = comparison.with_common("data", failed_data_checks(tests))
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
-    not_here |= {"datum_terms": None, "emulators": ()}
     posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
     return StoredResult(directory, record, tests, with_draws, comparison, search)
@@ -167,9 +154,8 @@ def as_stored(result: AnyResult) -> StoredResult:
         return result
     if not isinstance(result, Ranking):
         return load_result(Path(result))
-    tests = {test.name: test.data for test in result.study.model_classes[0].configurations}
     record = result_record(result, {}, {}, "", "", accept_failed_checks=False)
-    return StoredResult(Path(), record, tests, result.posteriors, result.comparison)
+    return StoredResult(Path(), record, result.tests, result.posteriors, result.comparison)
 
 
 @checked
@@ -207,9 +193,8 @@ def save_result(
         data = _save_tests(ranking.study, partial)
         files = file_names([row.name for row in ranking.posteriors], "nc")
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
-        classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
         for posterior in ranking.posteriors:
-            save_draws(partial / draws[posterior.name], posterior, classes[posterior.name])
+            save_draws(partial / draws[posterior.name], posterior)
         record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
         write_json(partial / MARKER, record)
         write_json(partial / COMPARISON, ranking.comparison)

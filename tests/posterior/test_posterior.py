@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import norm
 
 import bayes_ssi as bs
@@ -184,14 +185,20 @@ def test_a_chain_that_is_cut_short_is_reported():
 
 
 def test_the_summary_counts_draws_by_their_effective_number(make_posterior):
-    posterior = make_posterior("x", effective_sample_sizes=np.array([100.0, 25.0]))
+    """Normal chains with correlations ρ and ρ² between steps of their values and squares."""
+    rhos = (0.5, 0.8)
+    noise = np.random.default_rng(2).standard_normal((16, 10_000, 2))
+    chains = [lfilter([1.0], [1.0, -rho], noise[..., i], axis=1) for i, rho in enumerate(rhos)]
+    posterior = make_posterior("x", draws=np.stack(chains, axis=-1))
     values = posterior.values
-    for i, (row, size) in enumerate(zip(posterior.summary, (100.0, 25.0), strict=True)):
+    for i, (row, rho) in enumerate(zip(posterior.summary, rhos, strict=True)):
         assert row.mean == pytest.approx(values[:, i].mean())
         assert row.sd == pytest.approx(values[:, i].std())
-        assert row.mean_error == pytest.approx(row.sd / math.sqrt(size))
+        size = len(values) * (1.0 - rho) / (1.0 + rho)
+        assert row.mean_error == pytest.approx(row.sd / math.sqrt(size), rel=0.05)
         # For a normal distribution, the standard deviation's error is sd / √(2 n).
-        assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.1)
+        size = len(values) * (1.0 - rho**2) / (1.0 + rho**2)
+        assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.05)
         expected = np.quantile(values[:, i], [0.05, 0.5, 0.95])
         assert (row.quantile_05, row.median, row.quantile_95) == pytest.approx(expected)
 

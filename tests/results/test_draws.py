@@ -16,11 +16,8 @@ def save(make_posterior):
     """Saves the draws of a posterior of these parameters; returns the posterior."""
 
     def save(path, names=("k1", "k2")):
-        stiffnesses = [bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in names]
-        building = bs.ShearBuilding((1.0,) * len(names), stiffnesses)
-        data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
         posterior = make_posterior("m", names=names)
-        save_draws(path, posterior, bs.ModelClass("m", building, data, pairing={"1": 1}))
+        save_draws(path, posterior)
         return posterior
 
     return save
@@ -151,7 +148,8 @@ def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_v
     rng = np.random.default_rng(0)
     varying, missed = rng.standard_normal((2, 2, 50))
     log_likelihoods = np.stack([varying, -0.1 + rounding * missed], axis=-1)
-    terms = DatumTerms(("1", "no other mode"), log_likelihoods, ("1",), varying[..., None])
+    data, hz = ("1", "no other mode"), np.ones(1)
+    terms = DatumTerms(data, log_likelihoods, ("1",), hz, varying[..., None])
     kept = _varying_terms(terms)
     assert kept.std(axis=(0, 1)) == pytest.approx([varying.std(), 1e-6], rel=0.2)
     np.testing.assert_allclose(kept.sum(axis=-1), log_likelihoods.sum(axis=-1), atol=1e-9)

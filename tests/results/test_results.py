@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.posterior.posterior import draws_with_shapes
 from bayes_ssi.results.stored_result import ResultRecord, load_result, save_result
@@ -22,13 +23,49 @@ def saved(tiny_ranking, tmp_path):
 
 def assert_equal_posteriors(a, b):
     for item in fields(a):
-        if item.name == "datum_terms":  # for other packages, not read back
-            continue
         left, right = getattr(a, item.name), getattr(b, item.name)
-        if isinstance(left, np.ndarray):
+        if item.name == "datum_terms":
+            for own in ("data", "identified", "identified_hz", "predicted_hz"):
+                np.testing.assert_array_equal(getattr(left, own), getattr(right, own), err_msg=own)
+            # Of a constant term, some millionths of a nat are moved to another.
+            np.testing.assert_allclose(left.log_likelihoods, right.log_likelihoods, atol=2e-5)
+        elif isinstance(left, np.ndarray):
             np.testing.assert_array_equal(left, right, err_msg=item.name)
         else:
             assert left == right, item.name
+
+
+def public(one):
+    return {name for name in dir(one) if not name.startswith("_")}
+
+
+def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_ranking, saved):
+    assert public(tiny_ranking) == public(saved) == public(load_result(saved.directory))
+    assert public(tiny_ranking.record) == public(saved.record)
+    for name in public(saved) - {"directory", "study", "record"}:
+        before, after = getattr(tiny_ranking, name), getattr(saved, name)
+        if name in ("posteriors", "ranked_posteriors"):
+            assert [each.name for each in before] == [each.name for each in after]
+        elif name == "posterior":
+            assert_equal_posteriors(before("one k"), after("one k"))
+        elif name == "to_frame":
+            assert before().equals(after())
+        elif name == "summary":
+            assert before() == after()
+        elif name in ("tests", "data"):
+            assert str(before) == str(after)
+        else:
+            assert before == after, name
+    only_saved = {"created", "study_file", "draws", "data"}
+    for item in fields(saved.record):
+        if item.name not in only_saved:
+            before, after = (getattr(each.record, item.name) for each in (tiny_ranking, saved))
+            assert to_record(before) == to_record(after), item.name
+    assert saved.study is None
+    assert tiny_ranking.directory is None
+    for one in (tiny_ranking, saved):
+        with pytest.raises(ValueError, match="no model class '3'; choose from 'one k', 'each k'"):
+            one.posterior("3")
 
 
 def test_round_trip(tiny_ranking, saved):

@@ -228,6 +228,7 @@ class DatumTerms:
     data: tuple[str, ...]
     log_likelihoods: FloatArray  # (n_chains, n_steps, n_data); they add up to the log-likelihood
     identified: tuple[str, ...]
+    identified_hz: FloatArray  # (n_identified,)
     # (n_chains, n_steps, n_identified), identified frequencies drawn from the class: the paired
     # model frequency with its error, or, for a mode that it calls spurious, anything in the band.
     # An inferred pairing is the most probable one.
@@ -303,6 +304,7 @@ def datum_terms(
         tuple(_datum_names(model_class)),
         model.log_likelihoods.reshape(*shape, -1),
         tuple(identified),
+        np.concatenate([test.data.frequencies_hz for test in model_class.configurations]),
         predicted.reshape(*shape, -1),
     )
 

@@ -7,6 +7,7 @@ solving for any mode.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
+from bayes_ssi.foundations.arviz_functions import mcse_mean, mcse_sd
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
@@ -26,6 +28,9 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
+
+# Modules above this one, for what a posterior can do with its draws.
+DRAWS, PLOTS = "bayes_ssi.results.draws", "bayes_ssi.plots"
 
 
 @dataclass(frozen=True)
@@ -140,8 +145,8 @@ class Posterior(Displayed):
             :func:`~bayes_ssi.inference.posterior.posterior.draws_with_shapes`, as in
             :class:`~bayes_ssi.inference.posterior.model_at_draws.AtDraws`; None where they are not
             known.
-        datum_terms: log-likelihoods and predictions datum by datum, for other packages; not read
-            back from a stored result, whose files of draws hold them.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages.
+        prior_draws: (m, n_parameters), likewise.
         adequacy: how far the data are from what the class says they should be.
         remarks: further remarks on how it was computed, a sentence each.
         frequency_error: largest error of ``frequencies_hz``, as a fraction, at the draws at which
@@ -176,6 +181,7 @@ class Posterior(Displayed):
     prior_quantiles: FloatArray
     sensor_shapes: FloatArray | None = None
     datum_terms: DatumTerms | None = None
+    prior_draws: FloatArray | None = None
     adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()
     frequency_error: float = 0.0
@@ -212,13 +218,19 @@ class Posterior(Displayed):
         # Effect of the errors of the regions' shares on the mean. Shares add up to one, so their
         # errors go together: exact for two regions, a bound for more.
         between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
-        mean_errors = np.sqrt(sds**2 / self.effective_sample_sizes + between**2)
-        fourth = ((self.values - means) ** 4).mean(0)
-        variance_errors = np.sqrt(np.maximum(fourth - sds**4, 0.0) / self.effective_sample_sizes)
-        sd_errors = np.divide(variance_errors, 2.0 * sds, out=np.zeros_like(sds), where=sds > 0)
+        mean_errors = np.hypot(mcse_mean(self.draws), between)
         quantiles = np.quantile(self.values, LEVELS, axis=0)
-        numbers = np.stack([means, sds, *quantiles, mean_errors, sd_errors, self.relative_spreads])
+        errors = [mean_errors, mcse_sd(self.draws)]
+        numbers = np.stack([means, sds, *quantiles, *errors, self.relative_spreads])
         return tuple(map(ParameterSummary, self.parameter_names, *numbers.tolist()))
+
+    def to_arviz(self) -> Any:
+        """The draws as arviz holds them: an ``InferenceData``, from arviz 1.0 on a ``DataTree``."""
+        return import_module(DRAWS).to_arviz(self)
+
+    def plot_corner(self, **options: Any) -> Any:
+        """The figure of :func:`bayes_ssi.plots.plot_corner`, whose ``options`` these are."""
+        return import_module(PLOTS).plot_corner(self, **options)
 
     def _line(self) -> str:
         evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"

@@ -236,6 +236,7 @@ def sample_as_it_is(
         prior_quantiles=np.array(
             [[p.prior.quantile(q) for q in (0.05, 0.5, 0.95)] for p in model_class.parameters]
         ),
+        prior_draws=model_class.values(np.random.default_rng(0).standard_normal((1000, n))),
         sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
         datum_terms=datum_terms(
             model_class,

@@ -5,15 +5,12 @@ Imported only where sampling begins, since emcee is.
 
 from typing import Any
 
+import emcee
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.packages import importing_without
 from bayes_ssi.inference.sampling.proposals import Independence
 from bayes_ssi.inference.sampling.target import LogDensity
-
-with importing_without("scipy.stats", package="emcee"):  # of which it has a move not used here
-    import emcee
 
 # Fixed walkers of which a step takes its directions: of all pairs of many more, a list is longer
 # than a matrix in many dimensions.

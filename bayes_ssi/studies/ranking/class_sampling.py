@@ -19,7 +19,10 @@ from tempfile import TemporaryDirectory
 from types import FunctionType
 from typing import Any
 
+import numpy as np
+
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arviz_functions import pareto_k
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
@@ -211,6 +214,8 @@ def chosen_workers(candidates: Sequence[ModelClass], n: int) -> LocalWorkers:
 
 def _copies(n: int) -> LocalWorkers:
     """Processes that are copies of this one, where that is possible, with all that they need."""
-    if can_copy():
-        import bayes_ssi.inference.sampling.moves  # noqa: F401 - once here, not in every copy
+    if can_copy():  # once here, not in every copy; what arviz needs it imports when asked
+        import bayes_ssi.inference.sampling.moves  # noqa: F401
+
+        pareto_k(np.arange(100.0))
     return LocalWorkers(n, copies=True)

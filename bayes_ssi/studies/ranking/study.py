@@ -4,6 +4,8 @@ import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
 from importlib.machinery import ModuleSpec
 from itertools import takewhile
 from pathlib import Path
@@ -17,16 +19,20 @@ from bayes_ssi.foundations.error_places import own_lines
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.foundations.text_files import require_printable
 from bayes_ssi.inference.criticism.adequacy import Hint
-from bayes_ssi.inference.model_class.configuration import failed_data_checks
+from bayes_ssi.inference.model_class.configuration import choose_configuration, failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import STUDY_MODULE, Workers
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison, checked_weights, compare
 from bayes_ssi.studies.ranking.diagnosis import diagnose
 from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
+
+# The module of stored results, above this one.
+STORED = "bayes_ssi.results.stored_result"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,21 +180,71 @@ def _where_different(first: ModelClass, other: ModelClass) -> str:
     return f" in configuration {names}" if names else ""
 
 
+class RankedStudy(InWords):
+    """A study's result, made or read from a directory, with the same attributes."""
+
+    posteriors: tuple[Posterior, ...]
+    comparison: Comparison
+    tests: Mapping[str, ModalData]
+    directory: Path | None
+
+    @property
+    def data(self) -> ModalData:
+        """The identified modes of the only configuration; ValueError where there are several."""
+        return choose_configuration(self.tests, None, str(self.directory or "result"))
+
+    @property
+    def ranked_posteriors(self) -> tuple[Posterior, ...]:
+        """The posteriors in the order of the ranking, the best first."""
+        return tuple(self.posterior(row.name) for row in self.comparison.classes)
+
+    def posterior(self, name: str) -> Posterior:
+        """The posterior of one class.
+
+        Raises:
+            ValueError: no class has that name.
+        """
+        by_name = {posterior.name: posterior for posterior in self.posteriors}
+        require_known(f"{self.directory or 'result'}: no model class", [name], by_name)
+        return by_name[name]
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return self.comparison._rows()
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Ranking(InWords):
-    """A study's result: the posterior of every class, and their comparison."""
+class Ranking(RankedStudy):
+    """A study's result, as it was made.
+
+    Attributes:
+        study: what was ranked.
+        posteriors: the posterior of every class, in the study's order.
+        comparison: the ranking.
+        seed: from which it follows.
+        settings: how precisely classes were sampled.
+        directory: None, for nothing is saved.
+        search: None, for no search gave it.
+    """
 
     study: Study
     posteriors: tuple[Posterior, ...]
     comparison: Comparison
     seed: int
     settings: SamplingSettings
+    directory: None = field(default=None, init=False)
+    search: None = field(default=None, init=False)
+
+    @property
+    def tests(self) -> Mapping[str, ModalData]:  # type: ignore[override]
+        return {each.name: each.data for each in self.study.model_classes[0].configurations}
+
+    @cached_property
+    def record(self) -> Any:
+        """What a result directory would hold of it, but for the draws and the data."""
+        return import_module(STORED).as_stored(self).record
 
     def _line(self) -> str:
         return f"of {self.study.name!r}: {self.comparison._line()}"
-
-    def _rows(self) -> list[dict[str, Any]]:
-        return self.comparison._rows()
 
 
 def compare_and_diagnose(
@@ -215,9 +271,9 @@ def compare_and_diagnose(
         comparison,
         lambda changed: sample_all(changed, seed, settings, Run(run.workers)),
     )
-    tests = {each.name: each.data for each in study.model_classes[0].configurations}
-    comparison = comparison.with_common("data", failed_data_checks(tests))
-    return Ranking(study, tuple(posteriors), comparison, seed, settings)
+    ranking = Ranking(study, tuple(posteriors), comparison, seed, settings)
+    failed = failed_data_checks(ranking.tests)
+    return replace(ranking, comparison=comparison.with_common("data", failed))
 
 
 def _hints(
