@@ -194,7 +194,7 @@ def sample_as_it_is(
             failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
             raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
         rng = np.random.default_rng(seed)
-        z, log_likelihoods, remarks = _quoted_draws(sampled, rng)
+        z, log_likelihoods, no_chains = _quoted_draws(sampled, rng)
         values = model_class.values(z.reshape(-1, n))
         at_values = _at_draws(model_class, values, run.workers)
         remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
@@ -228,7 +228,7 @@ def sample_as_it_is(
         largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
         failed_checks=(*sampled.failed_checks, *_failures(model_class, target), *noise),
-        remarks=tuple(remarks),
+        remarks=(*no_chains, *remarks),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
@@ -247,7 +247,6 @@ def sample_as_it_is(
             rng,
         ),
         adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
-        remarks=remarks,
         most_unseen_evidence=most_evidence(model_class, sampled.search.largest_unseen_mass),
     )
 
