@@ -8,6 +8,8 @@ import pytest
 from searches import COARSE
 
 import bayes_ssi as bs
+from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.studies.search.approximate_evidence import Screened
 from bayes_ssi.studies.search.family import Family, Key, SearchLimits
 from bayes_ssi.studies.search.family_search import search_family
 
@@ -83,3 +85,15 @@ def test_a_loss_is_as_large_as_it_was(found):
     posterior = found.posteriors["storey 2"]
     left = posterior.summary[posterior.parameter_names.index("left in storey 2")]
     assert left.quantile_05 < 0.7 < left.quantile_95
+
+
+def test_draws_of_some_parameters_end_at_three_standard_deviations_of_the_prior():
+    """Equal weights draw every row once; the prior holds 2 · 0.00135 beyond three."""
+    z = np.column_stack([np.zeros(101), np.linspace(-5.0, 5.0, 101)])
+    mixture = StudentMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None], np.full(1, 30.0))
+    screened = Screened(
+        ("a", "b"), 0.0, 0.1, 0.0, 101, np.zeros((1, 2)), z, np.full(101, 1.0 / 101.0), mixture
+    )
+    (b,) = screened.posterior_draws(["b"], 101).T
+    expected = [min(max(-5.0 + 0.1 * i, -3.0), 3.0) for i in range(101)]
+    np.testing.assert_allclose(np.sort(b), expected, atol=1e-12)
