@@ -81,6 +81,7 @@ def class_target(
     known_starts: FloatArray | None = None,
 ) -> Target:
     """The log-likelihood of a class, which suggests starts in its posterior's narrow regions."""
+    pairs_none = all(each.pairing_is_given and not each.pairing for each in model_class.likelihoods)
     return Target(
         model_class.log_likelihood_at,
         len(model_class.parameters),
@@ -89,6 +90,7 @@ def class_target(
         partial(starts_in_narrow_regions, model_class, workers),
         known_starts,
         model_class.values,
+        pairs_none,
     )
 
 

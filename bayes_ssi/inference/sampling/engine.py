@@ -253,6 +253,7 @@ class _Sampling:
             maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
             settings=self.settings,
             n_evaluations=self.target.n_evaluations,
+            is_flat=self.target.is_flat,
         )
 
     def _adapted(

@@ -38,6 +38,7 @@ class SamplingResult:
     maxima_of_regions: NDArray[np.bool_]
     settings: SamplingSettings
     n_evaluations: int  # evaluations of the log-likelihood
+    is_flat: bool = False  # whether no parameter is meant to have an influence on it
 
     @cached_property
     def failed_checks(self) -> list[str]:
@@ -185,6 +186,8 @@ def _influence(sampled: SamplingResult) -> Iterator[str]:
     shared = values[order[np.searchsorted(masses[order].cumsum(), 0.5)]]
     alike = np.isclose(values, shared, 1e-9, 1e-9)
     mass, beyond = float(masses @ alike), float(draws.weights @ ~alike)
+    if sampled.is_flat:
+        return
     if mass > CHECKS.flat_share and beyond <= CHECKS.standard_errors * sampled.evidence.error:
         yield (
             f"the log evidence is the log-likelihood of {100 * mass:.3g} % of the prior, "

@@ -52,6 +52,8 @@ class Target:
     # Coordinates (B, d) → parameter values (B, d), of which chains are judged; the coordinates
     # themselves if None.
     parameter_values: Callable[[FloatArray], FloatArray] | None = None
+    # Whether hardly any parameter has an influence on it, which is then no reason for doubt.
+    is_flat: bool = False
     noise: float = field(default=0.0, init=False)  # in nats, where it was measured
     n_evaluations: int = field(default=0, init=False)
     # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
