@@ -115,7 +115,7 @@ class Structure(ABC):
 
     @property
     def n_shapes(self) -> int:
-        """Number of the lowest modes whose shapes :meth:`modes` returns: all, but for copies."""
+        """Number of the lowest modes whose shapes :meth:`modes` returns; all, but for copies."""
         return self.n_modes
 
     def with_shapes(self, n_shapes: int) -> Self:

@@ -108,7 +108,7 @@ def far_wider(monkeypatch):
     """Ten times the error size makes a posterior far wider than the draws."""
     wide = Variation("far wider", lambda c: with_errors(10.0, 10.0, c))
     monkeypatch.setattr(
-        "bayes_ssi.studies.ranking.changed_settings.default_variations", lambda: (wide,)
+        "bayes_ssi.studies.ranking.changed_settings.default_variations", lambda **_: (wide,)
     )
     return wide
 
