@@ -132,6 +132,8 @@ def test_a_worker_that_is_killed_while_the_pool_starts_ends_the_run(monkeypatch)
 
     with monkeypatch.context() as patched:
         patched.setattr("bayes_ssi.inference.workers.executors.end_with_parent", killed)
+        # Also where a thread of an earlier pool has not ended yet.
+        patched.setattr("bayes_ssi.inference.workers.executors.can_copy", lambda: True)
         pool = LocalWorkers(2, copies=True)
         with (
             pytest.raises(ValueError, match=r"^workers: one of 2 died while they started; is"),
