@@ -83,14 +83,36 @@ def test_all_kinds_are_one_model(kind):
         assert mode.mac_after is None
 
 
-@pytest.mark.parametrize("kind", ["function", "reduced", "reduced with places"])
-def test_the_evidence_is_that_of_quadrature(kind):
+@pytest.mark.parametrize(
+    ("kind", "economical"),
+    [("function", False), ("function", True), ("reduced", False), ("reduced with places", False)],
+)
+def test_the_evidence_is_that_of_quadrature(kind, economical):
     (model_class,) = STUDY_OF(kind).model_classes
-    posterior = bs.sample(model_class, settings=bs.SamplingSettings(log_evidence_error=0.05))
+    settings = bs.SamplingSettings(log_evidence_error=0.05, economical=economical)
+    posterior = bs.sample(model_class, settings=settings)
     evidence = posterior.evidence
     assert posterior.failed_checks == ()
     assert abs(evidence.log_evidence - exact_log_evidence()) < 4.0 * evidence.error
     assert not OF_SHAPES.search(" ".join(posterior.remarks))
+
+
+def test_a_reduced_basis_without_sensors_bounds_frequencies_alone():
+    n = 60
+    below, above = np.zeros((2, n, n))
+    for i in range(n):
+        direction = np.zeros(n)
+        direction[max(i - 1, 0) : i + 1] = [-1.0, 1.0][-min(i + 1, 2) :]
+        (below if i < n // 2 else above)[:] += np.outer(direction, direction)
+    a, b = STUDY_OF("building").model_classes[0].parameters
+    full = bs.MatrixStructure([(a, below), (b, above)], np.eye(n), sensors={}, n_modes=2)
+    reduced = full.reduced()
+    values = np.array([[1.0, 1.0], [0.7, 1.4], [1.3, 0.8]])
+    off = reduced.modes(values).frequencies_hz / full.modes(values).frequencies_hz - 1.0
+    bounds = reduced.bounds(values)
+    assert (np.abs(off) <= bounds.frequency + 1e-12).all()
+    assert reduced.basis.size < n
+    np.testing.assert_array_equal(bounds.shape, 0.0)
 
 
 def run(*arguments, code=0):

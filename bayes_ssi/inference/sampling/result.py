@@ -175,24 +175,26 @@ def _reach(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _influence(sampled: SamplingResult) -> Iterator[str]:
-    """A log evidence that is the log-likelihood of most of the prior, and of hardly anything else.
+    """A log evidence that rests on one value of the log-likelihood, which all of the prior has.
 
-    Draws of the prior, by their masses, have it; draws that count as impossible do not hide it.
+    Of importance draws those count that are possible, by their masses in the prior: others far out,
+    where a model fails or coordinates end, do not hide it.
     """
-    draws = sampled.importance
-    values, order = draws.log_likelihoods, np.argsort(draws.log_likelihoods, kind="stable")
-    masses = np.exp(log_standard_normal(draws.z) - draws.log_proposals)
-    masses /= masses.sum()
-    shared = values[order[np.searchsorted(masses[order].cumsum(), 0.5)]]
-    alike = np.isclose(values, shared, 1e-9, 1e-9)
-    mass, beyond = float(masses @ alike), float(draws.weights @ ~alike)
     if sampled.is_flat:
         return
-    if mass > CHECKS.flat_share and beyond <= CHECKS.standard_errors * sampled.evidence.error:
+    draws = sampled.importance
+    values, possible = draws.log_likelihoods, np.isfinite(draws.log_likelihoods)
+    masses = np.exp(log_standard_normal(draws.z) - draws.log_proposals) * possible
+    heaviest = values[masses.argmax()]
+    alike = np.isclose(values, heaviest, 1e-9, 1e-9)
+    beyond = float(draws.weights @ ~alike)  # of the posterior
+    if masses @ ~alike > (1.0 - CHECKS.flat_share) * masses.sum():
+        return
+    if beyond <= CHECKS.standard_errors * sampled.evidence.error:
         yield (
-            f"the log evidence is the log-likelihood of {100 * mass:.3g} % of the prior, "
-            f"{shared:.6g}: either no parameter has an influence on it, or this is a floor at "
-            "which small likelihoods are cut off, and all above it lies in regions of less than "
+            f"the log-likelihood is {heaviest:.6g} wherever it was evaluated: either no "
+            "parameter has an influence on it, or this is a floor at which small likelihoods are "
+            "cut off, and all above it lies in regions of less than "
             f"{sampled.search.largest_unseen_mass:.1g} of the prior, which were not found"
         )
 

@@ -305,9 +305,9 @@ class CheckSettings:
     # Nor need one whose part of the prior had, on average, so many of the draws of each search: it
     # was seen, but led to a higher neighbour.
     draws_that_see: float = 5.0
-    # An evidence that rests on one value of the likelihood, which more of the prior than this share
+    # An evidence that rests on one value of the likelihood, which more than this share of the prior
     # has, says nothing.
-    flat_share: float = 0.5
+    flat_share: float = 0.9999
     # More noise of a model than this, in nats, is not small beside the errors: of standard
     # deviation s, it raises an evidence by s²/2, half of the wanted error.
     most_noise: float = 0.1

@@ -247,7 +247,7 @@ class RecordedStructure(SubstituteStructure):
             raise ValueError(self.failures[keys[0]])
         n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
         rows = np.array([self._known[key] for key in keys]).reshape(-1, (1 + n_dof) * n_modes)
-        return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(-1, n_dof, n_modes))
+        return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(len(keys), n_dof, n_modes))
 
     def _solve(self, values: FloatArray) -> None:
         evaluated = self._journal.recalled(values) if self._journal else None

@@ -58,7 +58,7 @@ class ModalOperator:
     def decoded(self, vectors: FloatArray) -> Modes:
         n, n_operator = self.n_modes, self.n_modes**2
         operators = vectors[:, :n_operator].reshape(-1, n, n)
-        of_coordinates = vectors[:, n_operator:].reshape(-1, self.n_dof, n)
+        of_coordinates = vectors[:, n_operator:].reshape(len(vectors), self.n_dof, n)
         # Not symmetric, so errors can make a close pair complex; the real part of one and the
         # imaginary part of the other span its plane.
         logs, coordinates = np.linalg.eig(operators)
@@ -104,7 +104,7 @@ class TrackedModes:
         return np.concatenate([of_modes, EMULATION.shape_weight * np.tile(of_modes, self.n_dof)])
 
     def decoded(self, vectors: FloatArray) -> Modes:
-        shapes = vectors[:, self.n_modes :].reshape(-1, self.n_dof, self.n_modes)
+        shapes = vectors[:, self.n_modes :].reshape(len(vectors), self.n_dof, self.n_modes)
         return ascending(np.exp(vectors[:, : self.n_modes]), shapes)
 
 

@@ -344,7 +344,8 @@ def _shape_errors(
     mixed[np.arange(n_modes), np.arange(n_modes)] = 0.0
     at_unit_mass = moves * np.sqrt(eigenvalues)
     visible = FEM.least_visible * at_unit_mass.max() / np.sqrt(eigenvalues[own])
-    errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
+    with np.errstate(invalid="ignore"):
+        errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
     return np.nan_to_num(errors, nan=0.0, posinf=np.inf)  # without sensors there is no shape
 
 
