@@ -98,13 +98,19 @@ def check_solver_files(printed):
 def check_plots_and_arviz(printed):
     assert re.search(r"^k1 ", printed, re.M)
     assert re.search(r"^k2 ", printed, re.M)
+    rows = re.findall(r"^(alike|unlike) .* (-?\d+\.\d+)$", printed, re.M)
+    (first, more), (second, less) = rows
+    assert (first, second) == ("alike", "unlike"), "as leaving modes out ranks them"
+    assert float(more) - float(less) == pytest.approx(1.1, abs=0.3), "log evidences"
 
 
 CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "check_" in name}
 
 
 @pytest.mark.usefixtures("close_figures", "coarse_command", "no_figures", "no_drawings")
-@pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")  # arviz 0.23
+@pytest.mark.filterwarnings(  # arviz 0.23
+    "ignore::FutureWarning", "ignore::UserWarning", r"ignore::DeprecationWarning:arviz\..*"
+)
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_a_chapter_runs(page, printed):
     output = printed(page)

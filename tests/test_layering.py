@@ -34,6 +34,7 @@ HEAVY = {
     "scipy",
     "matplotlib",
     "arviz",
+    "arviz_stats",
     "corner",
     "emcee",
     "jinja2",
@@ -156,7 +157,7 @@ def test_all_public_names_load_no_sampler_and_no_plots():
 
 def test_modules_import_what_takes_long_where_they_use_it():
     """Plots themselves are imported where they are drawn: they may import matplotlib."""
-    slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf"}
+    slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf", "xarray"}
     imports = {
         (name, alias.name if isinstance(node, ast.Import) else node.module)
         for name in MODULES
@@ -169,3 +170,17 @@ def test_modules_import_what_takes_long_where_they_use_it():
         for name, module in imports
         if module in slow and not (module == "matplotlib" and name.startswith("bayes_ssi.plots."))
     ] == []
+
+
+def test_one_module_touches_arviz():
+    touching = {
+        name
+        for name, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+        if (alias.name if isinstance(node, ast.Import) else str(node.module)).startswith(
+            ("arviz", "xarray")
+        )
+    }
+    assert touching == {"bayes_ssi.foundations.arviz_functions"}

@@ -59,6 +59,12 @@ def test_words_pictures_and_frames_in_a_notebook(executed):
     for begin in ("%matplotlib inline", "bs.plots.plot_corner"):
         assert "image/png" in of_cell(executed, begin)[-1]
     (frame,) = of_cell(executed, "print(ranking.to_frame")
+    (summary,) = of_cell(executed, "import arviz")
+    assert re.findall(r"<th>(k1|k2|k3|ks)</th>", summary["text/html"]) == ["k1", "k2", "k3", "ks"]
+    assert "image/png" in of_cell(executed, "az.plot_trace")[-1]
+    compared = of_cell(executed, "table = az.compare")[-1]["text/html"]
+    assert compared.index("<th>log_evidence</th>") < compared.index("<th>3</th>")
+    assert re.search(r"<th>3</th>.*?<td>16\.\d+</td>\s*</tr>", compared, re.S)
     assert re.match(r"name,log_evidence,probability\n3,16\.\d+,0\.99999", frame["text/plain"])
 
 

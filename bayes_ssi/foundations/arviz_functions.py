@@ -142,7 +142,8 @@ def pareto_k(log_weights: FloatArray) -> float:
 
 def in_arviz(groups: Mapping[str, Group]) -> Any:
     """Groups of draws as arviz holds them: an ``InferenceData``, from 1.0 on a ``DataTree``."""
-    return arviz().InferenceData(**_datasets(groups)) if _is_first_generation() else _tree(groups)
+    tree = _tree(groups)
+    return arviz().InferenceData.from_datatree(tree) if _is_first_generation() else tree
 
 
 def netcdf_file(groups: Mapping[str, Group]) -> memoryview:
@@ -154,18 +155,12 @@ def netcdf_file(groups: Mapping[str, Group]) -> memoryview:
 
 
 def _tree(groups: Mapping[str, Group]) -> Any:
-    from xarray import DataTree
+    """The groups with their chains and draws numbered."""
+    from xarray import Dataset, DataTree
 
-    return DataTree.from_dict(_datasets(groups))
-
-
-def _datasets(groups: Mapping[str, Group]) -> dict[str, Any]:
-    return {name: _dataset(group) for name, group in groups.items()}
-
-
-def _dataset(group: Group) -> Any:
-    from xarray import Dataset
-
-    made = Dataset({name: (dims, np.asarray(values)) for name, (dims, values) in group.items()})
-    numbered = {name: range(n) for name, n in made.sizes.items() if name in ("chain", "draw")}
-    return made.assign_coords(numbered)
+    datasets = {}
+    for name, group in groups.items():
+        made = Dataset({key: (dims, np.asarray(values)) for key, (dims, values) in group.items()})
+        numbers = {dim: range(n) for dim, n in made.sizes.items() if dim in ("chain", "draw")}
+        datasets[name] = made.assign_coords(numbers)
+    return DataTree.from_dict(datasets)

@@ -123,6 +123,16 @@ def test_corner(make_posterior):
         plot_corner(posterior, parameters=("k9",))
 
 
+def test_a_corner_plot_marks_true_values(make_posterior):
+    k1, _, _, k2 = plot_corner(make_posterior("3"), truths={"k2": 0.25}).axes
+    at = [line.get_xdata()[0] for line in k2.lines]
+    assert at[:3] == pytest.approx(np.quantile(make_posterior("3").values[:, 1], [0.05, 0.5, 0.95]))
+    assert at[3:] == [0.25]
+    assert len(k1.lines) == 3
+    with pytest.raises(ValueError, match="no parameter 'k9'"):
+        plot_corner(make_posterior("3"), truths={"k9": 1.0})
+
+
 def test_contours_of_a_corner_plot_hold_their_shares_of_the_draws(make_posterior):
     """Of a normal density of two variables, exp(-r^2 / 2) is outside r standard deviations."""
     draws = np.random.default_rng(4).multivariate_normal([1.0, 2.0], [[1, 0.5], [0.5, 2]], 40_000)

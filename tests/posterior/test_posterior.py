@@ -184,6 +184,16 @@ def test_a_chain_that_is_cut_short_is_reported():
     assert check == f"the chains differ: R-hat is {result.r_hat:.3f}, above 1.01, after 18 steps"
 
 
+def test_draws_that_are_no_chains_count_as_the_chains_that_they_come_from(make_posterior):
+    """An error that is estimated from one chain has itself an error of 5 to 7 %."""
+    draws = np.random.default_rng(4).standard_normal((1, 4000, 2))
+    sizes = np.array([100.0, 25.0])
+    posterior = make_posterior("x", draws=draws, effective_sample_sizes=sizes)
+    for row, size in zip(posterior.summary, sizes, strict=True):
+        assert row.mean_error == pytest.approx(row.sd / math.sqrt(size), rel=0.2)
+        assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.2)
+
+
 def test_the_summary_counts_draws_by_their_effective_number(make_posterior):
     """Normal chains with correlations ρ and ρ² between steps of their values and squares."""
     rhos = (0.5, 0.8)

@@ -29,8 +29,8 @@ from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
-# Modules above this one, for what a posterior can do with its draws.
-DRAWS, PLOTS = "bayes_ssi.results.draws", "bayes_ssi.plots"
+# The module, above this one, that lays draws out.
+DRAWS = "bayes_ssi.results.draws"
 
 
 @dataclass(frozen=True)
@@ -218,19 +218,18 @@ class Posterior(Displayed):
         # Effect of the errors of the regions' shares on the mean. Shares add up to one, so their
         # errors go together: exact for two regions, a bound for more.
         between = sum(region.error * np.abs(region.mean - means) for region in self.regions)
-        mean_errors = np.hypot(mcse_mean(self.draws), between)
+        # Of draws in one row, which are no chains, as many count as of the chains they come from.
+        n = self.effective_sample_sizes if len(self.draws) == 1 else len(self.values)
+        more = np.sqrt(len(self.values) / n)
+        mean_errors = np.hypot(more * mcse_mean(self.draws), between)
         quantiles = np.quantile(self.values, LEVELS, axis=0)
-        errors = [mean_errors, mcse_sd(self.draws)]
+        errors = [mean_errors, more * mcse_sd(self.draws)]
         numbers = np.stack([means, sds, *quantiles, *errors, self.relative_spreads])
         return tuple(map(ParameterSummary, self.parameter_names, *numbers.tolist()))
 
     def to_arviz(self) -> Any:
         """The draws as arviz holds them: an ``InferenceData``, from arviz 1.0 on a ``DataTree``."""
         return import_module(DRAWS).to_arviz(self)
-
-    def plot_corner(self, **options: Any) -> Any:
-        """The figure of :func:`bayes_ssi.plots.plot_corner`, whose ``options`` these are."""
-        return import_module(PLOTS).plot_corner(self, **options)
 
     def _line(self) -> str:
         evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"

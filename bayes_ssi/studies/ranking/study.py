@@ -214,17 +214,7 @@ class RankedStudy(InWords):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ranking(RankedStudy):
-    """A study's result, as it was made.
-
-    Attributes:
-        study: what was ranked.
-        posteriors: the posterior of every class, in the study's order.
-        comparison: the ranking.
-        seed: from which it follows.
-        settings: how precisely classes were sampled.
-        directory: None, for nothing is saved.
-        search: None, for no search gave it.
-    """
+    """A study's result as it was made, from no ``search``, and not yet in a ``directory``."""
 
     study: Study
     posteriors: tuple[Posterior, ...]
