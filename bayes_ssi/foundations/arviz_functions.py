@@ -146,12 +146,14 @@ def in_arviz(groups: Mapping[str, Group]) -> Any:
     return arviz().InferenceData.from_datatree(tree) if _is_first_generation() else tree
 
 
-def netcdf_file(groups: Mapping[str, Group]) -> memoryview:
+def netcdf_file(groups: Mapping[str, Group]) -> bytes:
     """What a netCDF file of groups of draws holds, which arviz opens.
 
     It is made in memory: the HDF5 library crashes where a disk becomes full.
     """
-    return _tree(groups).to_netcdf(engine="h5netcdf")
+    # A buffer that is still lent out when its owner is collected cannot be closed.
+    with _tree(groups).to_netcdf(engine="h5netcdf") as lent:
+        return bytes(lent)
 
 
 def _tree(groups: Mapping[str, Group]) -> Any:
