@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import edges
@@ -249,6 +249,18 @@ def test_a_floor_is_passed_or_reported(seed):
             "influence on it, or this is a floor at which small likelihoods are cut off, and all "
             "above it lies in regions of less than 0.0002 of the prior, which were not found"
         )
+
+
+def test_a_likelihood_of_one_in_a_small_part_of_the_prior_is_no_floor():
+    """Φ(-1.5) of the prior, and impossible elsewhere: parameters do have an influence."""
+
+    def log_likelihood(z):
+        return np.where(z[:, 0] > 1.5, 0.0, -np.inf)
+
+    result = sample_target(Target(log_likelihood, 2), np.random.SeedSequence(2))
+    assert result.failed_checks == []
+    error = 4.0 * result.evidence.error
+    assert result.evidence.log_evidence == pytest.approx(log_ndtr(-1.5), abs=error)
 
 
 def one_mass(prior, error):

@@ -175,20 +175,20 @@ def _reach(sampled: SamplingResult) -> Iterator[str]:
 
 
 def _influence(sampled: SamplingResult) -> Iterator[str]:
-    """A log evidence that rests on one value of the log-likelihood, which all of the prior has.
+    """A log evidence that rests on one value of the log-likelihood, which most of the prior has.
 
-    Of importance draws those count that are possible, by their masses in the prior: others far out,
-    where a model fails or coordinates end, do not hide it.
+    By masses in the prior all importance draws share it that are possible: others far out, where a
+    model fails or coordinates end, do not hide it, unless they are most of the prior.
     """
     if sampled.is_flat:
         return
     draws = sampled.importance
     values, possible = draws.log_likelihoods, np.isfinite(draws.log_likelihoods)
-    masses = np.exp(log_standard_normal(draws.z) - draws.log_proposals) * possible
-    heaviest = values[masses.argmax()]
+    masses = np.exp(log_standard_normal(draws.z) - draws.log_proposals)
+    heaviest = values[(masses * possible).argmax()]
     alike = np.isclose(values, heaviest, 1e-9, 1e-9)
-    beyond = float(draws.weights @ ~alike)  # of the posterior
-    if masses @ ~alike > (1.0 - CHECKS.flat_share) * masses.sum():
+    mass, beyond = masses @ alike, float(draws.weights @ ~alike)  # of the prior, of the posterior
+    if mass < CHECKS.flat_share * (masses @ possible) or mass < 0.5 * masses.sum():
         return
     if beyond <= CHECKS.standard_errors * sampled.evidence.error:
         yield (
