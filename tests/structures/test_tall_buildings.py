@@ -49,11 +49,12 @@ def test_unequal_masses_and_storeys_against_the_dense_generalised_problem(monkey
     np.testing.assert_allclose(np.abs(shapes), np.abs(vectors[:, :6]), atol=1e-10)
 
 
-def test_close_modes_of_two_parts_that_hardly_touch():
+def test_close_modes_of_two_parts_that_hardly_touch(monkeypatch):
     """Those of the upper part alone and of the lower one alone, tuned to the same frequency."""
+    monkeypatch.delattr("bayes_ssi.structures.modal.solve_modes")
     m, n = 30, 60
     tuned = (math.sin(math.pi / (4 * m + 2)) / math.sin(math.pi / (2 * n))) ** 2
-    stiffnesses = np.array([1.0] * m + [1e-7] + [tuned] * (n - 1))
+    stiffnesses = np.array([1.0] * m + [1e-6] + [tuned] * (n - 1))
     size = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
     masses = 1.0 + 0.0 * stiffnesses
     building = bs.ShearBuilding(tuple(masses), tuple(k * size for k in stiffnesses))
