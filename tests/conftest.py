@@ -180,6 +180,7 @@ def make_posterior():
             "maxima": np.zeros((1, len(names))),
             "r_hat": 1.001,
             "burn_in": 25,
+            "thinned_by": 1,
             "autocorrelation_time": 2.0,
             "acceptance_fraction": 0.5,
             "n_evaluations": 20000,

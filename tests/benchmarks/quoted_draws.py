@@ -18,7 +18,7 @@ from bayes_ssi.foundations import arviz_functions
 Array = np.ndarray
 Run = dict[str, Any]
 # Chains may keep every second, third … step; more are not looked for.
-MOST_THINNED = 20
+MOST_THINNED = 100
 TAILS = (0.05, 0.95)  # arviz's first generation takes these where none are given
 
 

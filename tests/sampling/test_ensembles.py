@@ -10,6 +10,7 @@ from bayes_ssi.inference.sampling.ensembles import (
     Walkers,
     run_ensembles,
     statistics_of,
+    thinned_ensembles,
 )
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.proposals import drawn_anew
@@ -78,6 +79,24 @@ def test_the_effective_sizes_are_those_that_were_asked_for():
     few, many = run(effective_sample_size=100), run(effective_sample_size=8000)
     assert few[0].n_steps < many[0].n_steps
     assert statistics_of(TARGET, many).smallest_size >= 8000
+
+
+def test_thinned_chains_still_reach_what_was_asked_for():
+    """A step in half an autocorrelation time; no steps are left out of chains that fall short."""
+    slow, settings = run(share=0.0), SamplingSettings()
+    slowness = statistics_of(TARGET, slow).slowness
+    fewer, statistics = thinned_ensembles(TARGET, slow, settings)
+    by = fewer[0].thinned_by
+    assert 1 < by <= slowness / 2.0
+    assert statistics.reach(settings)
+    for whole, thinned in zip(slow, fewer, strict=True):
+        assert thinned.n_steps == whole.n_steps // by
+        np.testing.assert_array_equal(thinned.positions[0], whole.positions[by - 1])
+        np.testing.assert_array_equal(thinned.log_posteriors[1], whole.log_posteriors[2 * by - 1])
+    short = run(share=0.0, only=400)
+    same, statistics = thinned_ensembles(TARGET, short, settings)
+    assert not statistics.reach(settings)
+    assert same == tuple(short)
 
 
 def test_the_densities_stored_are_those_of_the_positions():

@@ -123,6 +123,7 @@ class Posterior(Displayed):
         r_hat: the largest rank-normalised split R-hat of any parameter, between all chains, by
             arviz.
         burn_in: steps of each chain that were left out before ``draws``.
+        thinned_by: one in so many of the other steps is kept.
         autocorrelation_time: emcee's, the longest of any parameter and ensemble, in steps; NaN
             where a walker never moved.
         acceptance_fraction: emcee's, the mean over walkers.
@@ -167,6 +168,7 @@ class Posterior(Displayed):
     maxima: FloatArray
     r_hat: float
     burn_in: int
+    thinned_by: int
     autocorrelation_time: float
     acceptance_fraction: float
     n_evaluations: int

@@ -220,7 +220,8 @@ def sample_as_it_is(
         regions=_regions(sampled, z, values),
         maxima=model_class.values(sampled.maxima.z),
         r_hat=sampled.chains.r_hat,
-        burn_in=sampled.ensembles[0].burn_in,
+        burn_in=sampled.quoted[0].burn_in,
+        thinned_by=sampled.quoted[0].thinned_by,
         autocorrelation_time=max(each.autocorrelation_time for each in sampled.ensembles),
         acceptance_fraction=float(np.mean([e.acceptance_fraction for e in sampled.ensembles])),
         n_evaluations=sampled.n_evaluations,
@@ -342,8 +343,8 @@ def _quoted_draws(
     Chains that do not mix visit separate regions in shares that are left to chance: there, a check
     fails, and their draws are resampled to the shares that the importance draws give.
     """
-    z = np.concatenate([ensemble.chains for ensemble in sampled.ensembles])
-    densities = np.concatenate([each.log_posteriors.T for each in sampled.ensembles])
+    z = np.concatenate([ensemble.chains for ensemble in sampled.quoted])
+    densities = np.concatenate([each.log_posteriors.T for each in sampled.quoted])
     remarks: tuple[str, ...] = ()
     if sampled.regions.n_regions > 1 and not sampled.chains_mix:
         flat = z.reshape(-1, z.shape[-1])

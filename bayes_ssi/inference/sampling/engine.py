@@ -37,6 +37,7 @@ from bayes_ssi.inference.sampling.ensembles import (
     Walkers,
     run_ensembles,
     statistics_of,
+    thinned_ensembles,
 )
 from bayes_ssi.inference.sampling.importance import (
     ImportanceSample,
@@ -241,12 +242,14 @@ class _Sampling:
             importance, regions = self._importance(trial, (*ensembles, *others))
             unused = importance
         bridge = bridge_sampling(ensembles[1], unused)
+        quoted, chains = thinned_ensembles(self.target, ensembles, self.settings)
         return SamplingResult(
             search=search,
             compressions=compressions,
             maxima=maxima,
             ensembles=ensembles,
-            chains=statistics_of(self.target, ensembles),
+            quoted=quoted,
+            chains=chains,
             importance=importance,
             evidence_checks=(bridge, *checks, maxima.laplace_estimate),
             regions=regions,

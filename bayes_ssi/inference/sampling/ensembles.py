@@ -5,7 +5,7 @@ They are as long as arviz's statistics of all chains ask for.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ class Ensemble:
     # move.
     autocorrelation_time: float
     acceptance_fraction: float  # emcee's, the mean over walkers
+    thinned_by: int = 1  # of the steps after burn-in, one in so many is kept
 
     @property
     def n_steps(self) -> int:
@@ -50,6 +51,11 @@ class Ensemble:
     def chains(self) -> FloatArray:
         """(n_walkers, n_steps, d)."""
         return self.positions.transpose(1, 0, 2)
+
+    def thinned(self, by: int) -> "Ensemble":
+        kept = slice(by - 1, None, by)  # as emcee thins
+        positions, log_posteriors = self.positions[kept], self.log_posteriors[kept]
+        return replace(self, positions=positions, log_posteriors=log_posteriors, thinned_by=by)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +104,24 @@ def statistics_of(target: Target, ensembles: Sequence[Ensemble]) -> ChainStatist
     """Those of the parameter values of all walkers of all ensembles."""
     chains = np.concatenate([ensemble.chains for ensemble in ensembles])
     return ChainStatistics(target.values_of_chains(chains))
+
+
+def thinned_ensembles(
+    target: Target, ensembles: Sequence[Ensemble], settings: SamplingSettings
+) -> tuple[tuple[Ensemble, ...], ChainStatistics]:
+    """Without steps that hardly add to what ``settings`` aim at, and the statistics of the others.
+
+    One step in half an autocorrelation time, as emcee advises, or in half, a quarter … of that.
+    """
+    statistics = statistics_of(target, ensembles)
+    by = int(statistics.slowness / 2.0)
+    while by > 1:
+        fewer = tuple(ensemble.thinned(by) for ensemble in ensembles)
+        of_fewer = statistics_of(target, fewer)
+        if of_fewer.reach(settings):
+            return fewer, of_fewer
+        by //= 2
+    return tuple(ensembles), statistics
 
 
 def run_ensembles(

@@ -30,7 +30,8 @@ class SamplingResult:
     compressions: tuple[Compression, ...]
     maxima: Maxima
     ensembles: tuple[Ensemble, ...]
-    chains: ChainStatistics  # of the walkers of all ensembles
+    quoted: tuple[Ensemble, ...]  # the same, thinned
+    chains: ChainStatistics  # of all their walkers
     importance: ImportanceSample
     evidence_checks: tuple[EvidenceEstimate, ...]  # estimates of the log evidence by other methods
     regions: Regions
