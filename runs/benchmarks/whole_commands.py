@@ -5,8 +5,7 @@
 Every command runs as a process of its own with its defaults, several times; those of another
 checkout, PATH, alternate with those of this one, so that both see the same state of the machine.
 The table gives medians of wall time and of the processor time of all its processes, and of the
-latter without the import of arviz: of the modules that arviz imports and that the other checkout
-does without.
+latter without the import of modules of other packages that the other checkout does without.
 """
 
 from __future__ import annotations
@@ -47,31 +46,20 @@ class Seconds(NamedTuple):
 
     wall: float
     processor: float
-    imports: dict[str, float]  # of every module below arviz, its own seconds
-    others: set[str]  # all other modules that were imported
+    imports: dict[str, float]  # module → seconds of its import, without those that it imports
 
-    def without_arviz(self, other: Seconds) -> float:
-        """Processor time without the modules below arviz that ``other`` never imports."""
-        elsewhere = other.others | set(other.imports)
-        return self.processor - sum(s for name, s in self.imports.items() if name not in elsewhere)
+    def without_imports(self, other: Seconds) -> float:
+        """Processor time without the import of other packages' modules that ``other`` lacks."""
+        lacking = self.imports.keys() - other.imports.keys()
+        own = {name for name in lacking if name.split(".")[0] == "bayes_ssi"}
+        return self.processor - sum(self.imports[name] for name in lacking - own)
 
 
-def below_arviz(report: str) -> tuple[dict[str, float], set[str]]:
-    """Own seconds of modules below arviz, and all others, of ``python -X importtime``."""
+def seconds_of_imports(report: str) -> dict[str, float]:
+    """Module → seconds, of ``python -X importtime``."""
     rows = [line.removeprefix("import time:").split("|") for line in report.splitlines()]
-    below, others, depth_of_arviz = {}, set(), None
-    # A module comes after those that it imports, which are indented further.
     rows = [row for row in rows if len(row) == 3 and row[0].strip().isdigit()]
-    for own, _, name in reversed(rows):
-        depth = len(name) - len(name.lstrip())
-        if depth_of_arviz is None or depth <= depth_of_arviz:
-            is_arviz = name.split(".")[0].strip().startswith("arviz")
-            depth_of_arviz = depth if is_arviz else None
-        if depth_of_arviz is None:
-            others.add(name.strip())
-        else:
-            below[name.strip()] = int(own) / 1e6
-    return below, others
+    return {name.strip(): int(own) / 1e6 for own, _, name in rows}
 
 
 def timed(command: tuple[str, ...], tree: Path) -> Seconds:
@@ -99,17 +87,17 @@ def timed(command: tuple[str, ...], tree: Path) -> Seconds:
         raise RuntimeError(
             f"{tree}: exit code {process.returncode}: {' '.join(arguments)}\n" + "\n".join(lines)
         )
-    return Seconds(wall, usage.ru_utime + usage.ru_stime, *below_arviz(report))
+    return Seconds(wall, usage.ru_utime + usage.ru_stime, seconds_of_imports(report))
 
 
 def summary(runs: list[Seconds], others: list[Seconds]) -> str:
     walls = [run.wall for run in runs]
     pairs = list(zip(runs, others, strict=True))
-    without = [run.without_arviz(other) for run, other in pairs]
-    ratios = [run.without_arviz(other) / other.without_arviz(run) for run, other in pairs]
+    without = [run.without_imports(other) for run, other in pairs]
+    ratios = [run.without_imports(other) / other.without_imports(run) for run, other in pairs]
     return (
         f"{median(walls):6.1f} ({min(walls):.1f} to {max(walls):.1f})  "
-        f"{median(run.processor for run in runs):9.2f} {median(without):13.2f} "
+        f"{median(run.processor for run in runs):9.2f} {median(without):15.2f} "
         f"{median(ratios):6.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
     )
 
@@ -126,7 +114,7 @@ def main() -> None:
         trees = {"before": options.before.resolve(), **trees}
     print(f"{options.runs} runs each on {len(os.sched_getaffinity(0))} cores; seconds, medians")
     print(
-        f"{'command':22s} {'tree':7s} {'wall (least to most)':>22s}  processor without arviz, "
+        f"{'command':22s} {'tree':7s} {'wall (least to most)':>22s}  processor without imports, "
         "over the first tree's, wanted wall"
     )
     for name in chosen:
