@@ -74,7 +74,7 @@ class ResultRecord:
     failed_checks_accepted: bool
     command: str  # the command that reproduces the result; empty where it was made from Python
     mass_unit: str = ""  # of the structures; empty where the study states none
-    format: int = 21  # increased whenever the format of a result's files changes
+    format: int = 22  # increased whenever the format of a result's files changes
 
     def model_class(self, name: str) -> ClassRecord:
         """The record of the model class ``name``; KeyError if there is none."""
