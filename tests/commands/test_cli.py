@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error
 
-from bayes_ssi.inference.sampling.settings import CheckSettings
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.results.stored_result import load_result
 
@@ -84,9 +83,7 @@ def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_stu
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.inference.sampling.result.CHECKS", CheckSettings(error_over_wanted=0.0)
-    )
+    monkeypatch.setattr("bayes_ssi.inference.sampling.result.ERROR_OVER_WANTED", 0.0)
     result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_ssi.inference.sampling.maxima import _thickened, bend_along
+from bayes_ssi.inference.sampling.maxima import THICKER, _thickened, bend_along
 from bayes_ssi.inference.sampling.mixture import (
+    REACH,
     Bend,
     StudentMixture,
     choose_mixture,
     monomials,
 )
-from bayes_ssi.inference.sampling.settings import RIDGES
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_straightening_undoes_bending(rng, m, k, degree):
 
 def test_polynomials_are_of_the_wide_coordinates_and_end_at_the_reach():
     coefficients = np.array([[0.0, 1.0, 0.0, 0.0, 1.0, 0.5]])  # of 1, a, b, a², ab, b²
-    bend, reach = Bend(coefficients, 2, 2), RIDGES.reach
+    bend, reach = Bend(coefficients, 2, 2), REACH
     bent = bend.bent(np.array([[0.5, 2.0 * reach], [2.0, -1.0], [0.3, 0.0]]))
     np.testing.assert_allclose(bent[:2], [[0.5, 2.0 * reach], [2.0, -1.0]])
     np.testing.assert_allclose(bent[2], [0.3 + 0.5 + 1.0 + 2.0, reach - reach + 0.5])
@@ -55,7 +55,7 @@ def test_polynomials_are_of_the_wide_coordinates_and_end_at_the_reach():
 
 def test_a_widened_bend_follows_the_same_ridge(rng):
     bend = bend_of(rng, 2, 1, 3)
-    v = RIDGES.reach * rng.standard_normal((3, 30))  # some are beyond the reach
+    v = REACH * rng.standard_normal((3, 30))  # some are beyond the reach
     np.testing.assert_allclose(2.0 * bend.widened(2.0).bent(v / 2.0), bend.bent(v), rtol=1e-12)
 
 
@@ -64,7 +64,7 @@ def test_a_thickened_component_follows_the_same_ridge(rng):
     factors, v = rng.standard_normal((1, 3, 3)), rng.standard_normal((3, 30))
     ridge = StudentMixture(np.ones(1), np.zeros((1, 3)), factors, np.full(1, 30.0), bends=(bend,))
     thick = _thickened(ridge)
-    sizes = np.array([[1.0], [1.0], [RIDGES.thicker]])
+    sizes = np.array([[1.0], [1.0], [THICKER]])
     on_ridge = factors[0] @ bend.bent(v)
     np.testing.assert_allclose(thick.factors[0] @ thick.bends[0].bent(v / sizes), on_ridge)
 

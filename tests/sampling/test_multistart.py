@@ -8,12 +8,16 @@ from scipy.special import ndtr, ndtri
 
 from bayes_ssi.inference.sampling import multistart
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima
-from bayes_ssi.inference.sampling.regions import nearest_neighbours
-from bayes_ssi.inference.sampling.settings import MAXIMA, REGIONS
+from bayes_ssi.inference.sampling.multistart import (
+    DRAWS,
+    MOST_TIMES_WANTED,
+    MultistartSearch,
+    search_maxima,
+)
+from bayes_ssi.inference.sampling.regions import NEIGHBOURS, nearest_neighbours
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
 
-DRAWS, PATIENCE = MAXIMA.draws, MAXIMA.most_times_wanted
+DRAWS, PATIENCE = DRAWS, MOST_TIMES_WANTED
 # One search of a well-behaved posterior climbs from at most 40 draws, in some 10 gradients each:
 # this many evaluations a dimension suffice.
 ASCENTS = 450
@@ -257,7 +261,7 @@ def test_nearest_neighbours_of_a_few_points(n):
     points = np.random.default_rng(n).standard_normal((n, 2))
     nearest = nearest_neighbours(points)
     distances = np.linalg.norm(points[:, None] - points, axis=-1)
-    np.testing.assert_array_equal(nearest, distances.argsort(axis=1)[:, : REGIONS.neighbours + 1])
+    np.testing.assert_array_equal(nearest, distances.argsort(axis=1)[:, : NEIGHBOURS + 1])
 
 
 def test_fewer_possible_draws_than_neighbours():

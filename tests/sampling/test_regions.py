@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.regions import Regions, find_regions
-from bayes_ssi.inference.sampling.settings import REGIONS
+from bayes_ssi.inference.sampling.regions import MOST_DRAWS, Regions, find_regions
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 
@@ -142,7 +141,7 @@ def test_a_handful_of_draws(n):
 def test_many_draws_are_thinned():
     log_density, draws = bumps(12.0, n=20_000)
     result = regions_of(log_density, draws)
-    assert len(result.draws) == REGIONS.most_draws
+    assert len(result.draws) == MOST_DRAWS
     assert result.n_regions == 2
 
 

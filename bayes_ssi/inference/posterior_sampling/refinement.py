@@ -31,7 +31,7 @@ from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.maxima import find_maxima
-from bayes_ssi.inference.sampling.settings import CHECKS
+from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Requirement, Structure
@@ -246,7 +246,7 @@ class Confirmation(NamedTuple):
                 f"full solutions at draws change the log evidence by {self.correction:+.2f}: the "
                 "approximate structure is too coarse where the posterior lies",
             )
-        if self.error > CHECKS.error_over_wanted * log_evidence_error:
+        if self.error > ERROR_OVER_WANTED * log_evidence_error:
             return (
                 f"{len(self.values)} full solutions at draws leave an error of {self.error:.2g} in "
                 f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's "

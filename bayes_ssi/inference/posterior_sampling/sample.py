@@ -36,7 +36,7 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
 )
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import CHECKS, SamplingSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import (
     NUDGE,
     POINTS_TO_CHECK,
@@ -49,6 +49,11 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.emulation.emulated_structure import EmulatedStructure
 from bayes_ssi.structures.structure import Structure
+
+# More noise of a model than this, in nats, is not small beside the errors: of standard
+# deviation s, it raises an evidence by s²/2, half of the wanted error.
+MOST_NOISE = 0.1
+
 
 # Of which some dozen have the smallest errors that count, which determine a bound to 0.2 nats.
 DRAWS_OF_ERRORS = 40_000
@@ -284,7 +289,7 @@ def _noise(
         f"asked twice at {len(chosen)} draws, the model answers differently: frequencies differ by "
         f"{share:.1g} at most (as a fraction) and log-likelihoods by {nats:.1g} nats"
     )
-    if nats <= CHECKS.most_noise:
+    if nats <= MOST_NOISE:
         return [f"{text}, little beside the errors"] * (nats > ROUNDING), []
     return [], [text]
 

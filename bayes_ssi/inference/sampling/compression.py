@@ -27,8 +27,33 @@ from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture
 from bayes_ssi.inference.sampling.proposals import drawn_anew
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.settings import COMPRESSION, MIXTURES
+from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import LogDensity, Target, log_standard_normal
+
+# Share of the particles that survives a level: for a given error, from 0.1 to 0.3 takes the
+# fewest evaluations (Zuev, Beck, Au and Katafygiotis 2012).
+SURVIVING = 0.25
+# Compression ends where the largest likelihood, in all the prior left, would add no more than
+# this share of the evidence: little beside the error of the estimate.
+NEGLIGIBLE_SHARE = 1e-2
+# And where all particles are within this many nats of the highest: the prior left around the
+# top of a broad region is so small that particles come upon a narrow one on its slope.
+TOP = 0.2
+# Where most of the prior is impossible, at most this many draws are made for each particle.
+MOST_DRAWN = 500
+# Moves go on until positions and ranks have lost half of their correlation with where they
+# began, or no more of it is lost.
+CORRELATION_LEFT = 0.5
+MOST_MOVES = 25
+# Particles per dimension that one component of the proposals' mixture is fitted to.
+PARTICLES_PER_COMPONENT = 30
+# Shares of the maxima's components and of the prior in the proposals.
+MAXIMA_SHARE = 0.3
+PRIOR_SHARE = 0.02
+# Most particles from which further ascents begin, and of how many they are the local maxima:
+# the time to find neighbours in many dimensions rises with the square of that.
+MOST_CLIMBERS = 32
+MOST_COMPARED = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +79,9 @@ class Compression:
 
     def climbers(self, maxima: Maxima) -> FloatArray:
         """Particles (m, d) above all their neighbours on all levels, but at none of the maxima."""
-        among = evenly_spaced_indices(len(self.passed), COMPRESSION.most_compared)
+        among = evenly_spaced_indices(len(self.passed), MOST_COMPARED)
         highest = local_maxima(self.passed[among], self.log_likelihoods_passed[among])
-        return highest[~maxima.are_at(highest).any(axis=0)][: COMPRESSION.most_climbers]
+        return highest[~maxima.are_at(highest).any(axis=0)][:MOST_CLIMBERS]
 
 
 def compress_prior(
@@ -75,14 +100,14 @@ def compress_prior(
     climbs = [_Climb(target, maxima, n_particles, np.random.default_rng(seed)) for seed in seeds]
     _move_in_turn(climbs)
     highest = float((maxima.log_posteriors - log_standard_normal(maxima.z)).max())
-    log_negligible = math.log(COMPRESSION.negligible_share)
+    log_negligible = math.log(NEGLIGIBLE_SHARE)
     most_levels = levels_left = _levels_to_top(target.n_dimensions)
     while True:
         highest = max(highest, *(float(climb.log_likelihoods.max()) for climb in climbs))
         to_come = max(highest + climb.log_prior_left - climb.log_evidence for climb in climbs)
         if to_come < log_negligible:
             levels_left -= 1
-        are_at_top = all(np.ptp(climb.log_likelihoods) < COMPRESSION.top for climb in climbs)
+        are_at_top = all(np.ptp(climb.log_likelihoods) < TOP for climb in climbs)
         if levels_left < 0 or (levels_left < most_levels and are_at_top):
             break
         for climb in climbs:
@@ -115,7 +140,7 @@ class _Climb:
         self, target: Target, maxima: Maxima, n_particles: int, rng: np.random.Generator
     ) -> None:
         self._target, self._maxima, self._n, self._rng = target, maxima, n_particles, rng
-        self._n_surviving = max(2, round(COMPRESSION.surviving * n_particles))
+        self._n_surviving = max(2, round(SURVIVING * n_particles))
         drawn = _possible(target, n_particles, self._n_surviving, rng)
         self.positions, self.log_likelihoods, possible = drawn
         self.log_prior_left, self.log_evidence = math.log(possible), -math.inf
@@ -175,14 +200,14 @@ class _Climb:
         )
         left = 1.0
         states = sampler.sample(
-            start, iterations=COMPRESSION.most_moves, store=False, skip_initial_state_check=True
+            start, iterations=MOST_MOVES, store=False, skip_initial_state_check=True
         )
         for made, state in enumerate(states, start=2):
             last = left
             left = max(
                 _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
             )
-            if made >= 2 and left < COMPRESSION.correlation_left:
+            if made >= 2 and left < CORRELATION_LEFT:
                 break
             # Between separate regions nothing may move: then it settles above the mark.
             if made >= 8 and last - left < 0.002:
@@ -191,7 +216,7 @@ class _Climb:
         left = float(np.clip(left, 0.0, 0.9))
         # Copies of one particle, each with that correlation with it, have its square among
         # themselves.
-        self._memory = 1.0 + (1.0 / COMPRESSION.surviving - 1.0) * left**2
+        self._memory = 1.0 + (1.0 / SURVIVING - 1.0) * left**2
         # Moves leave survivors where they should be as they are. Where they raise them instead,
         # they would go on to do so while they are correlated with where they began.
         self._behind = _risen(before, self.log_likelihoods) * left / (1.0 - left)
@@ -224,11 +249,11 @@ class _Climb:
 
     def _proposals(self, sets: LevelSets, others: FloatArray) -> StudentMixture:
         n, d = others.shape
-        n_components = max(1, n // (COMPRESSION.particles_per_component * d))
+        n_components = max(1, n // (PARTICLES_PER_COMPONENT * d))
         mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng).widened()
         if len(sets.at):
-            mixture = mixture.mixed_with(sets.as_mixture(), COMPRESSION.maxima_share)
-        return mixture.with_prior_component(COMPRESSION.prior_share)
+            mixture = mixture.mixed_with(sets.as_mixture(), MAXIMA_SHARE)
+        return mixture.with_prior_component(PRIOR_SHARE)
 
     def compression(self) -> Compression:
         """The posterior and the evidence, from all levels and the particles that are left."""
@@ -277,7 +302,7 @@ def _possible(
     positions, values = np.empty((0, d)), np.empty(0)
     enough = d + 1  # for a covariance, which proposals for the other particles are fitted with
     while len(values) < enough:
-        if n_drawn >= COMPRESSION.most_drawn * n:
+        if n_drawn >= MOST_DRAWN * n:
             raise ValueError(
                 f"the likelihood is positive at {len(values)} of {n_drawn} draws from the prior, "
                 "too few to sample from; are the priors, the pairing and the units those of the "
@@ -300,8 +325,8 @@ def _levels_to_top(n_dimensions: int) -> int:
     The likelihood falls by about half of d nats from the top to the bulk, and the mass of a ball
     within ``top`` nats of the top is smaller by the ratio of these to the power of d / 2.
     """
-    ratio = max(0.5 * n_dimensions / COMPRESSION.top, 1.0)
-    return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(COMPRESSION.surviving))
+    ratio = max(0.5 * n_dimensions / TOP, 1.0)
+    return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(SURVIVING))
 
 
 def _ranks(values: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -48,16 +48,19 @@ from bayes_ssi.inference.sampling.importance import (
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
 from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture
-from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima, search_starts
+from bayes_ssi.inference.sampling.multistart import (
+    ASCENTS_BESIDE_STARTS,
+    MultistartSearch,
+    search_maxima,
+    search_starts,
+)
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
-from bayes_ssi.inference.sampling.regions import Regions, find_regions
+from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
     CHAINS,
     IMPORTANCE,
-    MAXIMA,
     MIXTURES,
-    REGIONS,
     ChainSettings,
     SamplingSettings,
     StepProgress,
@@ -125,7 +128,7 @@ class _Sampling:
 
     def rough_result(self) -> SamplingResult:
         """The result of one small search, with short chains."""
-        few = MAXIMA.ascents_beside_starts
+        few = ASCENTS_BESIDE_STARTS
         n_draws = few * self.target.n_dimensions
         highest, suggested = search_starts(self.target, n_draws, self.rng)
         maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
@@ -413,6 +416,6 @@ class _Sampling:
         tops = np.where(in_region, sample.log_posteriors, -math.inf).argmax(axis=1)
         heights = sample.log_posteriors[tops]
         # One that is much higher is another maximum, however near.
-        alike = heights < maxima.log_posteriors[:, None] + REGIONS.valley_depth
+        alike = heights < maxima.log_posteriors[:, None] + VALLEY_DEPTH
         at_top = reached(self.target, maxima, sample.z[tops], heights) & alike
         return inside | at_top.T

@@ -19,9 +19,54 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials
-from bayes_ssi.inference.sampling.regions import lowest_between
-from bayes_ssi.inference.sampling.settings import MAXIMA, MIXTURES, REGIONS, RIDGES
+from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, lowest_between
+from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+MOST_RIDGES = 8  # maxima, those with the most mass first, whose ridges are followed
+# A direction is along the ridge if the posterior has more than this share of the prior's
+# variance in it.
+LEAST_VARIANCE = 0.1
+HIGHEST_DEGREE = 6  # polynomials are of this degree at most
+# Most coefficients of a thin coordinate: to solve for them takes as long as some ten thousand
+# evaluations of a small structure. Those of three thin in twenty coordinates are fewer, to the
+# third degree.
+MOST_MONOMIALS = 1200
+# Points, at least as many again as coefficients, and at least so many more, to know by how much
+# polynomials miss the ridge.
+LEAST_POINTS_LEFT = 60
+# Where polynomials are far from a ridge, which they are at few places, components so many times
+# as thick cover it. Their share costs as much of the other draws.
+THICKER = 3.0
+SHARE_OF_THICKER = 0.15
+# Polynomials are good enough where they widen a ridge by no more than this factor.
+MOST_WIDENING = 1.1
+
+# Lengths are in prior standard deviations. Differences are forward first and central second ones,
+# whose truncation and rounding errors balance for log-likelihoods of some thousand nats.
+GRADIENT_STEP = 1e-6
+HESSIAN_STEP = 1e-3
+# Steps over which the log posterior falls by more nats are shortened: further away a narrow
+# maximum may have given way to what surrounds it.
+LARGEST_FALL = 0.1
+# Where a model is noisy: longer steps, over which the log posterior changes by more.
+STEP_OVER_NOISE = 0.05  # forward steps over the root of the noise, the best at sd 0.03
+NOISY_HESSIAN_STEP = 0.3  # the first, which are shortened as above
+# An ascent along a curved ridge may need more steps: it is continued once.
+STEPS_OF_ASCENT = 60
+LONGEST_STEP = 2.0
+STEP_LENGTHS = (1.0, 0.4, 0.1, 0.01)  # tried together, as shares of the BFGS step
+# An ascent ends where a step gains fewer nats, and so within so many standard deviations per
+# coordinate of a maximum.
+LEAST_RISE = 1e-3
+ENDS_WITHIN = 0.1
+# A maximum with less than e^-12, 6 in a million, of the mass is left out.
+NEGLIGIBLE_LOG_MASS = -12.0
+# Logs of powers of the likelihood that leave the prior as it is, and with which a quadratic
+# reaches no more than 1e-7 nats, which is rounding, above a level; their error costs few draws.
+LOG_POWERS = (-20.0, 18.0)
+LOG_POWER_ERROR = 0.01
+MOST_ROUNDS_OF_DRAWS = 50  # in fifty dimensions one draw in thirteen is accepted
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +125,12 @@ class Maxima:
             rises = at * away - 0.5 * curvatures * (away**2 + variances)
             return means, variances, heights + rises.sum(axis=1)
 
-        low, high = (np.full(len(at), end) for end in MAXIMA.log_powers)
-        while np.ptp([low, high], axis=0).max(initial=0.0) > MAXIMA.log_power_error:
+        low, high = (np.full(len(at), end) for end in LOG_POWERS)
+        while np.ptp([low, high], axis=0).max(initial=0.0) > LOG_POWER_ERROR:
             middle = 0.5 * (low + high)
             above = normal(middle)[2] > 0.0
             low, high = np.where(above, low, middle), np.where(above, middle, high)
-        found = np.isfinite(heights) & (high < MAXIMA.log_powers[1])
+        found = np.isfinite(heights) & (high < LOG_POWERS[1])
         sets = axes, at, curvatures, heights, np.exp(high), *normal(high)[:2]
         return LevelSets(*(values[found] for values in sets))
 
@@ -122,7 +167,7 @@ class LevelSets:
     def draw(self, k: int, n: int, rng: np.random.Generator) -> FloatArray:
         """``n`` draws (n, d) of the prior within a set, or fewer where hardly any is accepted."""
         sds, drawn = np.sqrt(self.variances[k]), np.empty((0, self.at.shape[1]))
-        for _ in range(MAXIMA.most_rounds_of_draws):
+        for _ in range(MOST_ROUNDS_OF_DRAWS):
             u = self.means[k] + sds * rng.standard_normal((n, len(sds)))
             q = self._q(k, u)
             accepted = (q > 0.0) & (rng.exponential(size=n) > self.powers[k] * q)
@@ -142,10 +187,10 @@ def reached(
 ) -> NDArray[np.bool_]:
     """Whether ``z`` (n, d) are at maxima, with no valley between, (m, n)."""
     are_at = maxima.are_at(z)
-    m, n = np.nonzero(are_at & ~maxima.are_at(z, MAXIMA.within))
+    m, n = np.nonzero(are_at & ~maxima.are_at(z, ENDS_WITHIN))
     lower_ends = np.minimum(maxima.log_posteriors[m], log_posteriors[n])
     lowest = lowest_between(target.log_posterior, maxima.z[m], z[n], lower_ends)
-    are_at[m, n] = lowest >= lower_ends - REGIONS.valley_depth
+    are_at[m, n] = lowest >= lower_ends - VALLEY_DEPTH
     return are_at
 
 
@@ -157,7 +202,7 @@ def _mixture(
 ) -> StudentMixture:
     """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
-    kept = log_weights > MAXIMA.negligible_log_mass
+    kept = log_weights > NEGLIGIBLE_LOG_MASS
     weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
     dof = np.full(len(weights), tails)
     return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
@@ -196,7 +241,7 @@ def find_maxima(
         raise ValueError("find_maxima: the likelihood is zero at every start")
     order = np.argsort(-maxima.log_posteriors, kind="stable")
     log_masses = maxima.log_masses[order]
-    kept = order[log_masses > log_masses.max() + MAXIMA.negligible_log_mass]
+    kept = order[log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS]
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
@@ -217,7 +262,7 @@ def _distinct(
     precisions: list[FloatArray] = []
     while len(left):
         top, left = left[0], left[1:]
-        if log_posteriors[top] + widest < largest + MAXIMA.negligible_log_mass:
+        if log_posteriors[top] + widest < largest + NEGLIGIBLE_LOG_MASS:
             break
         precision = _precision(target, ends[top], float(log_posteriors[top]))
         maximum = Maxima(ends[[top]], log_posteriors[[top]], precision[None])
@@ -246,16 +291,16 @@ def ascend(
     active = np.flatnonzero(np.isfinite(value))
     gradient[active] = _gradient(target, z[active], value[active], axes)
     reach = np.full(n, 1.0)
-    step_lengths = np.array(MAXIMA.step_lengths)
-    least_rise = max(MAXIMA.least_rise, 3.0 * target.noise)
-    for _ in range(MAXIMA.steps_of_ascent):
+    step_lengths = np.array(STEP_LENGTHS)
+    least_rise = max(LEAST_RISE, 3.0 * target.noise)
+    for _ in range(STEPS_OF_ASCENT):
         if not len(active):
             break
         slope = gradient[active]
         direction = np.einsum("nij,nj->ni", inverse[active], slope)
         expected = np.einsum("nd,nd->n", direction, slope)
         lengths = np.linalg.norm(direction, axis=1)
-        direction *= np.minimum(1.0, MAXIMA.longest_step / np.maximum(lengths, 1e-300))[:, None]
+        direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
         tried = (step_lengths[:, None] * reach[active])[..., None] * direction
         tried_z = z[active][None] + tried @ axes
         values = target.log_posterior(tried_z.reshape(-1, d)).reshape(len(step_lengths), -1)
@@ -281,7 +326,7 @@ def ascend(
 
 def _gradient(target: Target, z: FloatArray, value: FloatArray, axes: FloatArray) -> FloatArray:
     """Forward differences along axes (k, d), (n, k), all in one batch."""
-    step = max(MAXIMA.gradient_step, MAXIMA.step_over_noise * math.sqrt(target.noise))
+    step = max(GRADIENT_STEP, STEP_OVER_NOISE * math.sqrt(target.noise))
     ahead = z[:, None, :] + step * axes
     rises = target.log_posterior(ahead.reshape(-1, z.shape[1])).reshape(len(z), len(axes))
     rise = rises - value[:, None]
@@ -329,8 +374,8 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
 def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
     """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
     d = len(z)
-    lengths = np.full(d, MAXIMA.hessian_step if not target.noise else MAXIMA.noisy_hessian_step)
-    largest_fall = max(MAXIMA.largest_fall, 30.0 * target.noise)
+    lengths = np.full(d, HESSIAN_STEP if not target.noise else NOISY_HESSIAN_STEP)
+    largest_fall = max(LARGEST_FALL, 30.0 * target.noise)
     beside = np.empty((2, d))
     steep = np.arange(d)
     while len(steep):
@@ -340,7 +385,7 @@ def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArr
         fall = value - beside[:, steep].min(axis=0)
         with np.errstate(invalid="ignore"):
             too_far = np.isfinite(fall) & (fall > largest_fall)
-        too_far &= lengths[steep] > MAXIMA.gradient_step
+        too_far &= lengths[steep] > GRADIENT_STEP
         lengths[steep[too_far]] *= np.sqrt(0.5 * largest_fall / fall[too_far])
         steep = steep[too_far]
     return lengths, beside
@@ -351,7 +396,7 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
     mixture = maxima.as_mixture()
     factors, dof = mixture.factors.copy(), mixture.dof.copy()
     bends: list[Bend | None] = [None] * len(dof)
-    for k in np.argsort(-mixture.weights, kind="stable")[: RIDGES.most]:
+    for k in np.argsort(-mixture.weights, kind="stable")[:MOST_RIDGES]:
         found = _ridge(target, mixture.means[k], factors[k], rng)
         if found is not None:
             factors[k], bends[k] = found
@@ -359,7 +404,7 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
     if not any(bends):
         return None
     bent = replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
-    return bent.mixed_with(_thickened(bent), RIDGES.share_of_thicker)
+    return bent.mixed_with(_thickened(bent), SHARE_OF_THICKER)
 
 
 def _thickened(mixture: StudentMixture) -> StudentMixture:
@@ -370,8 +415,8 @@ def _thickened(mixture: StudentMixture) -> StudentMixture:
     factors, bends = mixture.factors.copy(), list(mixture.bends)
     for k, bend in enumerate(bends):
         if bend is not None:
-            factors[k][:, bend.n_wide :] *= RIDGES.thicker
-            bends[k] = replace(bend, thin=RIDGES.thicker * bend.thin)
+            factors[k][:, bend.n_wide :] *= THICKER
+            bends[k] = replace(bend, thin=THICKER * bend.thin)
     return replace(mixture, factors=factors, bends=tuple(bends))
 
 
@@ -384,17 +429,17 @@ def _ridge(
     """
     variances, axes = np.linalg.eigh(factor @ factor.T)
     variances, axes = variances[::-1], axes[:, ::-1]
-    m, d = int(np.sum(variances > RIDGES.least_variance)), len(mean)
+    m, d = int(np.sum(variances > LEAST_VARIANCE)), len(mean)
     if m in (0, d):
         return None
     factor, top = axes * np.sqrt(variances), float(target.log_posterior(mean[None])[0])
     wide, thin, weights = np.empty((m, 0)), np.empty((d - m, 0)), np.empty(0)
     found = None
-    for degree in range(2, RIDGES.highest_degree + 1):
+    for degree in range(2, HIGHEST_DEGREE + 1):
         n_fitted = math.comb(m + degree, degree)  # monomials, the constant included
-        if n_fitted > RIDGES.most_monomials:
+        if n_fitted > MOST_MONOMIALS:
             break
-        n_points = n_fitted + max(n_fitted, RIDGES.least_points_left)
+        n_points = n_fitted + max(n_fitted, LEAST_POINTS_LEFT)
         new = rng.standard_normal((m, n_points - wide.shape[1]))
         inverse = np.tile(np.diag(variances[m:]), (new.shape[1], 1, 1))
         starts = mean + (factor[:, :m] @ new).T
@@ -408,7 +453,7 @@ def _ridge(
         bend, widths = bend_along(wide, thin, weights, degree)
         if found is None or widths.prod() < found[0].prod():
             found = widths, bend
-        if found[0].max() < RIDGES.enough:
+        if found[0].max() < MOST_WIDENING:
             break
     return None if found is None else (factor * found[0], found[1])
 

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.settings import MIXTURES, RIDGES
+from bayes_ssi.inference.sampling.settings import MIXTURES
+
+# Arguments of bends end at this multiple of a component's width: hardly a draw is further out.
+REACH = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,7 @@ class Bend:
 
     def shifts(self, w: FloatArray) -> FloatArray:
         """The polynomials (d - m, n) at w (d, n), constant beyond their reach."""
-        wide = np.clip(self.wide * w[: self.n_wide], -RIDGES.reach, RIDGES.reach)
+        wide = np.clip(self.wide * w[: self.n_wide], -REACH, REACH)
         return self.coefficients @ monomials(wide, self.degree)
 
 

@@ -21,8 +21,24 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, no_maxima, reached
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.settings import MAXIMA
 from bayes_ssi.inference.sampling.target import Target
+
+# Searches are repeated, up to this multiple of the wanted number, while a maximum with more
+# than this share of the posterior, by Laplace's approximation, was found by only one of them.
+MOST_TIMES_WANTED = 3
+LEAST_SHARE = 1e-3
+# Prior draws of one search, of 4000 of which a basin with a thousandth of the prior holds four,
+# and ascents at once from the highest local maxima among them.
+DRAWS = 4000
+ASCENTS = 40
+# Where starts are suggested, which lead to narrow basins, fewer find the wide ones.
+DRAWS_BESIDE_STARTS = 1000
+ASCENTS_BESIDE_STARTS = 10
+# A search climbs on while so many maxima, or more, are expected beyond those that it has
+# reached, but no more than so many times: of a rough posterior, each draw may be near a maximum
+# of its own.
+EXPECTED_UNSEEN = 0.5
+MOST_ROUNDS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +72,7 @@ class MultistartSearch:
 def _matter(maxima: Maxima) -> NDArray[np.bool_]:
     """Which of the maxima have more than a negligible share of the posterior, (m,)."""
     masses = maxima.log_masses
-    return np.asarray(masses - logsumexp(masses) > np.log(MAXIMA.least_share))
+    return np.asarray(masses - logsumexp(masses) > np.log(LEAST_SHARE))
 
 
 def search_maxima(
@@ -73,14 +89,14 @@ def search_maxima(
     each, of which ``n_ascents`` are climbed from at once.
     """
     alone = target.suggest_starts is None
-    n_draws = n_draws or (MAXIMA.draws if alone else MAXIMA.draws_beside_starts)
-    n_ascents = n_ascents or (MAXIMA.ascents if alone else MAXIMA.ascents_beside_starts)
+    n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
+    n_ascents = n_ascents or (ASCENTS if alone else ASCENTS_BESIDE_STARTS)
     searches: list[Maxima] = []
     if target.known_starts is not None:
         possible = np.isfinite(target.log_likelihood(target.known_starts))
         if possible.any():
             searches.append(find_maxima(target, target.known_starts[possible]))
-    seeds = seed.spawn(max(MAXIMA.most_times_wanted * n_searches, 2))
+    seeds = seed.spawn(max(MOST_TIMES_WANTED * n_searches, 2))
     for n_made, seed_of_search in enumerate(seeds, start=1):
         rng = np.random.default_rng(seed_of_search)
         searches.append(_search(target, n_draws, n_ascents, rng))
@@ -115,11 +131,11 @@ def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generat
     """
     highest, suggested = search_starts(target, n_draws, rng)
     maxima, n_climbed = no_maxima(target.n_dimensions), 0
-    for n in range(0, MAXIMA.most_rounds * n_ascents, n_ascents):
+    for n in range(0, MOST_ROUNDS * n_ascents, n_ascents):
         starts = highest[n : n + n_ascents]
         if n == 0:
             starts = np.concatenate([starts, suggested])
-        if not len(starts) or _expected_unseen(maxima, n_climbed) < MAXIMA.expected_unseen:
+        if not len(starts) or _expected_unseen(maxima, n_climbed) < EXPECTED_UNSEEN:
             break
         maxima = find_maxima(target, starts, maxima)
         n_climbed += len(starts)

@@ -16,15 +16,26 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.inference.sampling.mixture import Chart
-from bayes_ssi.inference.sampling.settings import REGIONS
 from bayes_ssi.inference.sampling.target import Target
+
+# Neighbours per draw: enough to connect the draws of one region, in a few dimensions.
+NEIGHBOURS = 8
+# Two maxima, or groups of draws, are separate where every path between them that is tried leads
+# this many nats below the lower one, at one of so many points. At an edge of where the
+# likelihood is positive there is no curvature to tell how far a maximum reaches.
+VALLEY_DEPTH = 2.0
+POINTS_BETWEEN = 3
+MOST_DRAWS = 1500
+# Pairs of draws between which two groups are tested. A group of no more draws has most of its
+# neighbours outside, and is no region of its own.
+PAIRS = 4
 
 
 def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
     """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
     from scipy.spatial import cKDTree
 
-    k = min(REGIONS.neighbours + 1, len(points))
+    k = min(NEIGHBOURS + 1, len(points))
     _, nearest = cKDTree(points).query(points, k=k)
     return np.reshape(nearest, (len(points), -1)).astype(np.intp)
 
@@ -42,7 +53,7 @@ def lowest_between(
     lower_ends: FloatArray,
 ) -> FloatArray:
     """The lowest log posterior (m,) on straight paths from ``a`` to ``b`` (m, d), ends included."""
-    n = REGIONS.points_between
+    n = POINTS_BETWEEN
     fractions = np.arange(1, n + 1)[:, None, None] / (n + 1)
     between = a + fractions * (b - a)
     inside = log_posterior(between.reshape(-1, a.shape[1])).reshape(n, -1)
@@ -100,7 +111,7 @@ def find_regions(
     def log_posterior(z: FloatArray) -> FloatArray:
         return target.log_posterior(z if chart is None else chart.curved(z))
 
-    chosen = evenly_spaced_indices(len(draws), REGIONS.most_draws)
+    chosen = evenly_spaced_indices(len(draws), MOST_DRAWS)
     draws = draws[chosen] if chart is None else chart.straight(draws[chosen])
     paths = _Paths(log_posterior, draws, log_posteriors[chosen])
     whitened = draws @ _local_whitening(draws)
@@ -134,7 +145,7 @@ class _Paths:
 def _local_whitening(draws: FloatArray) -> FloatArray:
     """(d, d): differences between neighbouring draws, times it, have a unit covariance."""
     whitening = _whitening(draws - draws.mean(axis=0))
-    if len(draws) > REGIONS.neighbours:
+    if len(draws) > NEIGHBOURS:
         for _ in range(3):
             nearest = nearest_neighbours(draws @ whitening)
             differences = draws[nearest[:, 1:]] - draws[:, None]
@@ -159,7 +170,7 @@ def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
     leads_to = nearest[np.arange(n), rank[nearest].argmax(axis=1)]
     higher = np.flatnonzero(rank[leads_to] > rank)
     lowest = paths.lowest(higher, leads_to[higher])
-    led = higher[lowest > paths.log_posteriors[higher] - REGIONS.valley_depth]
+    led = higher[lowest > paths.log_posteriors[higher] - VALLEY_DEPTH]
     leads_to = np.arange(n)
     leads_to[led] = nearest[led, rank[nearest[led]].argmax(axis=1)]
     while True:
@@ -183,7 +194,7 @@ def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) ->
     typical = np.array([np.median(heights[groups == group]) for group in range(groups.max() + 1)])
     for pair in np.argsort(-levels, kind="stable"):
         a, b = groups[pairs[pair]]
-        if a != b and levels[pair] > min(typical[a], typical[b]) - REGIONS.valley_depth:
+        if a != b and levels[pair] > min(typical[a], typical[b]) - VALLEY_DEPTH:
             groups[groups == b] = a
             typical[a] = np.median(heights[groups == a])
     return _numbered(groups)
@@ -210,7 +221,7 @@ def _neighbouring_pairs(
     for i, j in pairs[order].tolist():
         a, b = sorted((int(groups[i]), int(groups[j])))
         between = kept.setdefault((a, b), [[highest[a], highest[b]]])
-        if len(between) <= REGIONS.pairs:
+        if len(between) <= PAIRS:
             between.append([i, j])
     return np.array(list(chain.from_iterable(kept.values())), dtype=np.intp).reshape(-1, 2)
 
@@ -219,7 +230,7 @@ def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDA
     """Groups (n,) after merging those with too few draws into the nearest other group."""
     from scipy.spatial import cKDTree
 
-    large = np.bincount(groups)[groups] >= min(REGIONS.pairs + 1, np.bincount(groups).max())
+    large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())
     _, nearest = cKDTree(whitened[large]).query(whitened[~large])
     kept = groups.copy()
     kept[~large] = groups[large][np.asarray(nearest, dtype=np.intp)]
@@ -239,7 +250,7 @@ def _between_groups(
         tree = cKDTree(whitened[second])
         for i, first in enumerate(members[:j]):
             distances, nearest = (np.asarray(part) for part in tree.query(whitened[first]))
-            closest = np.argsort(distances, kind="stable")[: REGIONS.pairs]
+            closest = np.argsort(distances, kind="stable")[:PAIRS]
             pairs.extend([int(first[c]), int(second[nearest[c]])] for c in closest)
             pairs.append([highest[i], highest[j]])
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)

@@ -12,14 +12,29 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.compression import Compression
-from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
+from bayes_ssi.inference.sampling.diagnostics import STANDARD_ERRORS, Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble
 from bayes_ssi.inference.sampling.importance import ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
-from bayes_ssi.inference.sampling.regions import Regions
-from bayes_ssi.inference.sampling.settings import CHECKS, IMPORTANCE, REGIONS, SamplingSettings
+from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions
+from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings
 from bayes_ssi.inference.sampling.target import FARTHEST, log_standard_normal
+
+# Vehtari et al. (2021) ask for it.
+LEAST_EFFECTIVE_SAMPLE_SIZE = 400
+ERROR_OVER_WANTED = 1.5  # the wanted error counts as reached up to this multiple of it
+# Importance draws may miss a share of the posterior up to this multiple of the evidence's
+# error: the evidence is too low by that share, and two standard errors are no surprise.
+MISSED_OVER_ERROR = 2.0
+# A region with less of the posterior than this need not be found by every part of the sampling.
+SMALL_SHARE = 0.02
+# Nor need one whose part of the prior had, on average, so many of the draws of each search: it
+# was seen, but led to a higher neighbour.
+DRAWS_THAT_SEE = 5.0
+# An evidence that rests on one value of the likelihood, which more than this share of the prior
+# has, says nothing.
+FLAT_SHARE = 0.9999
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +88,7 @@ class SamplingResult:
         levels = sample.log_likelihoods
         bulk = np.zeros(self.regions.n_regions)
         for region in np.unique(groups[typical]):
-            lowest = np.median(levels[typical & (groups == region)]) - REGIONS.valley_depth
+            lowest = np.median(levels[typical & (groups == region)]) - VALLEY_DEPTH
             bulk[region] = masses[(groups == region) & (levels >= lowest)].sum()
         return bulk
 
@@ -92,7 +107,7 @@ class SamplingResult:
 
 def _chains(sampled: SamplingResult) -> Iterator[str]:
     chains, limit = sampled.chains, sampled.settings.r_hat
-    least = CHECKS.least_effective_sample_size
+    least = LEAST_EFFECTIVE_SAMPLE_SIZE
     if not chains.r_hat <= limit:
         yield (
             f"the chains differ: R-hat is {chains.r_hat:.3f}, above {limit:g}, after "
@@ -108,7 +123,7 @@ def _chains(sampled: SamplingResult) -> Iterator[str]:
 def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
     error, draws = sampled.evidence.error, sampled.importance
     # It is at least the largest share of the evidence that one importance draw carries.
-    if error > CHECKS.error_over_wanted * sampled.settings.log_evidence_error:
+    if error > ERROR_OVER_WANTED * sampled.settings.log_evidence_error:
         yield (
             f"the standard error of the log evidence is {error:.3f} after {len(draws.z)} "
             f"importance draws; {sampled.settings.log_evidence_error:g} was wanted"
@@ -119,7 +134,7 @@ def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
             f"above {IMPORTANCE.pareto_k_limit}"
         )
     missed = draws.share_beyond((*sampled.ensembles, *sampled.compressions))
-    if missed > CHECKS.missed_over_error * error:
+    if missed > MISSED_OVER_ERROR * error:
         yield (
             f"the importance draws may miss {100 * missed:.1f} % of the posterior: draws of the "
             "chains or particles weigh more than the heaviest of them"
@@ -143,10 +158,10 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
         return
     n_searches = sampled.searches_of_regions
     n_draws = sampled.search.n_draws / sampled.search.n_searches
-    seen = sampled.prior_masses_of_regions * n_draws >= CHECKS.draws_that_see
+    seen = sampled.prior_masses_of_regions * n_draws >= DRAWS_THAT_SEE
     shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
     shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.ensembles]))
-    for region in np.flatnonzero(region_shares > CHECKS.small_share):
+    for region in np.flatnonzero(region_shares > SMALL_SHARE):
         name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
         if n_searches[region] < 2 and not seen[region]:
             yield (
@@ -167,7 +182,7 @@ def _reach(sampled: SamplingResult) -> Iterator[str]:
     """A posterior so far from the prior that coordinates may have cut it off."""
     z = sampled.importance.z
     share = float(sampled.importance.weights @ (np.abs(z).max(axis=1) > FARTHEST - 1.0))
-    if share > CHECKS.small_share:
+    if share > SMALL_SHARE:
         yield (
             f"{100 * share:.0f} % of the posterior is {FARTHEST - 1.0:g} prior standard deviations "
             "or more from the prior's median, where what is farther is left out: does a prior "
@@ -189,9 +204,9 @@ def _influence(sampled: SamplingResult) -> Iterator[str]:
     heaviest = values[(masses * possible).argmax()]
     alike = np.isclose(values, heaviest, 1e-9, 1e-9)
     mass, beyond = masses @ alike, float(draws.weights @ ~alike)  # of the prior, of the posterior
-    if mass < CHECKS.flat_share * (masses @ possible) or mass < 0.5 * masses.sum():
+    if mass < FLAT_SHARE * (masses @ possible) or mass < 0.5 * masses.sum():
         return
-    if beyond <= CHECKS.standard_errors * sampled.evidence.error:
+    if beyond <= STANDARD_ERRORS * sampled.evidence.error:
         yield (
             f"the log-likelihood is {heaviest:.6g} wherever it was evaluated: either no "
             "parameter has an influence on it, or this is a floor at which small likelihoods are "
