@@ -18,7 +18,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.identification_settings import IDENTIFICATION
+from bayes_ssi.measurements.records.modal_identification import SHORTEST_DECAYS
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
 from bayes_ssi.report.tables.layout import number
@@ -118,7 +118,7 @@ def page_content(
         "tests": stored.tests,
         "several": len(stored.tests) > 1,
         "identifications": _identifications(stored.tests, classes),
-        "shortest": IDENTIFICATION.shortest_decays,
+        "shortest": SHORTEST_DECAYS,
         "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),
         "checks": ranked,

@@ -21,24 +21,16 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.weighted_shapes import Merged, PartOfTest, weighted_least_squares
 from bayes_ssi.structures.modal import mac_of_pairs
 
+# Two estimates of a mode at the edge of a band, on either side of it, are hardly farther from
+# it than this, in standard deviations.
+EDGE_SDS = 3.0
+DISAGREEMENT_P = 0.01  # tests that agree are said to disagree one time in a hundred
+# About the width of a peak where the damping is 1 %, within which its frequency is read off a
+# spectrum: a mode so close to one that was not identified is that mode.
+PEAK_WIDTH = 0.02
+
 # Name of a test → its mode.
 Group = dict[str, IdentifiedMode]
-
-
-@dataclass(frozen=True)
-class MergingSettings:
-    """When modes of two tests are one, and when tests disagree."""
-
-    # Two estimates of a mode at the edge of a band, on either side of it, are hardly farther from
-    # it than this, in standard deviations.
-    edge_sds: float = 3.0
-    disagreement_p: float = 0.01  # tests that agree are said to disagree one time in a hundred
-    # About the width of a peak where the damping is 1 %, within which its frequency is read off a
-    # spectrum: a mode so close to one that was not identified is that mode.
-    peak_width: float = 0.02
-
-
-MERGING = MergingSettings()
 
 
 @dataclass(frozen=True)
@@ -256,7 +248,7 @@ class _Merging:
                 missing = tuple(
                     (hz, reason)
                     for hz, reason in summary.not_identified
-                    if not any(abs(hz / other - 1.0) < MERGING.peak_width for other in found)
+                    if not any(abs(hz / other - 1.0) < PEAK_WIDTH for other in found)
                 )
                 yield replace(summary, not_identified=missing)
 
@@ -304,7 +296,7 @@ def _mean_log_frequency(group: Group) -> float:
 
 def _may_be_in(mode: IdentifiedMode, test: ModalData) -> bool:
     """Whether a mode lies in a test's band, or so close to it that an estimate from there may."""
-    error = MERGING.edge_sds * (mode.frequency_cov or 0.0)
+    error = EDGE_SDS * (mode.frequency_cov or 0.0)
     low, high = test.band_hz
     return low * (1.0 - error) <= mode.frequency_hz <= high * (1.0 + error)
 
@@ -352,7 +344,7 @@ def _failed(modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]) -> It
         if scatter is not None
     ]
     for mode, what, scatter in scatters:
-        if scatter.p_value < MERGING.disagreement_p / len(scatters):
+        if scatter.p_value < DISAGREEMENT_P / len(scatters):
             yield (
                 f"mode {mode.label!r} at {mode.frequency_hz:.4g} Hz: the tests' {what} scatter by "
                 f"{scatter.ratio:.1f} times their errors (p = {scatter.p_value:.1g})"

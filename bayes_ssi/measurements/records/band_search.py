@@ -20,11 +20,33 @@ from bayes_ssi.measurements.records.explained_band import (
     with_others,
     without_needless,
 )
-from bayes_ssi.measurements.records.identification_settings import BANDS, FIT
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.local_model import BandSpectra, band_spectra
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import Resonances, Transforms, local_spectra
+
+# Reach beyond the modes: bandwidths, but no farther than a share of the frequency or fewer
+# bandwidths, and no less than a smaller share or so many lines.
+REACH_BANDWIDTHS = 7.0
+WIDEST_SHARE = 0.12
+LEAST_BANDWIDTHS = 2.5
+NARROWEST_SHARE = 0.05
+FEWEST_LINES_OF_REACH = 40
+LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
+UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
+MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
+SHARED_BAND = 1.25  # times the sum of bandwidths: modes that are closer share a band
+# Dampings of candidates may be far off, most of all below a share of the median of all: modes
+# are grouped, and bands made, as for dampings within these.
+DAMPINGS_OF_GROUPS = (0.004, 0.04)
+DAMPINGS_OF_REACH = (0.01, 0.04)
+LEAST_SHARE_OF_MEDIAN_DAMPING = 0.7
+BLOCK_OVER_DAMPING = 0.25  # width of blocks of lines
+MOST_DAMPING_OF_BLOCKS = 0.03
+SPARE_DIRECTIONS = 2  # besides those of modes and neighbours
+MOST_DIRECTIONS = 6  # unless there are more modes
+LINES_OF_A_DIRECTION = 10.0  # at least
 
 
 class Group(NamedTuple):
@@ -79,8 +101,8 @@ def explain(
     modes = _modes_of(bands, len(transforms.values))
     bands = _all_explained(_bands(transforms, modes, band_hz), one_source, found, fixed)
     modes = _modes_of(bands, len(transforms.values))
-    wide = groups_of(transforms, modes, band_hz, BANDS.least_bandwidths_of_known_modes)
-    narrow = groups_of(transforms, modes, band_hz, share=BANDS.unexplained_reach)
+    wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
+    narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
         _of_other_reach(transforms, band, wide if band.doubt is None else narrow, modes)
         for band in bands
@@ -132,7 +154,7 @@ def _of_other_reach(
         np.log(fit.modes.dampings / band.fit.modes.dampings),
     )
     sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * len(f)])
-    is_same = bool((np.abs(np.concatenate(moves)) < BANDS.most_sds_by_reach * sds).all())
+    is_same = bool((np.abs(np.concatenate(moves)) < MOST_SDS_BY_REACH * sds).all())
     other = replace(band, fit=fit)
     return other if is_same and fit.are_modes.all() and other.doubt is None else band
 
@@ -224,7 +246,7 @@ def groups_of(
     transforms: Transforms,
     modes: Resonances,
     band_hz: tuple[float, float],
-    least_bandwidths: float = BANDS.least_bandwidths,
+    least_bandwidths: float = LEAST_BANDWIDTHS,
     share: float = 1.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""
@@ -232,18 +254,18 @@ def groups_of(
         return []
     f = modes.frequencies_hz
     order = np.argsort(f, kind="stable")
-    least = BANDS.least_share_of_median_damping * float(np.median(modes.dampings))
-    widths = 2.0 * np.maximum(modes.dampings, least).clip(*BANDS.dampings_of_groups) * f
+    least = LEAST_SHARE_OF_MEDIAN_DAMPING * float(np.median(modes.dampings))
+    widths = 2.0 * np.maximum(modes.dampings, least).clip(*DAMPINGS_OF_GROUPS) * f
     gaps = np.diff(f[order])
     sums = widths[order][1:] + widths[order][:-1]
-    ends = np.flatnonzero(gaps >= BANDS.shared_band * sums) + 1
+    ends = np.flatnonzero(gaps >= SHARED_BAND * sums) + 1
     members = [part.tolist() for part in np.split(order, ends)]
-    usual = 2.0 * modes.dampings.clip(*BANDS.dampings_of_reach) * f
+    usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = np.minimum(
-        BANDS.reach_bandwidths * usual,
-        np.maximum(BANDS.widest_share * f, least_bandwidths * usual),
+        REACH_BANDWIDTHS * usual,
+        np.maximum(WIDEST_SHARE * f, least_bandwidths * usual),
     )
-    least_reach = np.maximum(BANDS.narrowest_share * f, BANDS.fewest_lines * transforms.line_hz)
+    least_reach = np.maximum(NARROWEST_SHARE * f, FEWEST_LINES_OF_REACH * transforms.line_hz)
     reach = np.maximum(share * reach, least_reach)
     lowest, highest = transforms.band_hz
     groups = []
@@ -270,19 +292,19 @@ def _between(modes: Resonances, i: int, j: int) -> float:
 def spectra_of_group(transforms: Transforms, group: Group, known: Resonances) -> BandSpectra | None:
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
     neighbours = _neighbours(group, known)
-    damping = min(float(np.median(group.modes.dampings)), BANDS.most_damping_of_blocks)
+    damping = min(float(np.median(group.modes.dampings)), MOST_DAMPING_OF_BLOCKS)
     try:
-        spectra = transforms.spectra(group.low, group.high, BANDS.block_over_damping * damping)
+        spectra = transforms.spectra(group.low, group.high, BLOCK_OVER_DAMPING * damping)
     except ValueError:
         return None
     n_lines = spectra.weights.sum()
-    if n_lines < BANDS.lines_of_a_direction:
+    if n_lines < LINES_OF_A_DIRECTION:
         return None
     m = group.modes.n_modes
     n_directions = min(
-        m + neighbours.n_modes + BANDS.spare_directions,
-        max(BANDS.most_directions, m + BANDS.spare_directions),
-        max(2, int(n_lines / BANDS.lines_of_a_direction)),
+        m + neighbours.n_modes + SPARE_DIRECTIONS,
+        max(MOST_DIRECTIONS, m + SPARE_DIRECTIONS),
+        max(2, int(n_lines / LINES_OF_A_DIRECTION)),
     )
     data = local_spectra(spectra, n_directions)
     return band_spectra(data, neighbours.in_directions(data))

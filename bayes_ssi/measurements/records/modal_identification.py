@@ -19,7 +19,7 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
-from bayes_ssi.measurements.records.identification_settings import FIT, IDENTIFICATION
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_checks import (
@@ -30,6 +30,18 @@ from bayes_ssi.measurements.records.record_checks import (
     without_lines,
 )
 from bayes_ssi.measurements.records.spectra import Resonances, Spectra, Transforms, transforms_of
+
+SEARCH_FACTOR = 1.6  # by which the search goes beyond its band, for the modes next to it
+FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
+# ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of
+# a resonance is that of its few lines.
+SHORTEST_DECAYS = 1.0
+MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not steady
+SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
+GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
+GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
+MOST_DELAY_SEARCHES = 3  # delays are sought again where shapes still have phases
+FEWEST_MODES_OF_DELAYS = 2  # the phases of one could be its own
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -81,8 +93,7 @@ class ModalIdentification(Displayed, IdentificationSummary):
 
 METHOD = "Bayesian FFT"
 FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
-# Of modes that a record is too short for.
-UNKNOWN = dict.fromkeys(FIELDS[2:])
+UNKNOWN = dict.fromkeys(FIELDS[2:])  # of modes that a record is too short for
 
 
 @checked
@@ -111,7 +122,7 @@ def identify(
     band, at = record.checked_band(band_hz), tuple(at)
     remarks: list[str] = []
     doubts: list[str] = []
-    factor, fewest = IDENTIFICATION.search_factor, IDENTIFICATION.fewest_lines
+    factor, fewest = SEARCH_FACTOR, FEWEST_LINES
     lowest = max(band[0] / factor, min(band[0], fewest / record.duration_s))
     highest = min(band[1] * factor, max(band[1], 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
@@ -122,7 +133,7 @@ def identify(
     part = Stationary()  # where what drives the structure is measured, all of a record is used
     if driven_by is None:
         part = stationary_part(still.samples, still.rate_hz, reach)
-    if part.varies > IDENTIFICATION.most_variation:
+    if part.varies > MOST_VARIATION:
         doubts.append(
             f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "
             "depend on amplitude, and loads are not stationary, as the spectral model takes them "
@@ -170,7 +181,7 @@ def _on_time(
     """Bands, delays of the sensors where they explain the spectra, and the spectrum without."""
     bands = explain(transforms, found, band, fixed, is_driven)
     late = np.zeros(len(transforms.values))
-    for _ in range(IDENTIFICATION.most_delay_searches):
+    for _ in range(MOST_DELAY_SEARCHES):
         more = _delays(bands)
         if more is None:
             break
@@ -179,14 +190,14 @@ def _on_time(
         if _nats_of_phases(again) >= _nats_of_phases(bands):
             break
         bands, late = again, late + more
-    return bands, late, transforms.spectra(*band, IDENTIFICATION.shown_width)
+    return bands, late, transforms.spectra(*band, SHOWN_WIDTH)
 
 
 def _delays(bands: Sequence[Explained]) -> FloatArray | None:
     """Delays (n,) in s that the phases of modes have in common; None where few have phases."""
     with_phases = [band for band in bands if band.fit.has_phases and band.is_wanted]
     squares = [square for band in with_phases for square in band.modes.shapes.T**2]
-    if len(squares) < IDENTIFICATION.fewest_modes_of_delays:
+    if len(squares) < FEWEST_MODES_OF_DELAYS:
         return None
     hz = np.concatenate([band.modes.frequencies_hz for band in with_phases])
     return common_delays(np.array(squares), 2.0 * np.pi * hz[:, None], 2001, 20)[0]
@@ -210,11 +221,11 @@ def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str
     if len(named) != 1 or len(record.sensors) < 3:
         return ""
     place = record.sensors.index(named[0])
-    matrices = transforms_of(record, band).spectra(*band, IDENTIFICATION.ground_width).matrices
+    matrices = transforms_of(record, band).spectra(*band, GROUND_WIDTH).matrices
     powers = np.einsum("kii->ki", matrices).real.clip(np.finfo(float).tiny)
     coherences = np.abs(matrices[:, place]) ** 2 / powers / powers[:, [place]]
     followed = float(np.median(np.delete(coherences, place, axis=1)))
-    if followed > IDENTIFICATION.ground_coherence:
+    if followed > GROUND_COHERENCE:
         remarks.append(
             f"sensor {named[0]!r} is taken for the motion of the base, which the others follow "
             f"(coherence {followed:.2f}); give another as ground, or none"
@@ -309,7 +320,7 @@ def _result(
     quoted, peaks = _quoted(record, band, kept, ground)
     dampings = np.array([mode.damping for mode in quoted.modes])
     decays = dampings * quoted.frequencies_hz * record.duration_s
-    too_short = np.flatnonzero(decays < IDENTIFICATION.shortest_decays).tolist()
+    too_short = np.flatnonzero(decays < SHORTEST_DECAYS).tolist()
     worst = max((each for each in bands if each.is_wanted), key=lambda each: each.excess).fit
     loads = "one process" if worst.one_source else "independent loads"
     return ModalIdentification(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import CANDIDATES, FIT
+from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.spectra import (
     Resonances,
     Spectra,
@@ -23,6 +23,22 @@ from bayes_ssi.measurements.records.spectra import (
     block_hankel,
     noise_scales,
 )
+
+SECTION_FACTOR = 2.0  # from the lowest to the highest frequency of a section
+FLANK_FACTOR = 1.25  # by which a section's data reach farther
+MOST_DIRECTIONS = 8  # of most motion, in Hankel matrices
+BLOCK_ROWS = 24  # of Hankel matrices
+HIGHEST_ORDER = 24
+SAME_LOG_FREQUENCY = 0.015  # poles of two orders are one mode within this
+SAME_SHAPE_MAC = 0.8  # and above this
+LEAST_SHARE_OF_ORDERS = 0.3  # from which a pole may be a mode
+PEAK_DB = 3.0  # by which peaks stand out
+PEAK_SDS = 2.5  # standard deviations of the spectrum by which they do
+CLEAR_PEAK_DB = 6.0  # those whose mode is not left out
+CLEAR_PEAK_SDS = 4.5
+BLOCK_WIDTH = 0.006  # of the blocks of lines for peaks
+FEWEST_BLOCK_LINES = (8, 4)  # for wide and for narrow peaks
+DAMPINGS_AT_PEAKS = (0.004, 0.06)  # of poles at peaks, as of structures
 
 
 class Prominence(NamedTuple):
@@ -60,7 +76,7 @@ class Candidates(NamedTuple):
 def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candidates:
     """Candidates of a range, section by section."""
     n = len(transforms.values)
-    n_sections = max(1, round(math.log(high_hz / low_hz) / math.log(CANDIDATES.section_factor)))
+    n_sections = max(1, round(math.log(high_hz / low_hz) / math.log(SECTION_FACTOR)))
     edges = np.geomspace(low_hz, high_hz, n_sections + 1)
     peaks: list[Prominence] = []
     of_peaks, others, shares = Resonances.none(n), Resonances.none(n), np.empty(0)
@@ -78,7 +94,7 @@ def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candida
                 best = int(np.where(near, shares_of_poles * np.exp(-(apart**2)), -1.0).argmax())
                 free[best] = False
                 pole = poles.at([best])
-                pole = pole._replace(dampings=pole.dampings.clip(*CANDIDATES.dampings))
+                pole = pole._replace(dampings=pole.dampings.clip(*DAMPINGS_AT_PEAKS))
             else:
                 damping = np.array([FIT.damping / 1.5])
                 pole = Resonances(np.array([peak.frequency_hz]), damping, vector[:, None])
@@ -95,24 +111,24 @@ class _Section:
     def __init__(self, transforms: Transforms, low: float, high: float) -> None:
         self.transforms, self.low, self.high = transforms, low, high
         first, last = transforms.band_hz
-        self.from_hz = max(first, low / CANDIDATES.flank_factor)
-        self.to_hz = min(last, high * CANDIDATES.flank_factor)
-        spectra = self._spectra(CANDIDATES.fewest_block_lines[0], math.sqrt(low * high))
+        self.from_hz = max(first, low / FLANK_FACTOR)
+        self.to_hz = min(last, high * FLANK_FACTOR)
+        spectra = self._spectra(FEWEST_BLOCK_LINES[0], math.sqrt(low * high))
         self.scales = noise_scales(spectra)
         scaled = spectra.matrices / self.scales / self.scales[:, None]
         mean = np.einsum("k,kij->ij", spectra.weights, scaled.real)
         vectors = np.linalg.eigh(mean)[1][:, ::-1]
-        self.leading = vectors[:, : CANDIDATES.most_directions]
+        self.leading = vectors[:, :MOST_DIRECTIONS]
 
     def _spectra(self, n_lines: int, frequency_hz: float) -> Spectra:
         """In blocks of so many lines at least at a frequency."""
-        width = max(CANDIDATES.block_width, n_lines * self.transforms.line_hz / frequency_hz)
+        width = max(BLOCK_WIDTH, n_lines * self.transforms.line_hz / frequency_hz)
         return self.transforms.spectra(self.from_hz, self.to_hz, width)
 
     def peaks(self) -> list[tuple[Prominence, ComplexArray]]:
         """Peaks, and their singular vectors in channels."""
         found: list[tuple[Prominence, ComplexArray]] = []
-        for n_lines in CANDIDATES.fewest_block_lines:
+        for n_lines in FEWEST_BLOCK_LINES:
             spectra = self._spectra(n_lines, self.low)
             powers = np.einsum("k,kii->i", spectra.weights, spectra.matrices).real
             for scales in (self.scales, np.sqrt((powers / powers.mean()).clip(1e-12))):
@@ -137,13 +153,13 @@ class _Section:
 
         values, vectors = np.linalg.eigh(spectra.matrices / scales / scales[:, None])
         levels = 10.0 * np.log10(np.maximum(values[:, -1], np.finfo(float).tiny))
-        tops, properties = find_peaks(levels, prominence=CANDIDATES.peak_db)
+        tops, properties = find_peaks(levels, prominence=PEAK_DB)
         for top, db in zip(tops, properties["prominences"].tolist(), strict=True):
             f = float(spectra.frequencies_hz[top])
             sds = db / (4.34 * math.sqrt(2.0 / spectra.weights[top]))
-            if sds < CANDIDATES.peak_sds or not self.low <= f < self.high:
+            if sds < PEAK_SDS or not self.low <= f < self.high:
                 continue
-            clear = db > CANDIDATES.clear_peak_db and sds > CANDIDATES.clear_peak_sds
+            clear = db > CLEAR_PEAK_DB and sds > CLEAR_PEAK_SDS
             shape = scales * vectors[top, :, -1]
             peak = Prominence(f, float(spectra.widths_hz[top]), db, bool(clear))
             yield peak, shape / np.linalg.norm(shape)
@@ -161,7 +177,7 @@ class _Section:
         for label in range(1, labels.max() + 1):
             members = np.flatnonzero(labels == label)
             share = len(members) / len(found)
-            if share >= CANDIDATES.least_share_of_orders:
+            if share >= LEAST_SHARE_OF_ORDERS:
                 middle = np.abs(zeta[members] - np.median(zeta[members])).argmin()
                 chosen.append(int(members[middle]))
                 shares.append(share)
@@ -176,9 +192,9 @@ class _Section:
         from scipy.linalg import svd
 
         correlations, step_s, start_hz = self._correlations()
-        n_rows = min(CANDIDATES.block_rows, (len(correlations) - 2) // 3)
+        n_rows = min(BLOCK_ROWS, (len(correlations) - 2) // 3)
         left, values, right = svd(block_hankel(correlations[1:], n_rows), check_finite=False)
-        highest = min(CANDIDATES.highest_order, int((values > 1e-10 * values[0]).sum()))
+        highest = min(HIGHEST_ORDER, int((values > 1e-10 * values[0]).sum()))
         root = np.sqrt(values[:highest])
         left, right = left[:, :highest], right[:highest].conj().T
         next_lag = block_hankel(correlations[2:], n_rows)
@@ -225,9 +241,9 @@ def _clusters(f: FloatArray, shapes: ComplexArray, orders: NDArray[np.int_]) -> 
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
-    distances = np.abs(np.log(f[:, None] / f)) / CANDIDATES.same_log_frequency
+    distances = np.abs(np.log(f[:, None] / f)) / SAME_LOG_FREQUENCY
     differences = (1.0 - np.abs(shapes.conj().T @ shapes) ** 2).clip(0.0)
-    distances += differences / (1.0 - CANDIDATES.same_shape_mac)
+    distances += differences / (1.0 - SAME_SHAPE_MAC)
     distances[np.equal.outer(orders, orders)] += 10.0
     np.fill_diagonal(distances, 0.0)
     linked = linkage(squareform(distances, checks=False), "average")

@@ -42,11 +42,22 @@ from bayes_ssi.measurements.records.identification_settings import (
     BAYESIAN_FFT,
     FIT,
     METHOD_NAMES,
-    METHODS,
 )
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.spectra import Resonances, block_hankel, real_shapes
 from bayes_ssi.structures.modal import mac
+
+CORRELATION_PERIODS = 3.0  # of the lowest frequency: lags of NExT-ERA and SSI-cov
+MOST_SEGMENTS = 20  # of NExT-ERA's jackknife
+FEWEST_SEGMENTS = 8
+MOST_DIRECTIONS = 8  # of the most motion, in its Hankel matrices
+HIGHEST_ORDER = 40
+SAME_LOG_FREQUENCY = 0.05  # poles of a record and a part are one mode within this
+SAME_SHAPE_MAC = 0.8  # and above this
+SUBSPACE_SEGMENTS = 50  # for SSI-cov's covariances, as pyOMA2 chooses
+FDD_PERIODS = 50.0  # of a window, which resolves a fiftieth of the lowest frequency
+TFIE_PERIODS = 20.0  # long enough to tell modes apart, and short for many instants
+
 
 Band = tuple[float, float]
 
@@ -82,7 +93,7 @@ def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
 
     without = [realised((total - part) / (n_segments - 1)) for part in sums]
     whole = realised(sums.mean(0))
-    highest = min(METHODS.highest_order, sums.shape[1] // 2 * directions.shape[1])
+    highest = min(HIGHEST_ORDER, sums.shape[1] // 2 * directions.shape[1])
     for order in range(2 * near.n_modes, highest + 1, 2):
         center = _matched(whole(order), near)
         if center is None:
@@ -124,10 +135,10 @@ def correlations(record: Record, band_hz: Band) -> tuple[FloatArray, FloatArray,
 
     low, high = record.checked_band(band_hz)
     slow = record.decimated_to(high).detrended()
-    n_lags = 2 * max(2, round(METHODS.correlation_periods * slow.rate_hz / low))
-    n_segments = min(METHODS.most_segments, slow.n_samples // (2 * n_lags))
-    if n_segments < METHODS.fewest_segments:
-        needed = METHODS.fewest_segments * 2 * n_lags / slow.rate_hz
+    n_lags = 2 * max(2, round(CORRELATION_PERIODS * slow.rate_hz / low))
+    n_segments = min(MOST_SEGMENTS, slow.n_samples // (2 * n_lags))
+    if n_segments < FEWEST_SEGMENTS:
+        needed = FEWEST_SEGMENTS * 2 * n_lags / slow.rate_hz
         raise ValueError(
             f"NExT-ERA: the record lasts {record.duration_s:g} s, but standard deviations from "
             f"{low:g} Hz on need {needed:.0f} s or more"
@@ -136,7 +147,7 @@ def correlations(record: Record, band_hz: Band) -> tuple[FloatArray, FloatArray,
     n = len(slow.sensors)
     samples = slow.samples
     _, vectors = np.linalg.eigh(samples @ samples.T)
-    directions = vectors[:, ::-1][:, : min(n, METHODS.most_directions)]
+    directions = vectors[:, ::-1][:, : min(n, MOST_DIRECTIONS)]
     n_padded = next_fast_len(length + n_lags, real=True)
     sums = np.empty((n_segments, n_lags, n, directions.shape[1]))
     pairs = length - np.arange(1, n_lags + 1)
@@ -158,7 +169,7 @@ def _modes_by_order(
     blocks = np.einsum("sr,lsq->lrq", directions, part)
     half = len(blocks) // 2
     left, values, right = svd(block_hankel(blocks, half), check_finite=False)
-    left, right = left[:, : METHODS.highest_order], right[: METHODS.highest_order].T
+    left, right = left[:, :HIGHEST_ORDER], right[:HIGHEST_ORDER].T
     # The first block row of H0 for all sensors, times V; Uᵀ H1 V.
     first_row = part[:half].transpose(1, 0, 2).reshape(part.shape[1], -1) @ right
     shifted = left.T @ block_hankel(blocks[1:], half) @ right
@@ -186,9 +197,7 @@ def _matched(candidates: Resonances, modes: Resonances) -> Resonances | None:
         return None
     apart = np.abs(np.log(candidates.frequencies_hz[:, None] / modes.frequencies_hz))
     alike = mac(candidates.shapes, modes.shapes)
-    apart = np.where(
-        (apart < METHODS.same_log_frequency) & (alike > METHODS.same_shape_mac), apart, np.inf
-    )
+    apart = np.where((apart < SAME_LOG_FREQUENCY) & (alike > SAME_SHAPE_MAC), apart, np.inf)
     chosen = apart.argmin(0)
     if np.isinf(apart.min(0)).any() or len(set(chosen.tolist())) < len(chosen):
         return None
@@ -208,8 +217,8 @@ def ssi_cov(record: Record, band_hz: Band, near: Resonances) -> ModalData:
         from pyoma2.functions import ssi
     low, high = record.checked_band(band_hz)
     slow = record.decimated_to(high)
-    half = round(0.5 * METHODS.correlation_periods * slow.rate_hz / low)
-    order, n_segments = 2 * near.n_modes, METHODS.subspace_segments
+    half = round(0.5 * CORRELATION_PERIODS * slow.rate_hz / low)
+    order, n_segments = 2 * near.n_modes, SUBSPACE_SEGMENTS
     samples = np.array(slow.samples)
     logging.getLogger("pyoma2").setLevel(logging.WARNING)
     with redirect_stderr(StringIO()):  # bars of progress
@@ -222,7 +231,7 @@ def ssi_cov(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     chosen = []
     for frequency in near.frequencies_hz:
         apart = np.abs(of_order / frequency - 1.0)
-        if not np.nanmin(apart, initial=np.inf) < METHODS.same_log_frequency:
+        if not np.nanmin(apart, initial=np.inf) < SAME_LOG_FREQUENCY:
             raise ValueError(f"SSI-cov: order {order} shows no mode at {frequency:.4g} Hz")
         chosen.append(int(np.nanargmin(apart)))
     found = of_order[chosen]
@@ -239,7 +248,7 @@ def ssi_cov(record: Record, band_hz: Band, near: Resonances) -> ModalData:
 
 def fdd(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     """The peaks of the first singular value nearest uphill of some modes."""
-    frequencies, transforms = _short_time_spectra(record, band_hz, METHODS.fdd_periods)
+    frequencies, transforms = _short_time_spectra(record, band_hz, FDD_PERIODS)
     matrices = np.einsum("ift,jft->fij", transforms, transforms.conj()) / transforms.shape[2]
     values, vectors = np.linalg.eigh(matrices)
     lines = _peaks_of(values[:, -1], frequencies, near.frequencies_hz)
@@ -249,7 +258,7 @@ def fdd(record: Record, band_hz: Band, near: Resonances) -> ModalData:
 
 def tfie(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     """The frequencies of least phase dispersion nearest uphill of some modes."""
-    frequencies, transforms = _short_time_spectra(record, band_hz, METHODS.tfie_periods)
+    frequencies, transforms = _short_time_spectra(record, band_hz, TFIE_PERIODS)
     n = len(transforms)
     # Mean cosine of twice the phase differences of all pairs over time: 1 where all phases stay at
     # 0 or 180 degrees, 0 where they are anywhere. Products of pairs of channels with twice their

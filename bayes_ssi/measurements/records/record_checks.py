@@ -27,10 +27,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import CHECKS
 
-# Lines to either side over which a Hann window spreads a sine.
-HANN_SPREAD = 2
+STRAIGHT_SAMPLES = 10  # for which no sensor in motion is on one value or straight line
+DRIFT_PARTS = 20  # whose means are compared
+DRIFT_SCATTER = 0.5  # of these means, over that of the samples
+WINDOWS = 40  # in which coherence and phases are judged
+LONGEST_WINDOW = 4096  # samples
+RECORDS_PER_COHERENT_NOISE = 1e3  # in one of which noise is coherent by chance
+NAMED_LINES = 3  # of machines
+PEAK_POWER = 4.0  # over what is beside a peak where phases are judged
+LEAST_PEAK_POWER = 1e-3  # over that of the highest peak
+SHARE_OF_ONE_MODE = 0.8  # of the power, by the first singular value
+FEWEST_PEAKS = 3  # one or two tell nothing: their modes may have phases
+SOUND_PHASE_DEG = 3.0  # by which other motion turns sensors that are in step
+LATE_SDS = 3.7  # errors beyond which a sensor is late
+WINDOW_PERIODS = 8.0  # of the lowest frequency, of windows that may not be stationary
+FEWEST_WINDOWS = 20
+STRONG_POWER = 12.0  # over the median, at which a window is left out
+DECAYED_POWER = 4.0  # down to which those beside it are
+MOST_LEFT_OUT = 0.5  # of a record; where it would be more, it is no ambient record
+# Of lines that are those of machines:
+LINES_AROUND = 22  # to either side, with which a line is compared
+SENSORS_TOGETHER = 3  # as many as so few lines can have a spectral matrix of
+RECORDS_PER_CHANCE_LINE = 1e4  # in one of which a line shows by chance
+# Over some sensor's rms value: in the stop band of a filter any line may stand out.
+LEAST_AMPLITUDE = 0.01
+PARTS_OF_A_SINE = 8  # of the record, through all of which a sine has one phase
+# The coherent power of the parts over their power: 1 for a sine, one over their number for
+# noise or a shock; a decay over half the record has 0.76.
+COHERENT_SHARE = 0.78
+SAMPLES_AT_A_TIME = 2**16  # of a regression, so that long records need little memory
+
+HANN_SPREAD = 2  # lines to either side over which a Hann window spreads a sine
 
 
 def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -41,8 +69,8 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
     """
     n_samples = samples.shape[1]
     found: list[tuple[float, float]] = []
-    if n_samples >= 20 * CHECKS.lines_around:
-        for group in np.array_split(samples, -(-len(samples) // CHECKS.sensors_together) or 1):
+    if n_samples >= 20 * LINES_AROUND:
+        for group in np.array_split(samples, -(-len(samples) // SENSORS_TOGETHER) or 1):
             found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
     strongest: list[float] = []
     for _, line in sorted(found, reverse=True):
@@ -63,15 +91,15 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     transforms = np.fft.rfft(window * samples)
     powers = np.abs(transforms) ** 2
     # Of a sine's power in a Hann window two thirds are in its line; a drift is no machine.
-    around = CHECKS.lines_around
+    around = LINES_AROUND
     shares = (1.5 * powers / powers[:, around:].sum(1, keepdims=True)).max(0)
-    lines = np.flatnonzero(shares > 0.5 * CHECKS.least_amplitude**2)
+    lines = np.flatnonzero(shares > 0.5 * LEAST_AMPLITUDE**2)
     lines = lines[(lines >= around) & (lines < len(shares) - around)]
     if not len(lines):
         return []
     ratios, directions = _standing_out(transforms, lines)
     m = around - HANN_SPREAD  # windowed neighbours are alike: half of the lines count
-    one_in = CHECKS.records_per_chance_line * len(lines)
+    one_in = RECORDS_PER_CHANCE_LINE * len(lines)
     chance = fisher.isf(1.0 / one_in, 2 * n, 2 * (m - n + 1))
     found = []
     for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
@@ -82,7 +110,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
         # Exact for a sine in a Hann window.
         beside = max(before, after) / here
         refined = line + (2.0 * beside - 1.0) / (1.0 + beside) * (1 if after > before else -1)
-        if _coherence(direction @ samples, refined) > CHECKS.coherent_share:
+        if _coherence(direction @ samples, refined) > COHERENT_SHARE:
             found.append((float(shares[line]), refined))
     return found
 
@@ -91,7 +119,7 @@ def _standing_out(
     transforms: ComplexArray, lines: NDArray[np.intp]
 ) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
-    farthest = CHECKS.lines_around
+    farthest = LINES_AROUND
     nearby = np.setdiff1d(
         np.arange(-farthest, farthest + 1), np.arange(-HANN_SPREAD, HANN_SPREAD + 1)
     )
@@ -106,7 +134,7 @@ def _standing_out(
 
 def _coherence(history: ComplexArray, line: float) -> float:
     """Coherent power of the parts of a history at a frequency in lines, over their whole power."""
-    n = CHECKS.parts_of_a_sine
+    n = PARTS_OF_A_SINE
     n_part = len(history) // n
     steady = np.exp(-2j * np.pi * line / len(history) * np.arange(n * n_part))
     parts = (history[: len(steady)] * steady).reshape(n, n_part) @ np.hanning(n_part)
@@ -125,7 +153,7 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
         return samples
     n_samples = samples.shape[1]
     left = samples - samples.mean(1, keepdims=True)
-    length = CHECKS.samples_at_a_time
+    length = SAMPLES_AT_A_TIME
     starts = range(0, n_samples, length)
     blocks = [slice(start, min(start + length, n_samples)) for start in starts]
 
@@ -163,7 +191,7 @@ def stationary_part(
     low, high = band_hz
     frequencies = np.fft.rfftfreq(n, 1.0 / rate_hz)
     passed = (frequencies > low) & (frequencies < high)
-    length = max(1, min(round(CHECKS.window_periods * rate_hz / low), n // CHECKS.fewest_windows))
+    length = max(1, min(round(WINDOW_PERIODS * rate_hz / low), n // FEWEST_WINDOWS))
     n_windows = n // length
     powers = np.zeros(n_windows)
     for row in samples:
@@ -172,9 +200,9 @@ def stationary_part(
         powers += power / max(float(np.median(power)), np.finfo(float).tiny)
     powers /= np.median(powers)
     # And what was set in motion, until it has decayed.
-    strong, decaying = powers > CHECKS.strong_power, powers > CHECKS.decayed_power
+    strong, decaying = powers > STRONG_POWER, powers > DECAYED_POWER
     out = binary_propagation(strong, mask=decaying)
-    if not out.any() or out.mean() > CHECKS.most_left_out:
+    if not out.any() or out.mean() > MOST_LEFT_OUT:
         return Stationary(varies=float(powers.max()))
     is_out = np.repeat(out, length)
     is_out = np.concatenate([is_out, np.full(n - len(is_out), out[-1])])
@@ -216,7 +244,7 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
                 f"sensor {name!r}: on a straight line from {first / rate_hz:.6g} s on for "
                 f"{length / rate_hz:.3g} s; is it a gap that was filled?"
             )
-        if (drift := _drift(row)) > CHECKS.drift_scatter:
+        if (drift := _drift(row)) > DRIFT_SCATTER:
             remarks.append(
                 f"sensor {name!r}: drifts; its mean over twentieths of the record scatters by "
                 f"{drift:.2g} times what is left without them"
@@ -235,8 +263,8 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
 def _incoherent(samples: FloatArray) -> list[int]:
     """Rows of samples that share no motion with any other row."""
     n, n_samples = samples.shape
-    n_windows = CHECKS.windows
-    length = min(2 * n_samples // (n_windows + 1), CHECKS.longest_window)
+    n_windows = WINDOWS
+    length = min(2 * n_samples // (n_windows + 1), LONGEST_WINDOW)
     if n < 2 or length < n_windows:
         return []
     starts = np.linspace(0, n_samples - length, n_windows).astype(int)
@@ -248,7 +276,7 @@ def _incoherent(samples: FloatArray) -> list[int]:
     coherence = np.abs(lines @ lines.conj().swapaxes(1, 2)) ** 2
     coherence[:, range(n), range(n)] = 0.0
     # Of noise it exceeds c with probability (1 - c)^(m - 1), m windows; half of them overlap.
-    one_in = CHECKS.records_per_coherent_noise * n * len(lines)
+    one_in = RECORDS_PER_COHERENT_NOISE * n * len(lines)
     limit = 1.0 - one_in ** (-1.0 / (0.75 * n_windows - 1.0))
     return np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
 
@@ -259,7 +287,7 @@ def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
         return []
     n = len(frequencies)
     lines = f"lines at {n} frequencies, the strongest" if n > 1 else "a line"
-    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[: CHECKS.named_lines])
+    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:NAMED_LINES])
     return [
         f"{lines} at {named} Hz, as of a machine; a mode so narrow would have decayed less than "
         "once over the record"
@@ -301,7 +329,7 @@ def _longest_straight(row: FloatArray) -> tuple[int, int] | None:
     ends = [-1, *bent.tolist(), len(bend)]
     lengths = np.diff(ends) + 1  # samples on the line
     longest = int(lengths.argmax())
-    if lengths[longest] < CHECKS.straight_samples:
+    if lengths[longest] < STRAIGHT_SAMPLES:
         return None
     # A coarse sensor often stays on one value: a gap stands out from its other runs.
     usual = np.sort(lengths)[-max(1, len(lengths) // 1000) - 1] if len(lengths) > 1 else 0
@@ -312,8 +340,8 @@ def _longest_straight(row: FloatArray) -> tuple[int, int] | None:
 
 def _drift(row: FloatArray) -> float:
     """Scatter of the means of parts, over that of the samples about them."""
-    edges = np.linspace(0, len(row), CHECKS.drift_parts + 1).astype(int)
-    if len(row) < 2 * CHECKS.drift_parts:
+    edges = np.linspace(0, len(row), DRIFT_PARTS + 1).astype(int)
+    if len(row) < 2 * DRIFT_PARTS:
         return 0.0
     means = np.array([row[a:b].mean() for a, b in pairwise(edges)])
     inner = float(np.sqrt(np.mean([row[a:b].var() for a, b in pairwise(edges)])))
@@ -325,8 +353,8 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
 
     All sensors of the samples (n, N) move.
     """
-    n_window = 2 * samples.shape[1] // (CHECKS.windows + 1)
-    if len(samples) < 2 or n_window < CHECKS.windows:
+    n_window = 2 * samples.shape[1] // (WINDOWS + 1)
+    if len(samples) < 2 or n_window < WINDOWS:
         return []
     frequencies, transforms = _peaks(samples, rate_hz, n_window)
     half = transforms.shape[2] // 2
@@ -336,14 +364,14 @@ def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) ->
         return []
     remarks = []
     growths = second[0] - first[0]
-    grow = np.abs(growths) > CHECKS.late_sds * np.hypot(first[1], second[1])
+    grow = np.abs(growths) > LATE_SDS * np.hypot(first[1], second[1])
     for name, seconds, deviation, growth, grows in zip(sensors, *whole, growths, grow, strict=True):
         if grows:
             remarks.append(
                 f"sensor {name!r}: its clock runs at another rate; it is later by {growth:.2g} s "
                 "in the second half of the record than in the first"
             )
-        elif abs(seconds) > CHECKS.late_sds * deviation:
+        elif abs(seconds) > LATE_SDS * deviation:
             remarks.append(
                 f"sensor {name!r}: {abs(seconds):.2g} s {'late' if seconds > 0.0 else 'early'} "
                 "against the others; are the clocks synchronised?"
@@ -364,8 +392,8 @@ def _peaks(samples: FloatArray, rate_hz: float, n_window: int) -> tuple[FloatArr
 
     # Sensor by sensor, and twice: the spectra of all would fill memory.
     power = sum((np.abs(spectra_of(row)) ** 2).mean(1) for row in samples)
-    levels = np.log(np.maximum(power, CHECKS.least_peak_power * np.max(power)))
-    lines = find_peaks(levels, prominence=np.log(CHECKS.peak_power))[0]
+    levels = np.log(np.maximum(power, LEAST_PEAK_POWER * np.max(power)))
+    lines = find_peaks(levels, prominence=np.log(PEAK_POWER))[0]
     return lines * rate_hz / n_window, np.array([spectra_of(row)[lines] for row in samples])
 
 
@@ -377,8 +405,8 @@ def _lateness(
     None where too few peaks show one mode alone.
     """
     values, vectors = np.linalg.eigh(np.einsum("ilw,jlw->lij", transforms, transforms.conj()))
-    alone = values[:, -1] > CHECKS.share_of_one_mode * values.sum(1)
-    if alone.sum() < CHECKS.fewest_peaks:
+    alone = values[:, -1] > SHARE_OF_ONE_MODE * values.sum(1)
+    if alone.sum() < FEWEST_PEAKS:
         return None
     # Twice the phase is the same for motion in phase and in opposition; (L, n), as long as power.
     doubled, omega = vectors[alone, :, -1] ** 2, 2.0 * np.pi * frequencies_hz[alone, None]
@@ -390,7 +418,7 @@ def _lateness(
     shared = weights / np.sqrt(weights.sum(1, keepdims=True))
     information = np.diag((weights * omega**2).sum(0)) - (shared * omega).T @ (shared * omega)
     # A sensor that hardly moves may be late by all that phases can tell apart.
-    sound = np.radians(CHECKS.sound_phase_deg)
+    sound = np.radians(SOUND_PHASE_DEG)
     latest = 0.5 * np.pi / mean_omega
     covariance = np.linalg.inv(information / (sound**2 + scatter) + np.eye(n) / latest**2)
     against_mean = np.eye(n) - 1.0 / n

@@ -23,8 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
-from bayes_ssi.measurements.records.identification_settings import BANDS
 from bayes_ssi.measurements.records.record import Record
+
+FEWEST_TAPERS = 3  # of two, blocks overlap: a quarter of the information counts twice
+LEVEL_WIDTH = 0.001  # to either side of a line, over which a sensor's level is a mean
+FEWEST_LEVEL_LINES = 8  # half lines of that mean
+QUIET_SHARE = 1.0 / 3.0  # of a band's blocks: its background
+# Added to every direction, as shares of its quiet power and of the mean of all: a background
+# that vanishes in some direction would explain blocks of few lines without bound.
+FLOOR_SHARE = 0.1
+MEAN_FLOOR_SHARE = 0.001
 
 # Integrations that lead from accelerations to what is measured.
 INTEGRATIONS = {"acceleration": 0, "velocity": 1, "displacement": 2}
@@ -68,8 +76,8 @@ class Transforms(NamedTuple):
         power = np.abs(self.values[sensor]) ** 2
         totals = np.concatenate([[0.0], np.cumsum(power)])
         places = np.arange(len(power))
-        half_lines = np.round(BANDS.level_width * (self.first + places))
-        reach = np.maximum(BANDS.fewest_level_lines, half_lines).astype(int)
+        half_lines = np.round(LEVEL_WIDTH * (self.first + places))
+        reach = np.maximum(FEWEST_LEVEL_LINES, half_lines).astype(int)
         low, high = np.maximum(places - reach, 0), np.minimum(places + reach + 1, len(power))
         level = (totals[high] - totals[low]) / (high - low)
         return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))
@@ -126,7 +134,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], 
     centres, numbers = [], []
     line = math.ceil(low)
     while True:
-        n = max(BANDS.fewest_tapers, round(relative_width * line))
+        n = max(FEWEST_TAPERS, round(relative_width * line))
         if line + n > high:
             break
         centres.append(2 * line + n - 1)
@@ -135,7 +143,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], 
     if not centres:
         raise ValueError(
             f"band_hz: the record has only {max(0, int(high) - math.ceil(low) + 1)} lines in the "
-            f"band, fewer than {BANDS.fewest_tapers}; take a wider band or a longer record"
+            f"band, fewer than {FEWEST_TAPERS}; take a wider band or a longer record"
         )
     return centres, numbers
 
@@ -211,11 +219,11 @@ def local_spectra(spectra: Spectra, n_directions: int) -> LocalSpectra:
     r = min(n_directions, len(scales))
     leading, others = vectors[:, :r], vectors[:, r:]
     powers = np.einsum("kii->k", scaled).real
-    quiet = np.argsort(powers, kind="stable")[: max(1, round(BANDS.quiet_share * len(powers)))]
+    quiet = np.argsort(powers, kind="stable")[: max(1, round(QUIET_SHARE * len(powers)))]
     background = scaled[quiet].real.mean(0)
     values, turns = np.linalg.eigh(leading.T @ background @ leading)
     values = values.clip(1e-9 * values[-1])
-    floored = (1.0 + BANDS.floor_share) * values + BANDS.mean_floor_share * values.mean()
+    floored = (1.0 + FLOOR_SHARE) * values + MEAN_FLOOR_SHARE * values.mean()
     roots = np.sqrt(floored)
     noise = np.sqrt(np.einsum("ia,ij,ja->a", others, background, others).clip(1e-9))
     from_scaled = (leading @ turns / roots).T
