@@ -19,7 +19,7 @@ from bayes_ssi.commands.options import (
 )
 from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
 from bayes_ssi.foundations.displayed import columns
-from bayes_ssi.measurements.records.identification_settings import BAYESIAN_FFT, METHOD_NAMES
+from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData

@@ -23,7 +23,7 @@ import numpy as np
 from simulated_records import FRAME, Truth, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.identification_settings import METHOD_NAMES
+from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES
 from bayes_ssi.measurements.records.other_methods import modes_by
 
 SENSORS = ("floor 1", "floor 2", "floor 3")

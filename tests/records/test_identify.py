@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.identification_settings import METHOD_NAMES
+from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, ssi_cov, tfie

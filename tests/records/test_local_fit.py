@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import block_diag, null_space
 
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_fit import Fitter, _Steps
 from bayes_ssi.measurements.records.local_model import (
+    DIRECT_SDS,
+    LOG_RANGE_OF_FORCES,
     IndependentLoads,
     Model,
     OneSource,
@@ -252,7 +253,7 @@ def test_noise_is_what_no_other_channel_explains():
 def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
     """By quadrature over the 2r - 1 directions of each mode's force across i φ, r = 2.
 
-    Along i φ its size s is uniform in logarithm over FIT.log_range_of_forces: what is left is the
+    Along i φ its size s is uniform in logarithm over LOG_RANGE_OF_FORCES: what is left is the
     product of 1 / (s · range). The trapezoidal rule is exact for normal densities to 1e-8 at steps
     of 0.9 standard deviations.
     """
@@ -283,7 +284,7 @@ def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
             total += np.exp(-drive.energy(modes, scales))
         log_integral += np.log(total * 0.9**3) - 0.5 * np.linalg.slogdet(precision)[1]
     drive = IndependentLoads(np.zeros((2, 0), dtype=complex), 1j * sizes * modes.shapes)
-    expected = -np.log(sizes * FIT.log_range_of_forces).sum()
+    expected = -np.log(sizes * LOG_RANGE_OF_FORCES).sum()
     log_integral -= drive.log_normalisation(modes, scales)
     assert log_integral == pytest.approx(expected, abs=1e-8)
 
@@ -299,9 +300,9 @@ def test_the_prior_of_one_source_integrates_to_one():
     factors = np.array([0.2 + 0.1j, -0.3j])
     drive = OneSource(*none, factors)
     log_density = -drive.log_normalisation(modes, np.zeros(0)) - drive.energy(modes, np.zeros(0))
-    of_factors = -np.log(np.pi * np.abs(factors) ** 2 * FIT.log_range_of_forces).sum()
+    of_factors = -np.log(np.pi * np.abs(factors) ** 2 * LOG_RANGE_OF_FORCES).sum()
     # Integral of exp(-|d|²/2s²) over both parts of a complex number d is 2π s².
-    of_direct = -R * sum(np.log(2.0 * np.pi * sd**2) for sd in FIT.direct_sds)
+    of_direct = -R * sum(np.log(2.0 * np.pi * sd**2) for sd in DIRECT_SDS.ravel())
     assert log_density == pytest.approx(of_factors + of_direct, abs=1e-9)
 
 

@@ -2,6 +2,15 @@
 
 from dataclasses import dataclass
 
+# What the command line calls each method, and how it is called in tables.
+BAYESIAN_FFT = "bayesian-fft"
+METHOD_NAMES = {
+    BAYESIAN_FFT: "Bayesian FFT",
+    "next-era": "NExT-ERA",
+    "ssi-cov": "SSI-cov",
+    "fdd": "FDD",
+    "tfie": "TFIE",
+}
 SURE_PROBABILITY = 0.95  # that leaves no doubt, in words
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.measurements.records.explained_band import (
+    NATS_OF_A_MODE,
     Explained,
     ExplainedPeak,
     nats_of_a_pair,
@@ -20,11 +21,18 @@ from bayes_ssi.measurements.records.explained_band import (
     with_others,
     without_needless,
 )
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.local_model import BandSpectra, band_spectra
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.spectra import Resonances, Transforms, local_spectra
+from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transforms, local_spectra
+
+NATS_OF_PHASES = 5.0  # sensors are in step but for few records
+# One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
+# misleads more than a missed one.
+NATS_OF_A_PAIR = 7.0
+NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
+SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
+DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
 # Reach beyond the modes: bandwidths, but no farther than a share of the frequency or fewer
 # bandwidths, and no less than a smaller share or so many lines.
@@ -114,7 +122,7 @@ def _between_bands(
 ) -> Resonances:
     """Poles that many orders agree on, where no peak's band reaches."""
     f = found.others.frequencies_hz
-    free = (found.shares > FIT.share_of_orders) & (f > band_hz[0]) & (f < band_hz[1])
+    free = (found.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
     for group in groups_of(transforms, found.of_peaks, band_hz):
         free &= (f < group.low) | (f > group.high)
     return found.others.at(np.flatnonzero(free).tolist())
@@ -171,11 +179,11 @@ def _is_one_source(bands: Sequence[_Band]) -> bool:
     if _n_doubtful(one) != _n_doubtful(many):
         return _n_doubtful(one) < _n_doubtful(many)
     nats = [
-        float(np.clip(a.fit.log_evidence - b.fit.log_evidence, *FIT.nats_of_one_band))
+        float(np.clip(a.fit.log_evidence - b.fit.log_evidence, *NATS_OF_ONE_BAND))
         for a, b in zip(one, many, strict=True)
         if a.excess < 1.0
     ]
-    return sum(nats) > FIT.nats_of_a_mode
+    return sum(nats) > NATS_OF_A_MODE
 
 
 def _n_doubtful(bands: Sequence[Explained]) -> int:
@@ -193,9 +201,9 @@ def _all_explained(
     for band in bands:
         fitter, is_wanted = band.fitters[one_source], band.group.is_wanted
         real, turned = band.fits(one_source)
-        if (band.start.dampings < FIT.damping_of_spikes).any():
+        if (band.start.dampings < DAMPING_OF_SPIKES).any():
             # Perhaps a spike of a wider resonance.
-            wider = band.start._replace(dampings=band.start.dampings.clip(1.3 * FIT.damping))
+            wider = band.start._replace(dampings=band.start.dampings.clip(1.3 * DAMPING))
             other = fitter.fit(wider, has_phases=False)
             if other.log_evidence > real.log_evidence:
                 real, turned = other, fitter.fit(other, has_phases=True)
@@ -212,14 +220,14 @@ def _all_explained(
         best = _with_phases_if_needed(real, turned)
         peaks: list[ExplainedPeak] = []
         if is_wanted:
-            by_phases = turned.log_evidence - real.log_evidence - FIT.nats_of_phases
+            by_phases = turned.log_evidence - real.log_evidence - NATS_OF_PHASES
             best, peaks = _peaks(fitter, best, by_phases, fixed)
         all_explained.append(Explained(best, tuple(peaks), is_wanted))
     return all_explained
 
 
 def _with_phases_if_needed(real: LocalFit, turned: LocalFit) -> LocalFit:
-    needed = real.log_evidence + FIT.nats_of_phases
+    needed = real.log_evidence + NATS_OF_PHASES
     return real if needed > turned.log_evidence else turned
 
 
@@ -234,8 +242,8 @@ def _peaks(
             peaks.append(ExplainedPeak((i, i + 1), by_phases, nats_of_a_pair(fitter, best, i)))
         else:
             gain, two = two_in_place_of(fitter, best, i)
-            by_two = max(0.0, by_phases) + gain - FIT.nats_of_a_pair
-            is_pair = two is not None and gain > FIT.nats_of_a_pair and not fixed
+            by_two = max(0.0, by_phases) + gain - NATS_OF_A_PAIR
+            is_pair = two is not None and gain > NATS_OF_A_PAIR and not fixed
             peaks.append(ExplainedPeak((i, i + 1) if is_pair else (i,), by_phases, by_two))
             best = two if two is not None and is_pair else best
         i += len(peaks[-1].modes)

@@ -15,10 +15,20 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.mode_candidates import Prominence
 from bayes_ssi.measurements.records.spectra import Resonances, turned
+
+# What modes and explanations must gain to be kept, in nats, and where a mode or two are tried.
+NATS_OF_A_MODE = 3.0  # without a clear peak: one in e³ is there; also of one source
+MOST_MODES = 8  # of a band; more are not looked for
+LEAST_SEPARATION = 0.2  # of two modes, over their mean bandwidth
+SHARED_PEAK = 3.0  # times the sum of half bandwidths: modes that are closer share a peak
+PAIR_REACH = 1.25  # half bandwidths from the one mode: farther off there were a peak
+PAIR_SPLITS = (0.5, 1.0)  # dampings to either side, at first
+PAIR_DAMPING = 0.7  # over the one mode's, at first
+FIRST_STEPS_OF_PAIRS = 8  # of all starts
+PAIRS_TO_THE_TOP = 3  # the best of the starts
 
 
 class ExplainedPeak(NamedTuple):
@@ -189,19 +199,19 @@ def with_others(fitter: Fitter, fit: LocalFit, poles: Resonances) -> LocalFit:
     low, high = fitter.data.band_hz
     apart = np.abs(f[:, None] - known.frequencies_hz)
     widths = poles.half_widths_hz[:, None] + known.half_widths_hz
-    new = (apart > FIT.least_separation * widths).all(1)
+    new = (apart > LEAST_SEPARATION * widths).all(1)
     inside = np.flatnonzero((f > low) & (f < high) & new).tolist()
     others = poles.at(inside).in_directions(fitter.data)
     left = list(range(len(inside)))
     unknowns = 2 + 2 * (fitter.r - 1) + 2 * fitter.r
-    while left and fit.modes.n_modes < FIT.most_modes:
+    while left and fit.modes.n_modes < MOST_MODES:
         gains = [fitter.gain_of(fit, others.at([i]))[0] for i in left]
         best = left[int(np.argmax(gains))]
         if max(gains) < 0.5 * unknowns:
             break
         left.remove(best)
         wider = fitter.fit(fit.modes.joined(others.at([best])), fit.has_phases)
-        if wider.are_modes.all() and wider.log_evidence > fit.log_evidence + FIT.nats_of_a_mode:
+        if wider.are_modes.all() and wider.log_evidence > fit.log_evidence + NATS_OF_A_MODE:
             fit = wider
     return fit
 
@@ -226,7 +236,7 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
                     kept.add(f)
                     continue
             without = fitter.fit(fit.modes.without(i), fit.has_phases)
-            needed = fit.log_evidence - FIT.nats_of_a_mode
+            needed = fit.log_evidence - NATS_OF_A_MODE
             if i in wrong or without.log_evidence > needed:
                 fit = without
                 break
@@ -241,7 +251,7 @@ def _coinciding(fit: LocalFit) -> list[int]:
     f, half = fit.modes.frequencies_hz, fit.modes.half_widths_hz
     sizes = fit.model.drive.sizes(fit.modes)
     for i, j in pairwise(np.argsort(f).tolist()):
-        if f[j] - f[i] < FIT.least_separation * (half[i] + half[j]):
+        if f[j] - f[i] < LEAST_SEPARATION * (half[i] + half[j]):
             return [i if sizes[i] < sizes[j] else j]
     return []
 
@@ -260,7 +270,7 @@ def share_a_peak(modes: Resonances, i: int) -> bool:
     if i + 1 >= modes.n_modes:
         return False
     apart = modes.frequencies_hz[i + 1] - modes.frequencies_hz[i]
-    return bool(apart < FIT.shared_peak * modes.half_widths_hz[i : i + 2].sum())
+    return bool(apart < SHARED_PEAK * modes.half_widths_hz[i : i + 2].sum())
 
 
 def nats_of_a_pair(fitter: Fitter, fit: LocalFit, i: int) -> float:
@@ -288,18 +298,18 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, Local
         return gain - 0.5 * n_unknowns * math.log(n_lines), None
     others = fit.modes.without(i)
     begun = []
-    for split in FIT.pair_splits:
+    for split in PAIR_SPLITS:
         for of_one, of_rest in SHARES_OF_PAIRS:
             shapes = one.shapes * np.array(of_one) + direction[:, None] * np.array(of_rest)
             pair = Resonances(
                 frequency * (1.0 + split * damping * np.array([-1.0, 1.0])),
-                np.full(2, FIT.pair_damping * damping),
+                np.full(2, PAIR_DAMPING * damping),
                 shapes / np.linalg.norm(shapes, axis=0),
             )
             start = others.joined(pair)
-            begun.append(fitter.fit(start, fit.has_phases, FIT.first_steps_of_pairs))
+            begun.append(fitter.fit(start, fit.has_phases, FIRST_STEPS_OF_PAIRS))
     begun.sort(key=lambda started: started.log_likelihood, reverse=True)
-    climbed = (fitter.fit(s, fit.has_phases) for s in begun[: FIT.pairs_to_the_top])
+    climbed = (fitter.fit(s, fit.has_phases) for s in begun[:PAIRS_TO_THE_TOP])
     best = max(
         (two for two in climbed if _is_a_pair(two, frequency, damping)),
         key=lambda two: two.log_evidence,
@@ -343,9 +353,9 @@ def _is_a_pair(two: LocalFit, frequency: float, damping: float) -> bool:
         return False
     nearest = _two_nearest(two.modes, frequency)
     f, half = two.modes.frequencies_hz[nearest], two.modes.half_widths_hz[nearest]
-    if (np.abs(f - frequency) > FIT.pair_reach * max(half.max(), damping * frequency)).any():
+    if (np.abs(f - frequency) > PAIR_REACH * max(half.max(), damping * frequency)).any():
         return False
-    return bool(abs(float(np.diff(f)[0])) >= FIT.least_separation * half.sum())
+    return bool(abs(float(np.diff(f)[0])) >= LEAST_SEPARATION * half.sum())
 
 
 def _two_nearest(modes: Resonances, frequency: float) -> np.ndarray:

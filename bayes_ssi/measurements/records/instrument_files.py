@@ -27,7 +27,6 @@ from bayes_ssi.measurements.records.record import units_of
 # Of data sets 58, what the ordinates of time responses are.
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
-
 # Endings; the second is that of another format, of COSMOS, which is refused by its content.
 STRONG_MOTION = (".v2", ".v2c")
 CHANNEL_LINE = re.compile(

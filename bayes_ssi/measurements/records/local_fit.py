@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.local_model import (
     BandSpectra,
     Model,
@@ -23,9 +22,22 @@ from bayes_ssi.measurements.records.local_model import (
     information_of,
     started,
 )
-from bayes_ssi.measurements.records.spectra import LocalSpectra, Resonances, turned
+from bayes_ssi.measurements.records.spectra import (
+    DAMPING,
+    MOST_DAMPING,
+    LocalSpectra,
+    Resonances,
+    turned,
+)
 
-BACKGROUND_SDS = np.array(FIT.background_sds)
+LOG_DAMPING_SD = 1.0
+SHAPE_SD = 1.0  # of a shape beside its largest part
+PHASE_SD = 0.1  # of what is out of phase in it
+BACKGROUND_SDS = np.array([10.0, 0.3, 0.1])  # it, its change, its bend
+LEAST_FORCES = 1e-4  # over the quiet background; priors of smaller ones stay
+SETTLED_GAIN = 0.01  # nats of a step with which a climb ends
+MOST_STEPS = 40
+ARRIVED_GAIN = 0.5  # nats that Newton's step would gain where a climb has not arrived
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +71,7 @@ class LocalFit:
         low, high = self.data.band_hz
         f = self.modes.frequencies_hz
         driven = self.model.drive.sizes(self.modes) > 0.0
-        return (f > low) & (f < high) & (self.modes.dampings < FIT.most_damping) & driven
+        return (f > low) & (f < high) & (self.modes.dampings < MOST_DAMPING) & driven
 
     @property
     def one_source(self) -> bool:
@@ -105,7 +117,7 @@ class Fitter:
         return float(self.data.weights @ (logs + traces))
 
     def fit(
-        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int = FIT.most_steps
+        self, start: Resonances | LocalFit, has_phases: bool, most_steps: int = MOST_STEPS
     ) -> LocalFit:
         if isinstance(start, LocalFit):
             model = start.model
@@ -126,7 +138,7 @@ class Fitter:
             moved = None
             while damping < 1e8:
                 step, gain = steps.step(damping)
-                if gain < FIT.settled_gain:
+                if gain < SETTLED_GAIN:
                     break
                 trial = steps.moved(step)
                 tried_e = trial.covariances(self.spectra)
@@ -139,7 +151,7 @@ class Fitter:
                 break
             model, e = moved
             steps = _Steps(self, model, e, has_phases, usual)
-            if (model.modes.dampings > 2.0 * FIT.most_damping).any():
+            if (model.modes.dampings > 2.0 * MOST_DAMPING).any():
                 break
         return self._described(model, e, steps)
 
@@ -177,13 +189,13 @@ class Fitter:
     @staticmethod
     def _sizes(model: Model) -> FloatArray:
         """Of the forces of modes, and not so small that priors that go with them vanish."""
-        return np.maximum(model.drive.sizes(model.modes), FIT.least_forces)
+        return np.maximum(model.drive.sizes(model.modes), LEAST_FORCES)
 
     def _energy(self, model: Model, scales: FloatArray) -> float:
         """The quadratic part of -ln prior density."""
-        off = (np.log(model.modes.dampings) - math.log(FIT.damping)) / FIT.log_damping_sd
+        off = (np.log(model.modes.dampings) - math.log(DAMPING)) / LOG_DAMPING_SD
         value = 0.5 * float(off @ off)
-        value += 0.5 * float(((model.modes.shapes.imag / FIT.phase_sd) ** 2).sum())
+        value += 0.5 * float(((model.modes.shapes.imag / PHASE_SD) ** 2).sum())
         value += 0.5 * float((np.abs(model.backgrounds / BACKGROUND_SDS[:, None, None]) ** 2).sum())
         return value + model.drive.energy(model.modes, scales)
 
@@ -214,7 +226,7 @@ class Fitter:
             self.spectra, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
             evidence, whiteness,
             allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
-            left < FIT.arrived_gain, e,
+            left < ARRIVED_GAIN, e,
         )  # fmt: skip
 
 
@@ -303,14 +315,14 @@ class _Steps:
     def _add_prior(self) -> None:
         model, modes = self.model, self.model.modes
         r, m = modes.shapes.shape
-        of_shapes = [FIT.shape_sd**-2.0, *([FIT.phase_sd**-2.0] if self.has_phases else [])]
+        of_shapes = [SHAPE_SD**-2.0, *([PHASE_SD**-2.0] if self.has_phases else [])]
         self.precisions = np.concatenate(
             [
                 np.repeat(BACKGROUND_SDS**-2.0, r * r),
                 # Uniform priors bend nothing; these keep the curvature positive where a mode has no
                 # forces.
                 np.ones(m),
-                np.full(m, FIT.log_damping_sd**-2.0),
+                np.full(m, LOG_DAMPING_SD**-2.0),
                 np.tile(np.repeat(of_shapes, r - 1), m),
             ]
         )
@@ -318,7 +330,7 @@ class _Steps:
             [
                 coordinates(model.backgrounds).ravel(),
                 np.zeros(m),
-                np.log(modes.dampings) - math.log(FIT.damping),
+                np.log(modes.dampings) - math.log(DAMPING),
                 self.turns.imag.T @ modes.shapes.imag.T.ravel(),
             ]
         )

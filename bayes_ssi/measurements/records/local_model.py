@@ -21,10 +21,16 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.spectra import LocalSpectra, Resonances
 
-DIRECT_SDS = np.array(FIT.direct_sds)[:, None]
+COHERENCE_SD = 0.3  # of forces coherent with the background, over the most that can be
+NEIGHBOUR_SD = 10.0  # of forces of neighbours, over the quiet background
+DIRECT_SDS = np.array([[2.0], [1.0], [0.5]])  # direct motion, its change, its bend
+# Of the largest over the smallest that a mode may have; the prior is flat in the logarithm.
+LOG_RANGE_OF_FORCES = math.log(1e4)
+FLAT_PRECISION = 1e-8  # of flat priors: it keeps curvatures positive
+
+
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 
@@ -162,12 +168,12 @@ class IndependentLoads(NamedTuple):
         beta = others.frequencies_hz / modes.frequencies_hz[:, None]
         damped = beta * (others.dampings + beta * modes.dampings[:, None])
         mac = np.abs(modes.shapes.conj().T @ others.shapes) ** 2
-        coherences = 1.0 + (0.5 * FIT.coherence_sd**-2 - 1.0) * mac  # over that with the background
+        coherences = 1.0 + (0.5 * COHERENCE_SD**-2 - 1.0) * mac  # over that with the background
         powers = coherences * of_others / ((1.0 - beta**2) ** 2 + 4.0 * damped**2)
         powers[range(m), range(m)] = 0.0
         outer = np.einsum("aj,bj->jab", others.shapes, others.shapes.conj()).real
         motion = np.eye(len(modes.shapes)) + np.einsum("ij,jab->iab", powers, outer)
-        return np.asarray(FIT.coherence_sd**2 * sizes[:, None, None] * motion)
+        return np.asarray(COHERENCE_SD**2 * sizes[:, None, None] * motion)
 
     def energy(self, modes: Resonances, scales: FloatArray) -> float:
         """The quadratic part of -ln prior of the values."""
@@ -175,7 +181,7 @@ class IndependentLoads(NamedTuple):
         across = self.of_modes - 1j * modes.shapes * along.imag
         solved = np.linalg.solve(scales, across.T[:, :, None])[:, :, 0]
         value = 0.5 * float((across.T.conj() * solved).real.sum())
-        return value + 0.5 * float((np.abs(self.of_neighbours / FIT.neighbour_sd) ** 2).sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
 
     def log_normalisation(self, modes: Resonances, scales: FloatArray) -> float:
         """The rest of -ln prior of the values, up to constants of the band."""
@@ -185,7 +191,7 @@ class IndependentLoads(NamedTuple):
         across = np.einsum("im,mij,jm->m", modes.shapes.conj(), scales, modes.shapes).real
         value = (2 * r - 1) * m * math.log(ROOT_2_PI)
         value += float(np.linalg.slogdet(scales)[1].sum() - 0.5 * np.log(across).sum())
-        return value + float(np.log(along.clip(1e-9) * FIT.log_range_of_forces).sum())
+        return value + float(np.log(along.clip(1e-9) * LOG_RANGE_OF_FORCES).sum())
 
     def prior(self, modes: Resonances, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Precision matrix (2c, 2c) and slope (2c,) of ln prior by real and imaginary parts."""
@@ -193,13 +199,13 @@ class IndependentLoads(NamedTuple):
         n = 2 * self.values.size
         precisions = np.zeros((n, n))
         at = 2 * self.of_neighbours.size
-        precisions[range(at), range(at)] = FIT.neighbour_sd**-2
+        precisions[range(at), range(at)] = NEIGHBOUR_SD**-2
         for shape, scale in zip(modes.shapes.T, scales, strict=True):
             along = as_reals(1j * shape)
             of_shape = slice(at, at + 2 * r)
             across = np.eye(2 * r) - np.outer(along, along)
             precision = across @ np.kron(np.linalg.inv(scale), np.eye(2)) @ across
-            precisions[of_shape, of_shape] = precision + FIT.flat_precision * np.eye(2 * r)
+            precisions[of_shape, of_shape] = precision + FLAT_PRECISION * np.eye(2 * r)
             at += 2 * r
         return precisions, -precisions @ as_reals(self.values)
 
@@ -258,19 +264,19 @@ class OneSource(NamedTuple):
 
     def energy(self, _modes: Resonances, _scales: FloatArray) -> float:
         value = 0.5 * float((np.abs(self.direct / DIRECT_SDS) ** 2).sum())
-        return value + 0.5 * float((np.abs(self.of_neighbours / FIT.neighbour_sd) ** 2).sum())
+        return value + 0.5 * float((np.abs(self.of_neighbours / NEIGHBOUR_SD) ** 2).sum())
 
     def log_normalisation(self, modes: Resonances, _scales: FloatArray) -> float:
         sizes = self.sizes(modes).clip(1e-12)
         value = 2.0 * self.direct.shape[1] * float(np.log(DIRECT_SDS * ROOT_2_PI).sum())
-        return value + float(np.log(math.pi * sizes * FIT.log_range_of_forces).sum())
+        return value + float(np.log(math.pi * sizes * LOG_RANGE_OF_FORCES).sum())
 
     def prior(self, _modes: Resonances, _scales: FloatArray) -> tuple[FloatArray, FloatArray]:
         precisions = np.concatenate(
             [
                 np.repeat(DIRECT_SDS**-2.0, 2 * self.direct.shape[1]),
-                np.full(2 * len(self.of_neighbours), FIT.neighbour_sd**-2),
-                np.full(2 * len(self.of_modes), FIT.flat_precision),
+                np.full(2 * len(self.of_neighbours), NEIGHBOUR_SD**-2),
+                np.full(2 * len(self.of_modes), FLAT_PRECISION),
             ]
         )
         # The phase of the whole source is nobody's to know.

@@ -10,6 +10,8 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import (
+    BAYESIAN_FFT,
+    METHOD_NAMES,
     EstimatedMode,
     IdentificationSummary,
     MeasuredRecord,
@@ -19,7 +21,6 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_checks import (
@@ -29,7 +30,13 @@ from bayes_ssi.measurements.records.record_checks import (
     stationary_part,
     without_lines,
 )
-from bayes_ssi.measurements.records.spectra import Resonances, Spectra, Transforms, transforms_of
+from bayes_ssi.measurements.records.spectra import (
+    DAMPING,
+    Resonances,
+    Spectra,
+    Transforms,
+    transforms_of,
+)
 
 SEARCH_FACTOR = 1.6  # by which the search goes beyond its band, for the modes next to it
 FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
@@ -91,7 +98,6 @@ class ModalIdentification(Displayed, IdentificationSummary):
         return self.modal_data()._rows()
 
 
-METHOD = "Bayesian FFT"
 FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
 UNKNOWN = dict.fromkeys(FIELDS[2:])  # of modes that a record is too short for
 
@@ -287,14 +293,14 @@ def _given(transforms: Transforms, band: tuple[float, float], at: Sequence[float
         )
     shapes = np.empty((len(transforms.values), len(frequencies)), dtype=complex)
     for i, f in enumerate(frequencies):
-        half = max(FIT.damping * f, 2.0 * transforms.line_hz)
-        data = transforms.spectra(f - half, f + 2.0 * half, FIT.damping)
+        half = max(DAMPING * f, 2.0 * transforms.line_hz)
+        data = transforms.spectra(f - half, f + 2.0 * half, DAMPING)
         # Frequencies given closer than a bandwidth share a peak, and take one direction each.
-        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * FIT.damping).sum())
+        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * DAMPING).sum())
         directions = np.linalg.eigh(data.matrices[0].real)[1]
         shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
     peaks = tuple(Prominence(float(f), 0.0, 0.0, True) for f in frequencies)
-    dampings = np.full(len(frequencies), FIT.damping / 1.5)
+    dampings = np.full(len(frequencies), DAMPING / 1.5)
     modes = Resonances(frequencies, dampings, shapes)
     return Candidates(peaks, modes, modes.at([]), np.empty(0), np.empty((2, 0)))
 
@@ -329,7 +335,7 @@ def _result(
             record.unit,
         ),
         band_hz=band,
-        method=METHOD,
+        method=METHOD_NAMES[BAYESIAN_FFT],
         loads=f"the motion of sensor {ground!r}" if ground else loads,
         whiteness=worst.whiteness,
         allowed_whiteness=worst.allowed_whiteness,

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.identification_settings import FIT
 from bayes_ssi.measurements.records.spectra import (
+    DAMPING,
+    MOST_DAMPING,
     Resonances,
     Spectra,
     Transforms,
@@ -96,7 +97,7 @@ def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candida
                 pole = poles.at([best])
                 pole = pole._replace(dampings=pole.dampings.clip(*DAMPINGS_AT_PEAKS))
             else:
-                damping = np.array([FIT.damping / 1.5])
+                damping = np.array([DAMPING / 1.5])
                 pole = Resonances(np.array([peak.frequency_hz]), damping, vector[:, None])
             peaks.append(peak)
             of_peaks = of_peaks.beside(pole)
@@ -209,7 +210,7 @@ class _Section:
             size = np.hypot(omega, exponents.real)
             dampings = -exponents.real / size
             frequencies = size / (2.0 * np.pi)
-            kept = (dampings > 1e-4) & (dampings < FIT.most_damping)
+            kept = (dampings > 1e-4) & (dampings < MOST_DAMPING)
             kept &= (frequencies >= self.low) & (frequencies < self.high)
             shapes = first_rows[:, :order] @ states[:, kept]
             shapes = shapes / np.linalg.norm(shapes, axis=0)

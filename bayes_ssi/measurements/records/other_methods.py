@@ -37,14 +37,18 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.foundations.packages import optional_package
-from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.identification_settings import (
+from bayes_ssi.measurements.modes.identification_summary import (
     BAYESIAN_FFT,
-    FIT,
     METHOD_NAMES,
 )
+from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.spectra import Resonances, block_hankel, real_shapes
+from bayes_ssi.measurements.records.spectra import (
+    MOST_DAMPING,
+    Resonances,
+    block_hankel,
+    real_shapes,
+)
 from bayes_ssi.structures.modal import mac
 
 CORRELATION_PERIODS = 3.0  # of the lowest frequency: lags of NExT-ERA and SSI-cov
@@ -182,7 +186,7 @@ def _modes_by_order(
             continuous = np.log(discrete.astype(complex)) * rate_hz
         size = np.maximum(np.abs(continuous), np.finfo(float).tiny)
         frequencies, dampings = size / (2.0 * np.pi), -continuous.real / size
-        kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < FIT.most_damping)
+        kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < MOST_DAMPING)
         kept &= (frequencies > low) & (frequencies < high)
         kept = np.flatnonzero(kept)[np.argsort(frequencies[kept])]
         shapes = (first_row[:, :order] / root) @ states[:, kept]

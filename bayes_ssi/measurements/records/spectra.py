@@ -25,6 +25,9 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
 from bayes_ssi.measurements.records.record import Record
 
+DAMPING = 0.015  # of structures, most probable before
+MOST_DAMPING = 0.15  # structures are damped less
+
 FEWEST_TAPERS = 3  # of two, blocks overlap: a quarter of the information counts twice
 LEVEL_WIDTH = 0.001  # to either side of a line, over which a sensor's level is a mean
 FEWEST_LEVEL_LINES = 8  # half lines of that mean
