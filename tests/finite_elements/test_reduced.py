@@ -1,14 +1,12 @@
 """Reduced bases against full solutions: their accuracy and its certificate."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.modal import SOLVER, SolverSettings, mac
 from bayes_ssi.structures.structure import Requirement
 
@@ -87,10 +85,8 @@ def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
 
 
 def with_at_most(n_full_solutions, monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.structures.finite_elements.matrix_structure.FEM",
-        replace(FEM, most_full_solutions=n_full_solutions),
-    )
+    module = "bayes_ssi.structures.finite_elements.matrix_structure"
+    monkeypatch.setattr(f"{module}.MOST_FULL_SOLUTIONS", n_full_solutions)
 
 
 def test_a_coarse_basis_knows_that_it_is_coarse(monkeypatch):

@@ -34,9 +34,8 @@ ASCENTS = 40
 # Where starts are suggested, which lead to narrow basins, fewer find the wide ones.
 DRAWS_BESIDE_STARTS = 1000
 ASCENTS_BESIDE_STARTS = 10
-# A search climbs on while so many maxima, or more, are expected beyond those that it has
-# reached, but no more than so many times: of a rough posterior, each draw may be near a maximum
-# of its own.
+# A search climbs on while so many maxima, or more, are expected beyond those that it has reached,
+# but no more than so many times: of a rough posterior, each draw may be near a maximum of its own.
 EXPECTED_UNSEEN = 0.5
 MOST_ROUNDS = 5
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 from bayes_ssi.structures.emulation.gaussian_process import (
     GaussianProcess,
     n_quadratic_terms,
     quadratic_terms,
 )
 from bayes_ssi.structures.emulation.mode_representations import (
+    SHAPE_WEIGHT,
     ModalOperator,
     Representation,
     TrackedModes,
@@ -24,6 +24,25 @@ from bayes_ssi.structures.emulation.mode_representations import (
 )
 from bayes_ssi.structures.modal import Modes, NoModesError
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
+
+# Over the prior, for each coefficient of a polynomial of second degree: one would do without
+# errors.
+SOLUTIONS_PER_COEFFICIENT = 2
+# At most, for each parameter; where they do not suffice, the error is accepted and reported.
+SOLUTIONS_PER_PARAMETER = 70
+# Solutions between two fits, for each parameter: enough to keep workers busy, few enough to be
+# placed by the fit before.
+BATCH_PER_PARAMETER = 2
+N_NEAREST = 8  # solutions by which the claimed error at a point is judged
+# The claimed error is that of a typical point, the median: exact solutions at draws correct the
+# rest, and count every point by its share.
+CLAIMED_AT = 0.5
+# Largest share of the points at which it may be open whether the structure fails: exact
+# solutions at draws correct the rest.
+MOST_OPEN = 0.05
+# Prior precision of the coefficients of the odds of failing: boundaries between two points
+# become sharp, not infinitely.
+FAILING_PRECISION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +69,7 @@ class FailingPoints:
 
         terms = quadratic_terms(np.vstack([failed, succeeded]))
         signs = np.repeat([1.0, -1.0], [len(failed), len(succeeded)])
-        precision = EMULATION.failing_precision
+        precision = FAILING_PRECISION
 
         def cost(c: FloatArray) -> tuple[float, FloatArray]:
             margins = signs * (terms @ c)
@@ -101,7 +120,7 @@ class EmulatedStructure(ApproximateStructure):
 
     @property
     def most_solutions(self) -> int:
-        return EMULATION.solutions_per_parameter * max(len(self.parameters), 2)
+        return SOLUTIONS_PER_PARAMETER * max(len(self.parameters), 2)
 
     @property
     def exact(self) -> Structure:
@@ -111,7 +130,7 @@ class EmulatedStructure(ApproximateStructure):
     def emulator(self) -> "EmulatorFit":
         """The solutions and what is fitted to them; the first are made when they are needed."""
         if self._fit is None:
-            n = EMULATION.solutions_per_coefficient * n_quadratic_terms(len(self.parameters))
+            n = SOLUTIONS_PER_COEFFICIENT * n_quadratic_terms(len(self.parameters))
             # Extremely rare values would be extrapolated from, rather than between.
             self._fit = self._with(None, self.prior_points(n, 1e-3, self._seed))
         return self._fit
@@ -142,8 +161,8 @@ class EmulatedStructure(ApproximateStructure):
         allowed = float((errors / fit.errors_per_spread(x)).min())
         by_odds, by_nearest = fit.failing.votes(x)
         is_open = by_odds != by_nearest
-        accurate = np.quantile(fit.spreads(x), EMULATION.claimed_at) <= allowed
-        if accurate and is_open.mean() <= EMULATION.most_open:
+        accurate = np.quantile(fit.spreads(x), CLAIMED_AT) <= allowed
+        if accurate and is_open.mean() <= MOST_OPEN:
             return self if fit is self._fit else self._of_fit(fit)
         if fit.n_solutions >= self.most_solutions:
             return self
@@ -158,7 +177,7 @@ class EmulatedStructure(ApproximateStructure):
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         fit, x = self._fit_for(n_modes), self._coordinates(values)
-        spread = float(np.quantile(fit.spreads(x), EMULATION.claimed_at))
+        spread = float(np.quantile(fit.spreads(x), CLAIMED_AT))
         frequency, shape = (spread * fit.errors_per_spread(x)).tolist()
         return Accuracy(
             frequency,
@@ -203,7 +222,7 @@ class EmulatedStructure(ApproximateStructure):
     def _worst(self, fit: "EmulatorFit", x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
         chosen: list[int] = []
-        for _ in range(EMULATION.batch_per_parameter * len(self.parameters)):
+        for _ in range(BATCH_PER_PARAMETER * len(self.parameters)):
             spreads = fit.spreads(x, x[chosen])
             worst = int(spreads.argmax())
             if spreads[worst] <= allowed or worst in chosen:
@@ -264,7 +283,7 @@ class EmulatorFit(NamedTuple):
             left_out, spreads = process.left_out
             errors = mode_errors(representation.decoded(left_out), modes, n_needed)
             of_frequencies, of_shapes = errors[len(errors) // 2 :].T
-            weighted = np.maximum(of_frequencies, EMULATION.shape_weight * of_shapes)
+            weighted = np.maximum(of_frequencies, SHAPE_WEIGHT * of_shapes)
             scores.append(float(np.median(weighted)))
             ratios = errors / spreads[:, None]
             fits.append(cls(x, modes, failing, representation, process, ratios, n_needed))
@@ -289,7 +308,7 @@ class EmulatorFit(NamedTuple):
         """Claimed errors (2,) of frequencies and shapes a unit of spread, by nearest solutions."""
         lengths = self.process.lengths
         away = (((x[:, None] - self.x) / lengths) ** 2).sum(axis=2)
-        nearest = np.argsort(away, axis=1, kind="stable")[:, : EMULATION.n_nearest].ravel()
+        nearest = np.argsort(away, axis=1, kind="stable")[:, :N_NEAREST].ravel()
         return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
 
 

@@ -15,7 +15,16 @@ import scipy.linalg
 from scipy.optimize import minimize
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.emulation.emulation_settings import EMULATION
+
+# Least and largest share of noise in the variance: rounding errors of the factorisation need
+# the least; a function with jumps takes the most.
+NOISE = (1e-10, 1e-1)
+# Shortest and longest, in units of the variables' own spread: shorter ones leave points
+# uncorrelated, longer ones are polynomials.
+LENGTHS = (0.1, 100.0)
+# Points from which lengths are estimated: more hardly change them, at a cost of their third
+# power.
+MOST_FITTED = 250
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +48,12 @@ class GaussianProcess:
             x: (N, d), N at least twice the number of terms of a linear trend.
             weights: (n_outputs,), factors that make the outputs comparable for the likelihood.
         """
-        some = slice(max(len(x) - EMULATION.most_fitted, 0), None)
+        some = slice(max(len(x) - MOST_FITTED, 0), None)
         spread = np.maximum(x.std(axis=0), 1e-12)
         first = np.log([*(3.0 * spread), 1e-6])
         if start is not None:
             first = np.log([*start.lengths, start.noise])
-        low, high = np.log([*np.outer(spread, EMULATION.lengths), EMULATION.noise]).T
+        low, high = np.log([*np.outer(spread, LENGTHS), NOISE]).T
         found = minimize(
             _negative_log_likelihood,
             np.clip(first, low, high),

@@ -21,9 +21,19 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.emulation.emulation_settings import EMULATION
 from bayes_ssi.structures.emulation.gaussian_process import trend_terms
 from bayes_ssi.structures.modal import Modes, settle
+
+# Coordinates of shapes are useless where their condition number is larger: shapes then hardly
+# resemble the reference shapes.
+WORST_CONDITION = 1e3
+# Modes are told apart by 1 - MAC and by frequencies: a difference of this share counts like
+# orthogonal shapes.
+FREQUENCY_STEP = 0.1
+# Shapes at unit length are usually known five times less precisely than frequencies.
+SHAPE_WEIGHT = 0.2
+# Weight of modes that are not needed, which should not decide how smooth the others are.
+NOT_NEEDED = 0.01
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ class ModalOperator:
         shapes = unit_shapes(modes.shapes)
         reference = np.linalg.pinv(shapes[0])
         coordinates = np.einsum("md,ndk->nmk", reference, shapes)
-        if not np.linalg.cond(coordinates).max() < EMULATION.worst_condition:
+        if not np.linalg.cond(coordinates).max() < WORST_CONDITION:
             return None
         inverse = np.linalg.inv(coordinates)
         logs = np.log(modes.frequencies_hz)
@@ -51,9 +61,7 @@ class ModalOperator:
         return np.hstack([part.reshape(len(shapes), -1) for part in parts])
 
     def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:  # noqa: ARG002
-        return np.repeat(
-            [1.0, EMULATION.shape_weight], [self.n_modes**2, self.n_dof * self.n_modes]
-        )
+        return np.repeat([1.0, SHAPE_WEIGHT], [self.n_modes**2, self.n_dof * self.n_modes])
 
     def decoded(self, vectors: FloatArray) -> Modes:
         n, n_operator = self.n_modes, self.n_modes**2
@@ -100,8 +108,8 @@ class TrackedModes:
         recent = vectors[len(vectors) // 2 :, : self.n_modes]
         rank = recent.argsort(axis=1).argsort(axis=1)
         needed = (rank < n_needed).mean(axis=0) > 0.05
-        of_modes = np.where(needed, 1.0, EMULATION.not_needed)
-        return np.concatenate([of_modes, EMULATION.shape_weight * np.tile(of_modes, self.n_dof)])
+        of_modes = np.where(needed, 1.0, NOT_NEEDED)
+        return np.concatenate([of_modes, SHAPE_WEIGHT * np.tile(of_modes, self.n_dof)])
 
     def decoded(self, vectors: FloatArray) -> Modes:
         shapes = vectors[:, self.n_modes :].reshape(len(vectors), self.n_dof, self.n_modes)
@@ -132,7 +140,7 @@ def _matched(
     products = expected_shapes.T @ shapes
     lengths = np.sqrt((expected_shapes**2).sum(axis=0))
     products = products / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    distance = (logs - expected[:, None]) / EMULATION.frequency_step
+    distance = (logs - expected[:, None]) / FREQUENCY_STEP
     _, order = linear_sum_assignment(1.0 - products**2 + distance**2)
     signs = np.sign(products[np.arange(len(order)), order])
     return logs[order], shapes[:, order] * np.where(signs == 0.0, 1.0, signs)

@@ -23,19 +23,22 @@ from bayes_ssi.parameters.parameters import (
     as_product,
     collect_parameters,
 )
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.model_arguments import (
     Sensors,
     checked_matrix,
     sensor_rows,
 )
 from bayes_ssi.structures.finite_elements.sparse_modes import (
+    DENSE_UP_TO,
     fill_reducing_order,
     is_semidefinite,
     lowest_modes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError, frequencies_hz
 from bayes_ssi.structures.structure import Structure
+
+# Memory for recent solutions: enough for hundreds of draws at 1000 sensors.
+CACHE_BYTES = 64_000_000
 
 
 class PointwiseStructure(Structure):
@@ -80,7 +83,7 @@ class PointwiseStructure(Structure):
                 answer = f"at {self._named(row)}: {reason}"
         cache[key] = answer
         size = 8 * (len(self.degrees_of_freedom) + 1) * self.n_modes + 1000
-        while len(cache) * size > FEM.cache_bytes:
+        while len(cache) * size > CACHE_BYTES:
             cache.popitem(last=False)
         if isinstance(answer, str):
             raise ValueError(answer)
@@ -213,7 +216,7 @@ class FunctionStructure(PointwiseStructure):
                 f"of freedom, from 0 to {n - 1}"
             )
         k, m = sp.csc_array(k), sp.csc_array(m)
-        if n > FEM.dense_up_to:
+        if n > DENSE_UP_TO:
             if not is_semidefinite(m):
                 raise NoModesError(f"{name}: M is not positive semi-definite")
             # The pattern, and so the order, may change from call to call.

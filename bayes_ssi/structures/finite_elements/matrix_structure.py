@@ -12,9 +12,9 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
+from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import (
@@ -27,6 +27,20 @@ from bayes_ssi.structures.modal import (
     solve_modes,
 )
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
+
+# Largest errors over the prior: of frequencies, as a fraction, and of shapes at the sensors, at
+# unit length there. Sampling makes them as small as the posterior demands.
+FREQUENCY_ERROR = 1e-3
+SHAPE_ERROR = 0.1
+# Where so many full solutions do not suffice, a larger error is accepted and reported.
+MOST_FULL_SOLUTIONS = 150
+# So many in a row that add nothing to a basis: bounds of close modes stay large all the same.
+MOST_IDLE = 3
+TRAINING_POINTS = 512  # Sobol points of the prior among which full solutions are placed
+# Directions that add less than this share of the required accuracy to a mode are left out of a
+# basis; some of them together remain below it.
+NEGLIGIBLE = 0.15
+DRAWS_ACCURACY = 0.01  # share of the accuracy over the prior that a basis for draws has on average
 
 
 class ReducedStructure(ApproximateStructure):
@@ -72,14 +86,14 @@ class ReducedStructure(ApproximateStructure):
     def basis(self) -> ReducedBasis:
         """The basis with the elements that it carries, computed when it is first needed."""
         if self._basis is None:
-            points = self.prior_points(FEM.training_points, tail=1e-4)
-            self._train(Requirement(points, FEM.frequency_error, FEM.shape_error))
+            points = self.prior_points(TRAINING_POINTS, tail=1e-4)
+            self._train(Requirement(points, FREQUENCY_ERROR, SHAPE_ERROR))
         assert self._basis is not None
         return self._basis
 
     def _carrying(self, basis: ReducedBasis) -> ReducedBasis:
         """The basis with the elements, from one of the model without them."""
-        negligible = self._negligible(FEM.frequency_error, FEM.shape_error)
+        negligible = self._negligible(FREQUENCY_ERROR, SHAPE_ERROR)
         return basis.carrying(self.full.system.carried, negligible, self._reference)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
@@ -92,13 +106,13 @@ class ReducedStructure(ApproximateStructure):
     def projected(self, values: FloatArray, places: Iterable[SinglePlace]) -> Structure:
         """In the few combinations of the basis that its modes at ``values`` consist of.
 
-        There, frequencies are accurate to a hundredth of ``FEM.frequency_error`` on average.
+        There, frequencies are accurate to a hundredth of ``FREQUENCY_ERROR`` on average.
         """
         if self.full.elements:
             return self
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
-        neglected = np.cumsum(shares) <= 2.0 * FEM.draws_accuracy * FEM.frequency_error
+        neglected = np.cumsum(shares) <= 2.0 * DRAWS_ACCURACY * FREQUENCY_ERROR
         n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self.basis.combined(directions[:, -n_kept:])
         return ProjectedStructure.of(basis, self.full, places, self._reference)
@@ -127,7 +141,7 @@ class ReducedStructure(ApproximateStructure):
 
     @staticmethod
     def _negligible(frequency_error: float, shape_error: float) -> float:
-        return FEM.negligible * min(math.sqrt(frequency_error), shape_error)
+        return NEGLIGIBLE * min(math.sqrt(frequency_error), shape_error)
 
     def modes(self, values: FloatArray) -> Modes:
         in_basis = self._modes_in_basis(values)
@@ -151,9 +165,9 @@ class ReducedStructure(ApproximateStructure):
 
     def description(self) -> Mapping[str, Any]:
         basis = (
-            f"frequencies within {FEM.frequency_error:g} (as a fraction) and shapes within "
-            f"{FEM.shape_error:g} (at unit length) over the prior, smaller where the posterior "
-            f"lies; at most {FEM.most_full_solutions} full solutions"
+            f"frequencies within {FREQUENCY_ERROR:g} (as a fraction) and shapes within "
+            f"{SHAPE_ERROR:g} (at unit length) over the prior, smaller where the posterior "
+            f"lies; at most {MOST_FULL_SOLUTIONS} full solutions"
         )
         return {**self.full.description(), "reduced basis": basis}
 
@@ -173,7 +187,7 @@ class ReducedStructure(ApproximateStructure):
         return Bounds(1.5 * frequency if rigid else frequency, shape)
 
     def accurate_at(self, required: Requirement) -> Self:
-        """See :meth:`Structure.accurate_at`; at most ``FEM.most_full_solutions`` in all."""
+        """See :meth:`Structure.accurate_at`; at most ``MOST_FULL_SOLUTIONS`` in all."""
         bounds = self.bounds(required.values, required.n_modes)
         if not (_excess(bounds, required) > 1.0).any():
             return self
@@ -206,7 +220,7 @@ class ReducedStructure(ApproximateStructure):
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
         idle = 0  # last full solutions that the basis held already, as where modes cross
-        while self.n_full_solutions < FEM.most_full_solutions and idle < FEM.most_idle:
+        while self.n_full_solutions < MOST_FULL_SOLUTIONS and idle < MOST_IDLE:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
@@ -274,9 +288,9 @@ class ReducedStructure(ApproximateStructure):
 
     def __repr__(self) -> str:
         return (
-            f"ReducedStructure({self.full!r}, frequency_error={FEM.frequency_error}, "
-            f"shape_error={FEM.shape_error}, most_full_solutions={FEM.most_full_solutions}, "
-            f"training_points={FEM.training_points})"
+            f"ReducedStructure({self.full!r}, frequency_error={FREQUENCY_ERROR}, "
+            f"shape_error={SHAPE_ERROR}, most_full_solutions={MOST_FULL_SOLUTIONS}, "
+            f"training_points={TRAINING_POINTS})"
         )
 
 
@@ -298,7 +312,7 @@ class MatrixStructure(AssembledStructure):
 
     @property
     def performance_hint(self) -> str:
-        if self.size <= FEM.dense_up_to:
+        if self.size <= DENSE_UP_TO:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "

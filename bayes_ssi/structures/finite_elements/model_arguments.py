@@ -15,8 +15,15 @@ from bayes_ssi.foundations.argument_types import checked, listed_choices, requir
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.geometry import Geometry, motion_of
+
+# A model of more degrees of freedom must name its sensors: every mode shape is kept at all of
+# them.
+SENSORS_NAMED_ABOVE = 1000
+# Relative error, to the largest entry, of matrices that other programs wrote, perhaps with nine
+# digits.
+FILE_ROUNDING = 1e-8
+
 
 Matrix = sp.csc_array
 # Endings of files that hold one matrix, and of those that hold several.
@@ -114,7 +121,7 @@ def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:
     if not np.isfinite(matrix.data if is_sparse else matrix).all():
         raise ValueError(f"{name} holds numbers that are not finite")
     largest, asymmetry = abs(matrix).max(), abs(matrix - matrix.T).max()
-    if asymmetry > FEM.file_rounding * largest:
+    if asymmetry > FILE_ROUNDING * largest:
         raise ValueError(
             f"{name} must be symmetric, but entries differ from their transposes by up to "
             f"{asymmetry:.3g}, the largest entry being {largest:.3g}; was only one triangle stored?"
@@ -136,7 +143,7 @@ def sensor_rows(
         if len(labels) != n:
             raise ValueError(f"labels: {len(labels)} for {n} degrees of freedom")
     if sensors is None:
-        if n > (most := FEM.sensors_named_above):
+        if n > (most := SENSORS_NAMED_ABOVE):
             raise ValueError(
                 f"sensors: a model of more than {most} degrees of freedom, here "
                 f'{n}, must name the measured ones, as in sensors={{"roof x": 1203}}'

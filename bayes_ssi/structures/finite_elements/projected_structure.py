@@ -31,8 +31,7 @@ from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.reduced_basis import ReducedBasis, Reference
+from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, Sensor, SinglePlace, motion_of
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
 from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
@@ -89,7 +88,7 @@ class ProjectedStructure(Structure):
         at = system.rows[list(moving.values())]
         motions = vectors[at]
         flexibilities, moved = np.split(
-            reference.sketch[at] - motions @ lacking, [FEM.sketch_size], axis=1
+            reference.sketch[at] - motions @ lacking, [SKETCH_SIZE], axis=1
         )
         stiffness = tuple(zip(system.stiffness.products, basis.stiffness, strict=True))
         mass = tuple(zip(system.mass.products, basis.mass, strict=True))

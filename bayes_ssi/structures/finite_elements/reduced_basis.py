@@ -36,7 +36,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
 from bayes_ssi.structures.finite_elements.sparse_modes import Factor, is_semidefinite
 from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
@@ -47,6 +46,20 @@ from bayes_ssi.structures.modal import (
     NoModesError,
     lowest_eigenpairs,
 )
+
+SKETCH_SIZE = 160  # random combinations in the sketch of a residual
+# Factor on their mean square: the square of the norm is larger in 4 of 10 000 cases (χ² with as
+# many degrees of freedom).
+SKETCH_MARGIN = 1.5
+# Combinations that are solved for at a time (a divisor of their number), to take little memory.
+SKETCH_BLOCK = 16
+# Eigenvalues that differ by less than this share count as one group: hardly more than the
+# distance of frequencies (half as large) that a test resolves.
+GROUP_WITHIN = 0.02
+# Modes that move the sensors by less than this share of the most visible mode, at unit modal
+# mass, count as if they moved them by as much: no test identifies them, and their shapes there
+# follow from small asymmetries of the mesh.
+LEAST_VISIBLE = 0.05
 
 
 class Bounds(NamedTuple):
@@ -72,13 +85,13 @@ class Reference:
         # Not kept: with its pivots it is large.
         factor = Factor(self.matrix, NOT_SUPPORTED)
         factor.require_positive_definite()
-        n, n_random = self.matrix.shape[0], FEM.sketch_size
+        n, n_random = self.matrix.shape[0], SKETCH_SIZE
         self.sketch = sketch = np.zeros((n, n_random + len(self.sensors)))
         sketch[self.sensors, n_random + np.arange(len(self.sensors))] = 1.0
         sketch[:, :n_random] = np.random.default_rng(0).standard_normal((n, n_random))
         sketch[:, :n_random] /= np.sqrt(n_random)
-        for first in range(0, sketch.shape[1], FEM.sketch_block):
-            part = sketch[:, first : first + FEM.sketch_block]
+        for first in range(0, sketch.shape[1], SKETCH_BLOCK):
+            part = sketch[:, first : first + SKETCH_BLOCK]
             part[:] = factor.solve(factor.root_times(part) if first < n_random else part)
         del factor
         self.definite = all(is_semidefinite(each) for each in self.stiffness.matrices)
@@ -287,8 +300,8 @@ class ReducedBasis:
         y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
         residuals = _sum(at.stiffness, self.residual_stiffness) @ y
         residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
-        random, at_sensors = np.split(residuals, [FEM.sketch_size])
-        eta = np.linalg.norm(random, axis=0) * math.sqrt(FEM.sketch_margin / alpha)
+        random, at_sensors = np.split(residuals, [SKETCH_SIZE])
+        eta = np.linalg.norm(random, axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
         moved = np.linalg.norm(at_sensors, axis=0) / alpha
         moves = np.linalg.norm(self.at_sensors[: len(reference.sensors)] @ y, axis=0)
         return Bounds(
@@ -309,7 +322,7 @@ class ReducedBasis:
 
 def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
     """Relative errors of frequencies (m,), from η (m,)."""
-    apart = np.diff(eigenvalues) > FEM.group_within * eigenvalues[1:]
+    apart = np.diff(eigenvalues) > GROUP_WITHIN * eigenvalues[1:]
     group = np.concatenate([[0], np.cumsum(apart)])
     together = np.bincount(group, eta**2)
     # The eigenvalues of the other groups are uncertain by their own residuals.
@@ -320,7 +333,7 @@ def _frequency_bounds(eigenvalues: FloatArray, eta: FloatArray) -> FloatArray:
         above[:-1] = 1.0 - eigenvalues[edges] / lowest[edges + 1]
         below[1:] = lowest[edges + 1] / eigenvalues[edges] - 1.0
     # Modes above the last computed one are only known to be higher.
-    above[-1] = FEM.group_within
+    above[-1] = GROUP_WITHIN
     gap = np.minimum(below, above)
     with np.errstate(divide="ignore", invalid="ignore"):
         squared = np.where(gap > 0.0, together / gap, np.inf)
@@ -343,7 +356,7 @@ def _shape_errors(
         mixed = np.minimum(eta[own, None] * eta / distance, 1.0)
     mixed[np.arange(n_modes), np.arange(n_modes)] = 0.0
     at_unit_mass = moves * np.sqrt(eigenvalues)
-    visible = FEM.least_visible * at_unit_mass.max() / np.sqrt(eigenvalues[own])
+    visible = LEAST_VISIBLE * at_unit_mass.max() / np.sqrt(eigenvalues[own])
     with np.errstate(invalid="ignore"):
         errors: FloatArray = (outside + mixed @ moves) / np.maximum(moves[own], visible)
     return np.nan_to_num(errors, nan=0.0, posinf=np.inf)  # without sensors there is no shape

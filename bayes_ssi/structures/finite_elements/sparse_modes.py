@@ -20,8 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.finite_elements.finite_element_settings import FEM
-from bayes_ssi.structures.finite_elements.model_arguments import Matrix
+from bayes_ssi.structures.finite_elements.model_arguments import FILE_ROUNDING, Matrix
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,
     SOLVER,
@@ -33,6 +32,15 @@ from bayes_ssi.structures.modal import (
     settle,
     too_few_modes,
 )
+
+DENSE_UP_TO = 150  # smaller problems are solved faster as dense ones
+# Modes are counted below a shift that differs from every (2πf)² by this share, and with a
+# factor that solves equations this accurately: closer to singularity, signs of pivots are
+# unreliable.
+COUNT_GAP = 1e-6
+# By which a free model can be solved, in units of the mean of diagonal stiffness over mass.
+FREE_SHIFT = 1e-8
+RIGID_SQUARE = 1e-4  # a rigid-body mode's (2πf)² is a smaller share of the next one's
 
 
 class Factor:
@@ -107,7 +115,7 @@ def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
     right = np.cos(np.arange(1.0, stiffness.shape[0] + 1.0))
     solution = factor.solve(right)
     scale = abs(shifted).sum(axis=1).max() * np.linalg.norm(solution) + np.linalg.norm(right)
-    if not np.linalg.norm(shifted @ solution - right) <= FEM.count_gap * scale:
+    if not np.linalg.norm(shifted @ solution - right) <= COUNT_GAP * scale:
         raise NoModesError("K - shift·M is too close to singular")
     return factor.n_negative
 
@@ -117,7 +125,7 @@ def is_semidefinite(matrix: Matrix) -> bool:
     largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
     if largest == 0.0:
         return matrix.nnz == 0
-    shift = sp.diags_array(np.full(matrix.shape[0], FEM.file_rounding * largest))
+    shift = sp.diags_array(np.full(matrix.shape[0], FILE_ROUNDING * largest))
     try:
         return Factor(sp.csc_array(matrix + shift)).n_negative == 0
     except NoModesError:
@@ -131,11 +139,11 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     """
     n = stiffness.shape[0]
     # With many modes, Lanczos vectors (twice as many) would span half of the space.
-    if n <= FEM.dense_up_to or 4 * n_modes >= n:
+    if n <= DENSE_UP_TO or 4 * n_modes >= n:
         return lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
     factor = Factor(stiffness, NOT_SUPPORTED)
     with_mass = np.flatnonzero(np.diff(mass.indptr))
-    if len(with_mass) <= FEM.dense_up_to:
+    if len(with_mass) <= DENSE_UP_TO:
         loads = np.zeros((n, len(with_mass)))
         loads[with_mass, np.arange(len(with_mass))] = 1.0
         modes = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
@@ -154,7 +162,7 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
     inertia = mass.diagonal()
     with_mass = inertia > 0.0
     mean_square = stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
-    shift = FEM.free_shift * mean_square
+    shift = FREE_SHIFT * mean_square
     try:
         # One more than the six that a body in space may have.
         modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, extra=6)
@@ -166,7 +174,7 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
     nine_digits = 5e-10 / math.sqrt(3.0)  # standard deviation of the rounding, over an entry
     rounding = nine_digits * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
     without_strain = np.logical_and.accumulate(np.abs(energy) <= 4.0 * rounding)
-    steps = squares[:-1] < FEM.rigid_square * squares[1:]
+    steps = squares[:-1] < RIGID_SQUARE * squares[1:]
     numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
     if not len(numbers):
         return FreeBody()
@@ -242,7 +250,7 @@ def _modes_under(
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:
     """Number of modes to keep, ``n_modes`` or more: those below the widest gap."""
     gaps = np.diff(eigenvalues) / eigenvalues[1:]
-    candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > FEM.count_gap]
+    candidates = [n for n in range(n_modes, len(eigenvalues)) if gaps[n - 1] > COUNT_GAP]
     return max(candidates, key=lambda n: gaps[n - 1], default=None)
 
 

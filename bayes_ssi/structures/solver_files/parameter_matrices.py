@@ -29,24 +29,12 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Value
 from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 
-
-@dataclass(frozen=True)
-class DifferenceSettings:
-    """When exports count as predicted, and by which powers."""
-
-    # Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
-    tolerance: float = 1e-8
-    # Of properties: modulus, area and density enter by 1, bending of plates and the depth of
-    # sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
-    exponents: tuple[int, ...] = (1, 3, 2, 4, -1)
-
-    @property
-    def rounding(self) -> float:
-        """Parts of a matrix below it are rounding of printed digits."""
-        return 1e-3 * self.tolerance
-
-
-SETTINGS = DifferenceSettings()
+# Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
+TOLERANCE = 1e-8
+ROUNDING = 1e-3 * TOLERANCE  # parts of a matrix below it are rounding of printed digits
+# Of properties: modulus, area and density enter by 1, bending of plates and the depth of
+# sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
+EXPONENTS = (1, 3, 2, 4, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +138,7 @@ def parameter_matrices(
         changes = _Changes.of(which, nominal, [*changed, *checks])
         fits: dict[tuple[str, ...], Terms] = {}
         for names in sorted(by_properties, key=len):  # what each changes alone comes first
-            possible: list[Powers] = [((names[0], e),) for e in SETTINGS.exponents]
+            possible: list[Powers] = [((names[0], e),) for e in EXPONENTS]
             if len(names) == 2:
                 first, second = (fits[(name,)] for name in names)
                 possible = [(*a.powers, *b.powers) for a, b in product(first, second)]
@@ -246,10 +234,10 @@ class _Changes:
     def missed(self, fit: Terms, check: AlteredModel) -> float:
         """The largest error of the prediction of a check, refused where it is too large."""
         error = self.error(self.left(check, fit))
-        if error > SETTINGS.tolerance:
+        if error > TOLERANCE:
             raise ValueError(
                 f"{check.file}: its {self.which} is missed by {error:.1e} of √(K_ii K_jj), "
-                f"{SETTINGS.tolerance:g} is allowed: if files and factors are right, it is not a "
+                f"{TOLERANCE:g} is allowed: if files and factors are right, it is not a "
                 "sum of these properties' powers; export each with one more factor, two whose "
                 "product matters also together, and with more digits if they are few"
             )
@@ -265,7 +253,7 @@ class _Changes:
         """
         differences = [self.left(export, known) for export in exports]
         # What is known may predict them, as well as printed digits allow.
-        allowed = SETTINGS.tolerance if known else SETTINGS.rounding
+        allowed = TOLERANCE if known else ROUNDING
         if max(map(self.error, differences)) <= allowed:
             return ()
         names = sorted(exports[0].factors)
@@ -283,7 +271,7 @@ class _Changes:
                     self.error(_sum([-1.0, *row], [difference, *matrices]))
                     for row, difference in zip(design, differences, strict=True)
                 )
-                if error <= SETTINGS.tolerance:
+                if error <= TOLERANCE:
                     return tuple(map(MatrixTerm, matrices, powers))
                 smallest = min(smallest, error)
         is_single = len(names) == 1
@@ -308,7 +296,7 @@ class _Changes:
         terms = []
         for powers, matrix in of_powers.items():
             relative = abs(self.scale @ matrix @ self.scale)
-            kept_entries = sp.csc_array(matrix.multiply(relative > SETTINGS.rounding))
+            kept_entries = sp.csc_array(matrix.multiply(relative > ROUNDING))
             kept_entries.eliminate_zeros()
             if kept_entries.nnz:
                 terms.append(MatrixTerm(kept_entries, powers))
