@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.calibration.least_squares import DESCENT, DescentSettings, descend
+from bayes_ssi.inference.calibration.least_squares import FARTHEST, descend
 
-PRECISE = DescentSettings(tolerance=1e-12)
+PRECISE = 1e-12
 
 
 def test_linear_residuals_are_solved_exactly():
@@ -57,4 +57,4 @@ def test_the_search_stays_near():
         return np.exp(-z)  # falls for ever
 
     descend(residuals, np.zeros((3, 1)), 30, PRECISE)
-    assert np.abs(np.concatenate(seen)).max() < DESCENT.farthest + 1e-6
+    assert np.abs(np.concatenate(seen)).max() < FARTHEST + 1e-6

@@ -12,7 +12,7 @@ from pools import spawning
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.run import Checkpoint
-from bayes_ssi.inference.workers.workers import Workers, WorkerSettings
+from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _side_by_side, sample_all
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 @pytest.fixture(autouse=True)
 def _few_parts(monkeypatch):
     """A batch in fewer parts is there sooner: these take longer to send than the model."""
-    monkeypatch.setattr(Workers, "settings", WorkerSettings(parts_per_worker=1))
+    monkeypatch.setattr(Workers, "parts_per_worker", 1)
 
 
 def with_structure(candidate, kind, name="x"):

@@ -13,7 +13,7 @@ from pools import points, sums
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.executors import DaskWorkers
-from bayes_ssi.inference.workers.workers import WorkerSettings, evaluate
+from bayes_ssi.inference.workers.workers import evaluate
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -47,7 +47,7 @@ def address(cluster):
 @pytest.fixture
 def soon(monkeypatch):
     """A second for what may take a cluster ten."""
-    monkeypatch.setattr(DaskWorkers, "settings", WorkerSettings(cluster_seconds=1.0))
+    monkeypatch.setattr(DaskWorkers, "cluster_seconds", 1.0)
 
 
 def test_values_do_not_depend_on_who_computes_them(address, model_classes):
@@ -99,7 +99,7 @@ def test_clusters_without_workers(monkeypatch):
         threading.Timer(0.3, made.scale, [1]).start()
         with DaskWorkers(made.scheduler_address) as pool:
             np.testing.assert_array_equal(pool.evaluate(sums, points(9)).values, sums(points(9)))
-            pool.settings = WorkerSettings(cluster_seconds=1.0)
+            pool.cluster_seconds = 1.0
             threading.Timer(0.3, made.scale, [0]).start()
             with pytest.raises(ValueError, match="workers: none is left"):
                 pool.evaluate(takes_long, points(8))
@@ -129,7 +129,7 @@ def test_the_command_gives_the_same_with_dask(
         "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
     )
     # A batch in fewer parts is there sooner: these take Dask longer than the model.
-    monkeypatch.setattr(DaskWorkers, "settings", WorkerSettings(parts_per_worker=1))
+    monkeypatch.setattr(DaskWorkers, "parts_per_worker", 1)
     result = run(
         "rank", tiny_study_file, "--only", "one k", "--dask", address, "--accept-failed-checks",
         "--out", tmp_path / "result",

@@ -8,7 +8,6 @@ import pytest
 from pools import Crew, Death, numbered, points, spawning, sums, workers_of
 
 from bayes_ssi.inference.workers.executors import LocalWorkers, can_copy
-from bayes_ssi.inference.workers.workers import WorkerSettings
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -40,7 +39,7 @@ def test_dead_processes_are_replaced_and_their_points_isolated(tmp_path):
 
 
 def test_workers_that_always_die_end_the_run(monkeypatch):
-    monkeypatch.setattr(LocalWorkers, "settings", WorkerSettings(most_deaths=2))
+    monkeypatch.setattr(LocalWorkers, "most_deaths", 2)
     with LocalWorkers(1) as pool, pytest.raises(ValueError, match="workers: died 3 times, the"):
         pool.evaluate(lambda _: os._exit(1), points(8))
 
@@ -84,7 +83,7 @@ def test_deaths_of_many_batches_add_up():
         assert_all_but(crew.evaluate(deadly_at(row), numbered(30)), [row], 30)
     with pytest.raises(ValueError, match=r"^workers: died 101 times, the last time with Broken"):
         crew.evaluate(deadly_at(*range(2000)), numbered(2000))
-    assert crew.n_deaths == crew.settings.most_deaths + 1
+    assert crew.n_deaths == crew.most_deaths + 1
 
 
 def test_a_point_that_is_a_batch_is_tried_again_too(tmp_path):

@@ -30,12 +30,18 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import EQUAL_SIZES, FloatArray, place_of_largest
 from bayes_ssi.foundations.displayed import Displayed
 from bayes_ssi.inference.calibration.least_squares import (
-    CALIBRATION,
     DIFFERENCE_STEP,
     CalibrationProblem,
     DeterministicFit,
 )
 from bayes_ssi.inference.model_class.model_class import ModelClass
+
+MOST_STARTS = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
+SAME_MINIMUM = 1e-2  # largest distance between the ends of searches at one minimum
+EQUALLY_GOOD = 1e-7  # to about this misfits are computed: exact fits differ by less
+MOST_ROUNDS = 20  # to the nearest fit: two or three where the fit is smooth at all
+ZERO_SENSITIVITY = 1e-6  # over the largest: far below real ones, far above rounding
+MIXED = 1e-3  # share of what is determined that would not be seen in three digits
 
 
 @dataclass(frozen=True, repr=False)
@@ -131,9 +137,8 @@ def calibrate(
         shape_weight = model_class.error.shape_weight
     if not 0.0 <= shape_weight < math.inf:
         raise ValueError(f"calibrate: shape_weight must be zero or positive, got {shape_weight!r}")
-    most = CALIBRATION.most_starts
-    if not 1 <= n_starts <= most:
-        raise ValueError(f"calibrate: n_starts must be from 1 to {most:,}, got {n_starts!r}")
+    if not 1 <= n_starts <= MOST_STARTS:
+        raise ValueError(f"calibrate: n_starts must be from 1 to {MOST_STARTS:,}, got {n_starts!r}")
     if seed < 0:
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
@@ -178,7 +183,7 @@ def distinct_minima(
     order = sorted(range(len(ends)), key=lambda i: (round(misfits[i], 7), near[i], places[i]))
     kept: list[int] = []
     for i in order:
-        if all(np.abs(ends[i] - ends[j]).max() > CALIBRATION.same_minimum for j in kept):
+        if all(np.abs(ends[i] - ends[j]).max() > SAME_MINIMUM for j in kept):
             kept.append(i)
     best = ends[kept[0]]
     undetermined = 0
@@ -186,7 +191,7 @@ def distinct_minima(
         undetermined = len(best) - _determined(problem, best).shape[1]
     if undetermined:
         # The equally good points form a surface; the nearest of them represents it.
-        worse = misfits[kept[0]] + CALIBRATION.equally_good
+        worse = misfits[kept[0]] + EQUALLY_GOOD
         kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
         nearest = _nearest_fit(problem, best)
         if nearest is not None and problem.misfit(nearest[None])[0] < worse:
@@ -201,7 +206,7 @@ def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray |
     the least-squares solution of smallest norm, by the truncated singular value decomposition.
     """
     z = start
-    for _ in range(CALIBRATION.most_rounds):
+    for _ in range(MOST_ROUNDS):
         basis = _determined(problem, z)
         if not basis.size:
             return np.zeros(len(z))
@@ -209,7 +214,7 @@ def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray |
         if found is None:
             return None
         z, last = found, z
-        if np.abs(z - last).max() < CALIBRATION.same_minimum**2:
+        if np.abs(z - last).max() < SAME_MINIMUM**2:
             break
     return z
 
@@ -217,7 +222,7 @@ def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray |
 def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
     """Orthonormal basis (d, r) of the directions that change the residuals at one point."""
     _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
-    return rows[sizes > CALIBRATION.zero_sensitivity * sizes.max()].T
+    return rows[sizes > ZERO_SENSITIVITY * sizes.max()].T
 
 
 @dataclass(frozen=True)
@@ -268,7 +273,7 @@ def determination(problem: CalibrationProblem, z: FloatArray) -> Determination:
     open_ = [column for column, size in enumerate(alone) if size <= 1.0]
     determined: list[Combination] = []
     undetermined: list[Combination] = []
-    negligible = CALIBRATION.zero_sensitivity * float(np.linalg.norm(jacobian))
+    negligible = ZERO_SENSITIVITY * float(np.linalg.norm(jacobian))
     for group in _groups(jacobian, open_):
         columns, names = _marginal(jacobian, group), [problem.names[c] for c in group]
         sums, changes = _combinations(columns, names, slopes[group], negligible)
@@ -305,7 +310,7 @@ def _marginal(jacobian: FloatArray, columns: Sequence[int]) -> FloatArray:
     chosen, rest = jacobian[:, columns], np.delete(jacobian, columns, axis=1)
     if not rest.size:
         return chosen
-    return chosen - rest @ (np.linalg.pinv(rest, rcond=CALIBRATION.zero_sensitivity) @ chosen)
+    return chosen - rest @ (np.linalg.pinv(rest, rcond=ZERO_SENSITIVITY) @ chosen)
 
 
 def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
@@ -313,7 +318,7 @@ def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
     if not columns:
         return []
     shared = _determined_rows(_marginal(jacobian, columns))
-    mixed: NDArray[np.bool_] = np.abs(shared.T @ shared) > CALIBRATION.mixed
+    mixed: NDArray[np.bool_] = np.abs(shared.T @ shared) > MIXED
     n_groups, group = connected_components(mixed, directed=False)
     return [[c for c, g in zip(columns, group, strict=True) if g == i] for i in range(n_groups)]
 

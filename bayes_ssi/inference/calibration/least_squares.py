@@ -20,6 +20,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product, values_at
 from bayes_ssi.structures.modal import Modes, mac
 
+FARTHEST = 8.0  # that a search goes out, in prior standard deviations
+
 
 @dataclass(frozen=True)
 class ModeFit:
@@ -80,20 +82,6 @@ def rms_distance(values: Mapping[str, float], reference: Mapping[str, float]) ->
     return math.sqrt(sum(squares) / len(squares))
 
 
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """What counts as a minimum, and as determined; distances are in prior standard deviations."""
-
-    most_starts: int = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
-    farthest: float = 8.0  # that a search goes out
-    same_minimum: float = 1e-2  # largest distance between the ends of searches at one minimum
-    equally_good: float = 1e-7  # to about this misfits are computed: exact fits differ by less
-    most_rounds: int = 20  # to the nearest fit: two or three where the fit is smooth at all
-    zero_sensitivity: float = 1e-6  # over the largest: far below real ones, far above rounding
-    mixed: float = 1e-3  # share of what is determined that would not be seen in three digits
-
-
-CALIBRATION = CalibrationSettings()
 # At the cube root of the rounding error, central differences are the most accurate.
 DIFFERENCE_STEP = float(np.cbrt(np.finfo(float).eps))
 
@@ -151,7 +139,7 @@ class CalibrationProblem:
             return np.zeros((1, d))
         points = qmc.Sobol(d, seed=seed).random_base2(max(1, math.ceil(math.log2(n))))[: n - 1]
         spread = 2.0 * ndtri(np.clip(points, 1e-6, 1 - 1e-6))
-        reach = 0.9 * CALIBRATION.farthest
+        reach = 0.9 * FARTHEST
         return np.vstack([np.zeros(d), np.clip(spread, -reach, reach)])
 
     def values(self, z: FloatArray) -> FloatArray:
@@ -225,7 +213,7 @@ class CalibrationProblem:
                 minimised,
                 start @ basis,
                 jac=jacobian,
-                bounds=(-CALIBRATION.farthest, CALIBRATION.farthest),
+                bounds=(-FARTHEST, FARTHEST),
                 xtol=1e-12,
                 ftol=1e-14,
                 gtol=1e-12,
@@ -233,7 +221,7 @@ class CalibrationProblem:
             )
         except ValueError:  # residuals that are not finite: the structure broke down on the way
             return None
-        at_bound = np.any(np.abs(result.x) > 0.999 * CALIBRATION.farthest)
+        at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
         slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
         # A search that ran out of evaluations ends on a slope.
         return None if at_bound or slope > 1e-4 else basis @ result.x
@@ -285,27 +273,16 @@ def difference_quotients(both: FloatArray) -> FloatArray:
 Residuals = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
-@dataclass(frozen=True)
-class DescentSettings:
-    """How descents go on; lengths are in prior standard deviations."""
-
-    tolerance: float = 1e-3  # fall of half the sum of squares that is worth no step, in nats
-    difference_step: float = 1e-7  # where rounding of residuals and truncation balance
-    first_damping: float = 1e-3  # as a share of the squares' curvature (Marquardt 1963)
-    damping_factor: float = 10.0  # by which every step changes it
-    most_damping: float = 1e8  # with which steps are too short to go on
-    longest_step: float = 2.0
-    farthest: float = 8.0  # that a search goes out
-
-
-DESCENT = DescentSettings()
+TOLERANCE = 1e-3  # fall of half the sum of squares that is worth no step, in nats
+FORWARD_STEP = 1e-7  # where rounding of residuals and truncation balance
+FIRST_DAMPING = 1e-3  # as a share of the squares' curvature (Marquardt 1963)
+DAMPING_FACTOR = 10.0  # by which every step changes it
+MOST_DAMPING = 1e8  # with which steps are too short to go on
+LONGEST_STEP = 2.0  # in prior standard deviations
 
 
 def descend(
-    residuals: Residuals,
-    starts: FloatArray,
-    most_steps: int,
-    settings: DescentSettings = DESCENT,
+    residuals: Residuals, starts: FloatArray, most_steps: int, tolerance: float = TOLERANCE
 ) -> tuple[FloatArray, FloatArray]:
     """Descend from every row of ``starts`` (n, d).
 
@@ -319,28 +296,26 @@ def descend(
     halves = _halves(current)
     curvatures = np.tile(np.eye(d), (n, 1, 1))
     slopes = np.zeros((n, d))
-    damping = np.full(n, settings.first_damping)
+    damping = np.full(n, FIRST_DAMPING)
     active = rows[np.isfinite(halves)]
     moved = active
     for _ in range(most_steps):
         if not len(active):
             break
         if len(moved):
-            jacobians = _jacobians(
-                residuals, z[moved], moved, current[moved], settings.difference_step
-            )
+            jacobians = _jacobians(residuals, z[moved], moved, current[moved])
             curvatures[moved] = np.einsum("nmi,nmj->nij", jacobians, jacobians)
             slopes[moved] = np.einsum("nmi,nm->ni", jacobians, current[moved])
         steps = _steps(curvatures[active], slopes[active], damping[active])
         lengths = np.sqrt(np.einsum("ni,ni->n", steps, steps))
-        steps *= np.minimum(1.0, settings.longest_step / np.maximum(lengths, 1e-300))[:, None]
-        tried = np.clip(z[active] + steps, -settings.farthest, settings.farthest)
+        steps *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
+        tried = np.clip(z[active] + steps, -FARTHEST, FARTHEST)
         expected = -np.einsum("ni,ni->n", slopes[active], tried - z[active])
         new = residuals(tried, active)
         new_halves = _halves(new)
         down = new_halves < halves[active]
-        damping[active] *= np.where(down, 1.0 / settings.damping_factor, settings.damping_factor)
-        settled = (expected < settings.tolerance) | (damping[active] > settings.most_damping)
+        damping[active] *= np.where(down, 1.0 / DAMPING_FACTOR, DAMPING_FACTOR)
+        settled = (expected < tolerance) | (damping[active] > MOST_DAMPING)
         moved = active[down]
         z[moved], current[moved], halves[moved] = tried[down], new[down], new_halves[down]
         moved, active = active[down & ~settled], active[~settled]
@@ -354,13 +329,13 @@ def _halves(residuals: FloatArray) -> FloatArray:
 
 
 def _jacobians(
-    residuals: Residuals, z: FloatArray, rows: NDArray[np.intp], at_z: FloatArray, step: float
+    residuals: Residuals, z: FloatArray, rows: NDArray[np.intp], at_z: FloatArray
 ) -> FloatArray:
     """Jacobians (n, m, d) by forward differences, all in one batch; 0 where there are none."""
     n, d = z.shape
-    ahead = z[:, None, :] + step * np.eye(d)
+    ahead = z[:, None, :] + FORWARD_STEP * np.eye(d)
     values = residuals(ahead.reshape(-1, d), np.repeat(rows, d)).reshape(n, d, -1)
-    differences = (values - at_z[:, None, :]) / step
+    differences = (values - at_z[:, None, :]) / FORWARD_STEP
     return np.where(np.isfinite(differences), differences, 0.0).transpose(0, 2, 1)
 
 

@@ -20,7 +20,7 @@ plausible where errors are wide, a descent follows them while the errors are nar
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,28 +39,22 @@ from bayes_ssi.inference.workers.journal import Journal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import Modes
 
-
-@dataclass(frozen=True)
-class NarrowRegionSettings:
-    # Of one search. Where a wrong model fits some of the modes only, in one of many ways, each of
-    # its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
-    descents: int = 24
-    # The first size of errors: the spread of frequencies where a stiffness may be off by half.
-    widest: float = 0.3
-    # From width to width a linear fit keeps its place, and wrong pairs fall behind by ten times.
-    narrowing: float = math.sqrt(10.0)
-    lowest_size: float = -3.0  # plausible one of inferred errors, in prior sds from the median
-    steps_at_width: int = 2  # which the next width continues
-    steps_with_pair: int = 8  # with the errors' own size, where a fit takes half as many
-    steps_to_end: int = 20
-    # Of errors, the first, the last and their number: an exact fit of n residuals draws them down
-    # by about n prior standard deviations of their logarithm, which ascents complete.
-    sizes: tuple[float, float, int] = (-6.0, 3.0, 13)
-    rounds_of_sizes: int = 3  # in which sizes, pairs and the descent take turns
-    draws: int = 30  # tried for each descent, where the model fails at most of them
-
-
-NARROW = NarrowRegionSettings()
+# Of one search. Where a wrong model fits some of the modes only, in one of many ways, each of
+# its regions is reached by two in three searches of 16 descents, and by nearly all of 32.
+DESCENTS = 24
+# The first size of errors: the spread of frequencies where a stiffness may be off by half.
+WIDEST = 0.3
+# From width to width a linear fit keeps its place, and wrong pairs fall behind by ten times.
+NARROWING = math.sqrt(10.0)
+LOWEST_SIZE = -3.0  # plausible one of inferred errors, in prior sds from the median
+STEPS_AT_WIDTH = 2  # which the next width continues
+STEPS_WITH_PAIR = 8  # with the errors' own size, where a fit takes half as many
+STEPS_TO_END = 20
+# Of errors, the first, the last and their number: an exact fit of n residuals draws them down
+# by about n prior standard deviations of their logarithm, which ascents complete.
+SIZES = (-6.0, 3.0, 13)
+ROUNDS_OF_SIZES = 3  # in which sizes, pairs and the descent take turns
+DRAWS = 30  # tried for each descent, where the model fails at most of them
 
 
 def starts_in_narrow_regions(
@@ -221,22 +215,22 @@ class _Descents:
         if not (len(z) and self.n_structural and any(test.n_identified for test in self.tests)):
             return z[:0]
         # From small errors every other descent leads to what is fitted exactly.
-        z[::2, self.sizes] = NARROW.lowest_size
+        z[::2, self.sizes] = LOWEST_SIZE
         n = len(z)
         orders = [self.rng.random((n, t.n_identified)).argsort(axis=1) for t in self.tests]
         z = self._extended(*self._narrowed(z, orders), orders)
         everything = [np.ones(order.shape, dtype=bool) for order in orders]
-        for _ in range(NARROW.rounds_of_sizes if self.sizes else 1):
+        for _ in range(ROUNDS_OF_SIZES if self.sizes else 1):
             z = self._with_probable_sizes(z)
             chosen = self._pairings(z, 0.0, everything)
-            z, curvatures = self._descended(z, chosen, 0.0, NARROW.steps_to_end)
+            z, curvatures = self._descended(z, chosen, 0.0, STEPS_TO_END)
         return self._distinct(z, curvatures)
 
     def _draws(self) -> FloatArray:
         """Prior draws (n, d) at which the structures have modes."""
         drawn: list[FloatArray] = []
-        missing = NARROW.descents
-        for _ in range(NARROW.draws):
+        missing = DESCENTS
+        for _ in range(DRAWS):
             z = self.rng.standard_normal((missing, len(self.model_class.parameters)))
             solved = [np.isfinite(modes.frequencies_hz) for modes in self._modes(z)]
             drawn.append(z[np.concatenate(solved, axis=1).all(axis=1)])
@@ -259,7 +253,7 @@ class _Descents:
             order.argsort(axis=1) < self.rng.integers(1, order.shape[1] + 1, size=(n, 1))
             for order in orders
         ]
-        chosen = self._pairings(z, NARROW.widest, considered)
+        chosen = self._pairings(z, WIDEST, considered)
         for k, width in enumerate(widths):
             again = np.flatnonzero(first < k)
             if len(again):
@@ -269,16 +263,16 @@ class _Descents:
             now = np.flatnonzero(first <= k)
             if len(now):
                 pairings = [pairing[now] for pairing in chosen]
-                steps = NARROW.steps_at_width
+                steps = STEPS_AT_WIDTH
                 z[now], _ = self._descended(z[now], pairings, width, steps)
         return z, chosen
 
     def _widths(self, n_parameters: int) -> FloatArray:
         """Widths of errors, from the widest to the smallest plausible error."""
         low = np.zeros((1, n_parameters))
-        low[:, self.sizes] = NARROW.lowest_size
+        low[:, self.sizes] = LOWEST_SIZE
         sizes = np.concatenate([size.ravel() for test in self._errors(low, 0.0) for size in test])
-        widest, narrowing = NARROW.widest, NARROW.narrowing
+        widest, narrowing = WIDEST, NARROWING
         n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
         return widest / narrowing ** np.arange(n + 1.0)
 
@@ -291,8 +285,8 @@ class _Descents:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
         if not any(test.inferred for test in self.tests):
             return z
-        width = NARROW.widest / NARROW.narrowing
-        z, curvatures = self._descended(z, chosen, 0.0, NARROW.steps_to_end)
+        width = WIDEST / NARROWING
+        z, curvatures = self._descended(z, chosen, 0.0, STEPS_TO_END)
         masses = self._log_masses(z, curvatures)
         for t, test in enumerate(self.tests):
             for mode in orders[t].T if test.inferred else ():
@@ -302,7 +296,7 @@ class _Descents:
                 tried = [pairing[rows] for pairing in chosen]
                 values, modes = self._values(z[rows])[t], self._modes(z[rows])[t]
                 tried[t] = test.with_pair(values, modes, tried[t], mode[rows], width, self.rng)
-                ends, curvatures = self._descended(z[rows], tried, 0.0, NARROW.steps_with_pair)
+                ends, curvatures = self._descended(z[rows], tried, 0.0, STEPS_WITH_PAIR)
                 new = self._log_masses(ends, curvatures)
                 better = new > masses[rows]
                 z[rows[better]], masses[rows[better]] = ends[better], new[better]
@@ -350,7 +344,7 @@ class _Descents:
         if not self.sizes:
             return z
         z = z.copy()
-        sizes = np.linspace(*NARROW.sizes)
+        sizes = np.linspace(*SIZES)
         n = len(sizes)
         repeated = [
             Modes(*(np.repeat(array, n, axis=0) for array in modes)) for modes in self._modes(z)

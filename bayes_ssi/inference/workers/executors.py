@@ -99,6 +99,8 @@ class DaskWorkers(Workers):
     Entering connects to the scheduler, and waits for a cluster that is still starting.
     """
 
+    cluster_seconds = 10.0  # to answer, to have its first worker, to replace its last one
+
     def __init__(self, address: str) -> None:
         """Use the cluster whose scheduler is at ``address``, as in tcp://host:8786."""
         super().__init__(None)
@@ -120,20 +122,18 @@ class DaskWorkers(Workers):
         try:
             # Closing a client of a malformed address hangs.
             get_address_host_port(self.address)
-            self._client = Client(
-                self.address, timeout=self.settings.cluster_seconds, set_as_default=False
-            )
+            self._client = Client(self.address, timeout=self.cluster_seconds, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise ValueError(f"no Dask scheduler answers at {self.address!r}: {error}") from error
         # Dask would take equal calls for one call.
         self._executor = self._client.get_executor(pure=False)
         try:
-            self._client.wait_for_workers(1, timeout=self.settings.cluster_seconds)
+            self._client.wait_for_workers(1, timeout=self.cluster_seconds)
         except TimeoutError:
             self._stop()
             raise ValueError(
                 f"the Dask cluster at {self.address!r} has no workers, not even after "
-                f"{self.settings.cluster_seconds:g} s"
+                f"{self.cluster_seconds:g} s"
             ) from None
         except BaseException:
             self._stop()
@@ -145,7 +145,7 @@ class DaskWorkers(Workers):
 
     def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
         """Futures that are ready; raises instead of waiting for workers that are gone."""
-        seconds = self.settings.cluster_seconds
+        seconds = self.cluster_seconds
         give_up = monotonic() + seconds
         while True:
             ready = wait(waiting, timeout=seconds / 10, return_when=FIRST_COMPLETED).done

@@ -73,16 +73,6 @@ class SafeFunction:
         return evaluate(self.function, z, self.n_columns)
 
 
-@dataclass(frozen=True)
-class WorkerSettings:
-    parts_per_worker: int = 4  # of a batch: none should wait long for the slowest
-    # Into which lost points are divided to be evaluated again, down to single points: four isolate
-    # the point of a batch of 1024 at which a worker dies after six deaths at most.
-    groups: int = 4
-    most_deaths: int = 100  # enough to find some twenty points at which workers die
-    cluster_seconds: float = 10.0  # to answer, to have its first worker, to replace its last one
-
-
 class Workers:
     """The workers of any executor, which its creator shuts down.
 
@@ -90,7 +80,11 @@ class Workers:
     outermost entry, or at the first call, and stop them at the outermost exit.
     """
 
-    settings = WorkerSettings()
+    parts_per_worker = 4  # of a batch: none should wait long for the slowest
+    # Into which lost points are divided to be evaluated again, down to single points: four isolate
+    # the point of a batch of 1024 at which a worker dies after six deaths at most.
+    groups = 4
+    most_deaths = 100  # enough to find some twenty points at which workers die
 
     def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
         """Use an executor; by ``n_workers``, where known, batches are divided into parts."""
@@ -108,7 +102,7 @@ class Workers:
     @property
     def n_parts(self) -> int:
         """Best number of parts to divide a batch into."""
-        return self.settings.parts_per_worker * max(self.n_workers, 1)
+        return self.parts_per_worker * max(self.n_workers, 1)
 
     def __enter__(self) -> "Workers":
         if not self._n_entered:
@@ -147,7 +141,7 @@ class Workers:
                 failures[int(rows[0])] = "the worker that evaluated it died"
             else:
                 suspect[lost] = True
-                groups += _divided(lost, self.settings.groups)
+                groups += _divided(lost, self.groups)
         return Evaluated(values, failures)
 
     def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
@@ -210,7 +204,7 @@ class Workers:
     def _recover(self, death: BaseException) -> None:
         """Replace workers after one died, or give up."""
         self._n_deaths += 1
-        if self._n_deaths > self.settings.most_deaths:
+        if self._n_deaths > self.most_deaths:
             raise ValueError(
                 f"workers: died {self._n_deaths} times, the last time with "
                 f"{type(death).__name__}: {death}"

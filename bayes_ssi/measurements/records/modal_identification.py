@@ -128,9 +128,8 @@ def identify(
     band, at = record.checked_band(band_hz), tuple(at)
     remarks: list[str] = []
     doubts: list[str] = []
-    factor, fewest = SEARCH_FACTOR, FEWEST_LINES
-    lowest = max(band[0] / factor, min(band[0], fewest / record.duration_s))
-    highest = min(band[1] * factor, max(band[1], 0.98 * record.nyquist_hz))
+    lowest = max(band[0] / SEARCH_FACTOR, min(band[0], FEWEST_LINES / record.duration_s))
+    highest = min(band[1] * SEARCH_FACTOR, max(band[1], 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
     still = _undisturbed(record, reach, band, remarks)
     if ground is None:

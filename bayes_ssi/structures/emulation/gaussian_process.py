@@ -22,8 +22,7 @@ NOISE = (1e-10, 1e-1)
 # Shortest and longest, in units of the variables' own spread: shorter ones leave points
 # uncorrelated, longer ones are polynomials.
 LENGTHS = (0.1, 100.0)
-# Points from which lengths are estimated: more hardly change them, at a cost of their third
-# power.
+# Points from which lengths are estimated: more hardly change them, at a cost of their third power.
 MOST_FITTED = 250
 
 

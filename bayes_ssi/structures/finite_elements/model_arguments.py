@@ -17,8 +17,7 @@ from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
 from bayes_ssi.structures.geometry import Geometry, motion_of
 
-# A model of more degrees of freedom must name its sensors: every mode shape is kept at all of
-# them.
+# A model of more degrees of freedom must name its sensors: every mode shape is kept at all of them.
 SENSORS_NAMED_ABOVE = 1000
 # Relative error, to the largest entry, of matrices that other programs wrote, perhaps with nine
 # digits.

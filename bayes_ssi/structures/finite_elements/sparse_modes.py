@@ -34,9 +34,8 @@ from bayes_ssi.structures.modal import (
 )
 
 DENSE_UP_TO = 150  # smaller problems are solved faster as dense ones
-# Modes are counted below a shift that differs from every (2πf)² by this share, and with a
-# factor that solves equations this accurately: closer to singularity, signs of pivots are
-# unreliable.
+# Modes are counted below a shift that differs from every (2πf)² by this share, and with a factor
+# that solves equations this accurately: closer to singularity, signs of pivots are unreliable.
 COUNT_GAP = 1e-6
 # By which a free model can be solved, in units of the mean of diagonal stiffness over mass.
 FREE_SHIFT = 1e-8
