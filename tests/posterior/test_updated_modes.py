@@ -9,7 +9,7 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.inference.posterior.model_at_draws import (
-    KEPT,
+    MOST_PLACES,
     UpdatedModes,
     at_draws,
     configuration_modes,
@@ -64,7 +64,7 @@ def test_a_record_is_read_back(updated):
 
 
 def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
-    n = KEPT.places + 1
+    n = MOST_PLACES + 1
     k = bs.Parameter("k", bs.LogNormal(1000.0, 0.1))
     data = bs.ModalData(
         (bs.IdentifiedMode("1", 0.08, np.array([0.5, 1.0])),),

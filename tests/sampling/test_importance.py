@@ -9,12 +9,12 @@ from scipy import stats
 
 from bayes_ssi.inference.sampling.ensembles import Ensemble
 from bayes_ssi.inference.sampling.importance import (
+    PARETO_K_LIMIT,
     ImportanceSample,
     ImportanceSampler,
     bridge_sampling,
 )
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.inference.sampling.settings import IMPORTANCE
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 BATCH, PRIOR_SHARE = ImportanceSampler.batch, ImportanceSampler.prior_share
@@ -185,9 +185,9 @@ def first_bump():
 def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
     target = Target(two_bumps, 2)
     first = sampler_of(target, seed).sample(first_bump)
-    assert first.pareto_k > IMPORTANCE.pareto_k_limit
+    assert first.pareto_k > PARETO_K_LIMIT
     sample = importance(target, first_bump, seed)
-    assert sample.pareto_k < IMPORTANCE.pareto_k_limit
+    assert sample.pareto_k < PARETO_K_LIMIT
     assert sample.mixture.n_components > 1
     assert np.linalg.norm(sample.mixture.means[1] - AT[1]) < 4.0 * WIDTH
     assert len(sample.z) >= BATCH + BATCH // 6

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture, fit_mixture
-from bayes_ssi.inference.sampling.settings import MIXTURES
+from bayes_ssi.inference.sampling.mixture import (
+    DEFENSIVE_SHARE,
+    StudentMixture,
+    choose_mixture,
+    fit_mixture,
+)
 
 MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])
 SCALES = np.array([[[0.5, 0.2], [0.2, 0.4]], [[1.0, -0.3], [-0.3, 0.3]]])
@@ -116,7 +120,7 @@ def test_a_component_without_weight_is_kept(mixture, rng):
     draws = far_apart.draw(np.array([500, 0, 0]), rng)
     weights = far_apart.reweighted(draws, np.full(500, 1.0 / 500.0)).weights
     assert weights.sum() == pytest.approx(1.0)
-    assert weights[1] == pytest.approx(0.5 * MIXTURES.defensive_share)
+    assert weights[1] == pytest.approx(0.5 * DEFENSIVE_SHARE)
 
 
 def test_fitting_recovers_a_mixture(rng):

@@ -23,18 +23,12 @@ from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.structures.response import ground_influence
 from bayes_ssi.structures.structure import Structure
 
-
-@dataclass(frozen=True)
-class KeptSettings:
-    level: float = 0.95  # of intervals
-    draws: int = 200  # for intervals: enough for a plot, at a small part of the sampling's cost
-    places: int = 100  # with more degrees of freedom, shapes are kept at the sensors only
-    # At which shapes at the sensors are kept: enough for means and evidences under changed settings
-    # to a few hundredths of a standard deviation and of a nat.
-    draws_with_shapes: int = 4000
-
-
-KEPT = KeptSettings()
+INTERVAL_LEVEL = 0.95
+DRAWS_OF_INTERVALS = 200  # enough for a plot, at a small part of the sampling's cost
+MOST_PLACES = 100  # with more degrees of freedom, shapes are kept at the sensors only
+# At which shapes at the sensors are kept: enough for means and evidences under changed settings
+# to a few hundredths of a standard deviation and of a nat.
+DRAWS_WITH_SHAPES = 4000
 
 Interval = tuple[float, float, float]
 
@@ -97,7 +91,7 @@ def configuration_modes(
     records = []
     # The prior medians are the first row, ahead of the draws.
     at = np.concatenate([model_class.values(np.zeros((1, values.shape[1]))), values])
-    chosen = np.concatenate([[0], 1 + evenly_spaced_indices(len(values), KEPT.draws)])
+    chosen = np.concatenate([[0], 1 + evenly_spaced_indices(len(values), DRAWS_OF_INTERVALS)])
     for configuration, likelihood, columns in model_class.parts(at):
         inferred = likelihood.inferred_pairing(columns[1:])
         pairing = dict(inferred.best if inferred else likelihood.pairing)
@@ -118,7 +112,7 @@ def _updated_modes(
     modes = likelihood.modes(at)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
-    if len(all_places) > KEPT.places:
+    if len(all_places) > MOST_PLACES:
         places = tuple(sensor for sensor in data.sensors if sensor in all_places)
     shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
@@ -190,7 +184,7 @@ def moves_sideways(structure: Structure) -> bool:
 
 def _interval(draws: FloatArray) -> Any:
     """The ends of the interval and the median between them, of draws (n,) or of each column."""
-    ends = 0.5 * (1.0 - KEPT.level), 0.5 * (1.0 + KEPT.level)
+    ends = 0.5 * (1.0 - INTERVAL_LEVEL), 0.5 * (1.0 + INTERVAL_LEVEL)
     return tuple(np.quantile(draws, [ends[0], 0.5, ends[1]], axis=0).tolist())
 
 

@@ -22,7 +22,11 @@ from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.configuration import modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
-from bayes_ssi.inference.posterior.model_at_draws import KEPT, ConfigurationModes, DatumTerms
+from bayes_ssi.inference.posterior.model_at_draws import (
+    DRAWS_WITH_SHAPES,
+    ConfigurationModes,
+    DatumTerms,
+)
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
@@ -252,7 +256,7 @@ def check_names(posteriors: Iterable[Posterior]) -> list[str]:
 
 def draws_with_shapes(n_draws: int) -> NDArray[np.intp]:
     """The draws, of all chains in turn, at which a posterior keeps shapes at the sensors."""
-    return evenly_spaced_indices(n_draws, KEPT.draws_with_shapes)
+    return evenly_spaced_indices(n_draws, DRAWS_WITH_SHAPES)
 
 
 @dataclass(frozen=True, eq=False)

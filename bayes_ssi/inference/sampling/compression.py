@@ -24,10 +24,9 @@ from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, syst
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
-from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture
+from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture, tails_within
 from bayes_ssi.inference.sampling.proposals import drawn_anew
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import LogDensity, Target, log_standard_normal
 
 # Share of the particles that survives a level: for a given error, from 0.1 to 0.3 takes the
@@ -250,7 +249,7 @@ class _Climb:
     def _proposals(self, sets: LevelSets, others: FloatArray) -> StudentMixture:
         n, d = others.shape
         n_components = max(1, n // (PARTICLES_PER_COMPONENT * d))
-        mixture = fit_mixture(others, n_components, MIXTURES.tails_within(d), self._rng).widened()
+        mixture = fit_mixture(others, n_components, tails_within(d), self._rng).widened()
         if len(sets.at):
             mixture = mixture.mixed_with(sets.as_mixture(), MAXIMA_SHARE)
         return mixture.with_prior_component(PRIOR_SHARE)

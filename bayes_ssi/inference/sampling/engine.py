@@ -40,6 +40,8 @@ from bayes_ssi.inference.sampling.ensembles import (
     thinned_ensembles,
 )
 from bayes_ssi.inference.sampling.importance import (
+    PARETO_K_LIMIT,
+    SHARE_ERROR,
     ImportanceSample,
     ImportanceSampler,
     ScoredDraws,
@@ -47,7 +49,7 @@ from bayes_ssi.inference.sampling.importance import (
     joined_samples,
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
-from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture
+from bayes_ssi.inference.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
 from bayes_ssi.inference.sampling.multistart import (
     ASCENTS_BESIDE_STARTS,
     MultistartSearch,
@@ -59,8 +61,6 @@ from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_reg
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
     CHAINS,
-    IMPORTANCE,
-    MIXTURES,
     ChainSettings,
     SamplingSettings,
     StepProgress,
@@ -150,7 +150,7 @@ class _Sampling:
             bent = ridges and self.sampler.sample(ridges.widened())
             if ridges and bent and bent.efficiency > first.efficiency:
                 around_maxima, first = ridges, bent
-        enough = MIXTURES.draws_per_dimension * self.target.n_dimensions
+        enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
         if first.effective_sample_size < enough:
             first = self.sampler.extended(first, 4.0)
         if first.effective_sample_size < enough:
@@ -289,7 +289,7 @@ class _Sampling:
             if not self._is_worth_refitting(trial):
                 trial = sampler.refined(trial, wanted_error, others)
             fast = statistics_of(self.target, ensembles).slowness <= chains.slow
-            agree = trial.pareto_k <= IMPORTANCE.pareto_k_limit
+            agree = trial.pareto_k <= PARETO_K_LIMIT
             if fast and agree and trial.share_beyond(others) <= wanted_error:
                 break
             efficient, before = self._serves(trial), trial.efficiency
@@ -354,9 +354,9 @@ class _Sampling:
         Of the chains' draws, about as many weigh more than the heaviest importance draw by chance
         as that carries of the evidence.
         """
-        allowed = IMPORTANCE.share_error * self.settings.log_evidence_error
+        allowed = SHARE_ERROR * self.settings.log_evidence_error
         missed = sample.share_beyond(ensembles) > max(allowed, float(sample.weights.max()))
-        return missed or sample.pareto_k > IMPORTANCE.pareto_k_limit
+        return missed or sample.pareto_k > PARETO_K_LIMIT
 
     @staticmethod
     def _share(sample: ImportanceSample) -> float:
@@ -394,7 +394,7 @@ class _Sampling:
         if regions.n_regions == 1:
             return sample, regions
         errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)
-        factor = float(errors.max() / (IMPORTANCE.share_error * wanted_error)) ** 2
+        factor = float(errors.max() / (SHARE_ERROR * wanted_error)) ** 2
         if factor > 1.0:
             # More draws can show a heavier tail.
             sample = self.sampler.extended(sample, factor)

@@ -18,10 +18,28 @@ from bayes_ssi.foundations.arviz_functions import mcse_mean, pareto_k
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble, Walkers
-from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.proposals import Drawn, Independence
-from bayes_ssi.inference.sampling.settings import IMPORTANCE, MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+# With a heavier tail of the weights, the error of the estimate cannot be trusted (Vehtari et
+# al. 2024).
+PARETO_K_LIMIT = 0.7
+# Largest share of the evidence that one draw should carry: it alone would move the log evidence
+# by twice the default wanted error.
+LARGEST_WEIGHT = 0.02
+# Components are added where others show that a share of the posterior is missing which is this
+# multiple of the wanted error: what chains and particles show of a ridge's end is less than it has.
+LEAST_MISSING = 0.1
+# Each component adds a sixth to the draws, all of them together a factor of six. One that shows
+# what lies beyond the end of a ridge, mostly nothing, adds a thirtieth.
+MOST_ADDED = 12
+ADDED_DRAWS = 1 / 6
+ADDED_DRAWS_AT_AN_END = 1 / 30
+# Most posterior draws resampled from one sample, to which mixtures are fitted.
+MOST_RESAMPLED = 5000
+# Wanted standard error of the regions' shares, relative to that of the log evidence.
+SHARE_ERROR = 0.3
 
 # Their draws (n, d), and the log of likelihood times prior density of each.
 ScoredDraws = Ensemble | Compression
@@ -140,7 +158,7 @@ class ImportanceSample:
 
         A few thousand at most.
         """
-        n = min(len(self.z), IMPORTANCE.most_resampled)
+        n = min(len(self.z), MOST_RESAMPLED)
         chosen = rng.permutation(systematic_indices(self.weights, n, rng))
         return Walkers(self.z[chosen], self.log_posteriors[chosen])
 
@@ -178,8 +196,8 @@ class ImportanceSampler:
         particle that stays where no importance draw goes may be stuck, or stand for a part of the
         posterior, which the draws from such a component decide. Then all draws are new.
         """
-        least_missing = IMPORTANCE.least_missing * wanted_error
-        left_to_add = IMPORTANCE.most_added
+        least_missing = LEAST_MISSING * wanted_error
+        left_to_add = MOST_ADDED
         draws = [other.draws for other in others]
         heights = [other.log_posteriors.ravel() for other in others]
         while True:
@@ -188,8 +206,8 @@ class ImportanceSampler:
             while left_to_add:
                 log_weights = [h - log_pdf for h, log_pdf in zip(heights, log_pdfs, strict=True)]
                 if (
-                    sample.pareto_k > IMPORTANCE.pareto_k_limit
-                    or sample.weights.max() > IMPORTANCE.largest_weight
+                    sample.pareto_k > PARETO_K_LIMIT
+                    or sample.weights.max() > LARGEST_WEIGHT
                     or sample.efficiency < self.least_efficiency
                 ):
                     centre = sample.z[sample.weights.argmax()]
@@ -215,16 +233,16 @@ class ImportanceSampler:
         at those from them, until what lies beyond is negligible.
         """
         for sign in (1.0, -1.0):
-            for _ in range(IMPORTANCE.most_added // 2):
+            for _ in range(MOST_ADDED // 2):
                 mean = sample.weights @ sample.z
                 away = (sample.z - mean) * np.sqrt(sample.weights)[:, None]
                 axis = np.linalg.eigh(away.T @ away)[1][:, -1]
                 axis = sign * axis * np.sign(axis[np.abs(axis).argmax()])
                 typical, _ = sample.typical_draws
                 end = typical[(typical @ axis).argmax()]
-                sample = self._with_component(sample, end, IMPORTANCE.added_draws_at_an_end)
+                sample = self._with_component(sample, end, ADDED_DRAWS_AT_AN_END)
                 beyond = sample.weights @ (sample.z @ axis > end @ axis)
-                if beyond < IMPORTANCE.least_missing * wanted_error:
+                if beyond < LEAST_MISSING * wanted_error:
                     break
         return sample
 
@@ -275,7 +293,7 @@ class ImportanceSampler:
         )
 
     def _with_component(
-        self, sample: ImportanceSample, centre: FloatArray, added: float = IMPORTANCE.added_draws
+        self, sample: ImportanceSample, centre: FloatArray, added: float = ADDED_DRAWS
     ) -> ImportanceSample:
         """The sample with one more component, and draws from it, at ``centre`` (d,).
 
@@ -318,9 +336,7 @@ def _around(centre: FloatArray, sample: ImportanceSample) -> StudentMixture:
     covariance = (away * weights[near, None]).T @ away / weights[near].sum()
     floor = 1e-6 * max(float(np.trace(covariance)) / d, 1e-300)
     cholesky = np.linalg.cholesky(covariance + floor * np.eye(d))
-    return StudentMixture(
-        np.ones(1), centre[None], cholesky[None], np.full(1, MIXTURES.heavy_tails)
-    )
+    return StudentMixture(np.ones(1), centre[None], cholesky[None], np.full(1, HEAVY_TAILS))
 
 
 def bridge_sampling(ensemble: Ensemble, sample: ImportanceSample) -> EvidenceEstimate:

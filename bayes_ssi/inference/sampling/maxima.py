@@ -18,9 +18,15 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
-from bayes_ssi.inference.sampling.mixture import Bend, StudentMixture, monomials
+from bayes_ssi.inference.sampling.mixture import (
+    HEAVY_TAILS,
+    LIGHT_TAILS,
+    Bend,
+    StudentMixture,
+    monomials,
+    tails_within,
+)
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, lowest_between
-from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 MOST_RIDGES = 8  # maxima, those with the most mass first, whose ridges are followed
@@ -157,7 +163,7 @@ class LevelSets:
         log_masses = 0.5 * np.log(self.variances).sum(1) - 0.5 * (self.means**2).sum(1)
         means = np.einsum("mij,mj->mi", self.axes, self.means)
         factors = self.axes * np.sqrt(self.variances)[:, None]
-        return _mixture(means, factors, log_masses, MIXTURES.tails_within(means.shape[1]))
+        return _mixture(means, factors, log_masses, tails_within(means.shape[1]))
 
     def first_around(self, z: FloatArray) -> NDArray[np.intp]:
         """The first set that each of ``z`` (n, d) is in, (n,); m for none."""
@@ -198,7 +204,7 @@ def _mixture(
     means: FloatArray,
     factors: FloatArray,
     log_masses: FloatArray,
-    tails: float = MIXTURES.heavy_tails,
+    tails: float = HEAVY_TAILS,
 ) -> StudentMixture:
     """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
     log_weights = log_masses - logsumexp(log_masses)
@@ -400,7 +406,7 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
         found = _ridge(target, mixture.means[k], factors[k], rng)
         if found is not None:
             factors[k], bends[k] = found
-            dof[k] = MIXTURES.light_tails
+            dof[k] = LIGHT_TAILS
     if not any(bends):
         return None
     bent = replace(mixture, factors=factors, dof=dof, bends=tuple(bends))

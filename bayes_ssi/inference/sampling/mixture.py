@@ -15,7 +15,19 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.settings import MIXTURES
+
+# Degrees of freedom: the variance of importance weights stays finite where a posterior has
+# tails as heavy as those of five; thirty are nearly normal; two serve tails like Cauchy's.
+LIGHT_TAILS = 30.0
+HEAVY_TAILS = 5.0
+HEAVIEST_TAILS = 2.0
+# Weight of components added in case a mixture misses a part of the posterior: the importance
+# weights of the other draws rise by a ninth at most.
+DEFENSIVE_SHARE = 0.1
+# More components must raise the mean log density of held-out draws by so many nats.
+LEAST_GAIN = 0.01
+DRAWS_PER_DIMENSION = 10  # a component needs this many draws for each dimension
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16)  # numbers of components that are tried
 
 # Arguments of bends end at this multiple of a component's width: hardly a draw is further out.
 REACH = 10.0
@@ -157,9 +169,7 @@ class StudentMixture:
         n = max(64, 2**18 // (self.means.size + 2 * n_terms))
         return np.split(z, range(n, len(z), n))
 
-    def with_prior_component(
-        self, prior_share: float = MIXTURES.defensive_share
-    ) -> "StudentMixture":
+    def with_prior_component(self, prior_share: float = DEFENSIVE_SHARE) -> "StudentMixture":
         """This mixture with ``prior_share`` of its weight given to the prior N(0, I)."""
         weights = self.weights * ((1.0 - prior_share) / self.weights.sum())
         return replace(self, weights=weights, prior_share=prior_share)
@@ -171,11 +181,11 @@ class StudentMixture:
         ridge: weights of draws from it then have no heavy tail. Their own tails are the heaviest.
         """
         bends = tuple(bend and bend.widened(2.0) for bend in self.bends)
-        dof = np.minimum(self.dof, MIXTURES.heaviest_tails)
+        dof = np.minimum(self.dof, HEAVIEST_TAILS)
         return self.mixed_with(replace(self, factors=2.0 * self.factors, bends=bends, dof=dof))
 
     def mixed_with(
-        self, other: "StudentMixture", share: float = MIXTURES.defensive_share
+        self, other: "StudentMixture", share: float = DEFENSIVE_SHARE
     ) -> "StudentMixture":
         """This mixture with ``share`` of its weight given to the components of another."""
         return StudentMixture(
@@ -192,7 +202,7 @@ class StudentMixture:
         All components share the defensive share equally: a walker could hardly leave a region
         again if its component were hardly ever proposed.
         """
-        defensive = MIXTURES.defensive_share
+        defensive = DEFENSIVE_SHARE
         shares = (1.0 - defensive) * self.shares(z, weights) + defensive / self.n_components
         return replace(self, weights=shares)
 
@@ -241,6 +251,15 @@ class Chart(NamedTuple):
     def curved(self, v: FloatArray) -> FloatArray:
         """Points (n, d) at these coordinates ``v`` (n, d)."""
         return self.mean + (self.factor @ self.bend.bent(v.T)).T
+
+
+def tails_within(n_dimensions: int) -> float:
+    """Degrees of freedom of proposals within a level, where a density has no tails.
+
+    A component's width varies by 1/√(2 ν). In many dimensions nearly all of a level's volume is in
+    a thin shell, which hardly a proposal of varying width hits.
+    """
+    return LIGHT_TAILS * max(1.0, n_dimensions / 5.0)
 
 
 def log_sum(log_parts: FloatArray) -> FloatArray:
@@ -304,7 +323,7 @@ def fit_mixture(
         responsibilities = np.exp(log_parts - log_total)
         scale_weights = (dof + d) / (dof + squared_distances)
         mean_log_density = float(log_total.mean())
-        if mean_log_density - last < 0.1 * MIXTURES.least_gain:
+        if mean_log_density - last < 0.1 * LEAST_GAIN:
             break
         last = mean_log_density
     return mixture
@@ -319,23 +338,23 @@ def choose_mixture(
     grows until two larger numbers in turn no longer help. The weight of the tails comes last.
     """
 
-    def fitted(count: int, dof: float = MIXTURES.light_tails) -> tuple[StudentMixture, FloatArray]:
+    def fitted(count: int, dof: float = LIGHT_TAILS) -> tuple[StudentMixture, FloatArray]:
         mixture = fit_mixture(draws, count, dof, rng)
         return mixture, mixture.log_pdf(held_out)
 
     n_components, (best, log_densities) = 1, fitted(1)
-    most = len(draws) // (MIXTURES.draws_per_dimension * draws.shape[1])
+    most = len(draws) // (DRAWS_PER_DIMENSION * draws.shape[1])
     in_vain = 0
-    for count in MIXTURES.counts[1:]:
+    for count in COUNTS[1:]:
         if in_vain == 2 or count > most:
             break
         candidate, candidate_densities = fitted(count)
         gains = candidate_densities - log_densities
         by_chance = 3.0 * float(gains.std()) / math.sqrt(len(gains))
         in_vain += 1
-        if gains.mean() > max(MIXTURES.least_gain, by_chance):
+        if gains.mean() > max(LEAST_GAIN, by_chance):
             n_components, best, log_densities, in_vain = count, candidate, candidate_densities, 0
-    for dof in (MIXTURES.heavy_tails, MIXTURES.heaviest_tails):
+    for dof in (HEAVY_TAILS, HEAVIEST_TAILS):
         candidate, candidate_densities = fitted(n_components, dof)
         if candidate_densities.mean() <= log_densities.mean():
             break

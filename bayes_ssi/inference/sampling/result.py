@@ -14,11 +14,11 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import STANDARD_ERRORS, Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble
-from bayes_ssi.inference.sampling.importance import ImportanceSample
+from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT, ImportanceSample
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions
-from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import FARTHEST, log_standard_normal
 
 # Vehtari et al. (2021) ask for it.
@@ -128,10 +128,10 @@ def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
             f"the standard error of the log evidence is {error:.3f} after {len(draws.z)} "
             f"importance draws; {sampled.settings.log_evidence_error:g} was wanted"
         )
-    if not draws.pareto_k <= IMPORTANCE.pareto_k_limit:
+    if not draws.pareto_k <= PARETO_K_LIMIT:
         yield (
             f"a few importance draws may carry the evidence: Pareto k is {draws.pareto_k:.2f}, "
-            f"above {IMPORTANCE.pareto_k_limit}"
+            f"above {PARETO_K_LIMIT}"
         )
     missed = draws.share_beyond((*sampled.ensembles, *sampled.compressions))
     if missed > MISSED_OVER_ERROR * error:

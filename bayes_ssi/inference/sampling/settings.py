@@ -1,4 +1,4 @@
-"""How to sample: what users choose, and the numbers by which each part of the engine decides."""
+"""How to sample: what users choose, and how ensembles are run."""
 
 import math
 from collections.abc import Callable
@@ -77,60 +77,6 @@ class SamplingSettings:
 
 
 @dataclass(frozen=True)
-class MixtureSettings:
-    """Student-t mixtures and how they are fitted."""
-
-    # Degrees of freedom: the variance of importance weights stays finite where a posterior has
-    # tails as heavy as those of five; thirty are nearly normal; two serve tails like Cauchy's.
-    light_tails: float = 30.0
-    heavy_tails: float = 5.0
-    heaviest_tails: float = 2.0
-
-    # Weight of components added in case a mixture misses a part of the posterior: the importance
-    # weights of the other draws rise by a ninth at most.
-    defensive_share: float = 0.1
-    # More components must raise the mean log density of held-out draws by so many nats.
-    least_gain: float = 0.01
-    # A component needs this many draws for each dimension.
-    draws_per_dimension: int = 10
-    # Numbers of components that are tried.
-    counts: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16)
-
-    def tails_within(self, n_dimensions: int) -> float:
-        """Degrees of freedom of proposals within a level, where a density has no tails.
-
-        A component's width varies by 1/√(2 ν). In many dimensions nearly all of a level's volume is
-        in a thin shell, which hardly a proposal of varying width hits.
-        """
-        return self.light_tails * max(1.0, n_dimensions / 5.0)
-
-
-@dataclass(frozen=True)
-class ImportanceSettings:
-    """Importance draws: when they are poor, and what is then added."""
-
-    # With a heavier tail of the weights, the error of the estimate cannot be trusted (Vehtari et
-    # al. 2024).
-    pareto_k_limit: float = 0.7
-    # Largest share of the evidence that one draw should carry: it alone would move the log evidence
-    # by twice the default wanted error.
-    largest_weight: float = 0.02
-    # Components are added where others show that a share of the posterior is missing which is this
-    # multiple of the wanted error: what chains and particles show of a ridge's end is less than it
-    # has.
-    least_missing: float = 0.1
-    # Each component adds a sixth to the draws, all of them together a factor of six. One that shows
-    # what lies beyond the end of a ridge, mostly nothing, adds a thirtieth.
-    most_added: int = 12
-    added_draws: float = 1 / 6
-    added_draws_at_an_end: float = 1 / 30
-    # Most posterior draws resampled from one sample, to which mixtures are fitted.
-    most_resampled: int = 5000
-    # Wanted standard error of the regions' shares, relative to that of the log evidence.
-    share_error: float = 0.3
-
-
-@dataclass(frozen=True)
 class ChainSettings:
     """The ensembles: how long they are, and when mixtures are fitted again."""
 
@@ -159,6 +105,4 @@ class ChainSettings:
     most_batches: int = 8
 
 
-MIXTURES = MixtureSettings()
-IMPORTANCE = ImportanceSettings()
 CHAINS = ChainSettings()

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.mixture import fit_mixture
-from bayes_ssi.inference.sampling.settings import MIXTURES
+from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS, fit_mixture
 from bayes_ssi.inference.sampling.target import log_standard_normal
 
 
@@ -291,7 +290,7 @@ class _Fitting:
 
     def mixture(self, count: int, rng: np.random.Generator) -> GaussianSum:
         """The shape of a mixture fitted to the draws, divided by the prior."""
-        mixture = fit_mixture(self.x, count, MIXTURES.light_tails, rng)
+        mixture = fit_mixture(self.x, count, LIGHT_TAILS, rng)
         covariances = mixture.factors @ mixture.factors.transpose(0, 2, 1)
         precision = self.prior.precisions[0]
         heights = np.log(mixture.weights) - 0.5 * np.linalg.slogdet(covariances)[1]

@@ -23,7 +23,8 @@ from bayes_ssi.inference.criticism.adequacy import Adequacy
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.settings import IMPORTANCE, SamplingSettings, StepProgress
+from bayes_ssi.inference.sampling.importance import LARGEST_WEIGHT
+from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
 from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
@@ -307,7 +308,7 @@ class PopulationSampler:
         log_weights = covered.corrections.sum(axis=1)
         weights = np.exp(log_weights - log_weights.max())
         largest = float(weights.max() / weights.sum())
-        if largest > IMPORTANCE.largest_weight:
+        if largest > LARGEST_WEIGHT:
             failed.append(
                 "the draws of the tests change the posterior of the population so much that one of "
                 f"{n_draws} draws carries {100 * largest:.0f} % of it"

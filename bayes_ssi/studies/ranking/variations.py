@@ -21,7 +21,7 @@ from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes, known_at_draws
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.inference.sampling.settings import IMPORTANCE
+from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.ranking.comparison import RANKING
@@ -254,7 +254,7 @@ def _problem(
     n_independent: float,
 ) -> str:
     # Few draws allow less (Vehtari et al. 2024, section 3.2.4).
-    limit = min(IMPORTANCE.pareto_k_limit, 1.0 - 1.0 / math.log10(max(n_independent, 2.0)))
+    limit = min(PARETO_K_LIMIT, 1.0 - 1.0 / math.log10(max(n_independent, 2.0)))
     if not k <= limit:
         return f"the draws do not cover the changed class: Pareto k is {k:.2f}, above {limit:.2g}"
     for before, after, x in zip(known.parameters, changed.parameters, values.T, strict=True):

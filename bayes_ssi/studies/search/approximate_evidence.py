@@ -24,10 +24,9 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
 from bayes_ssi.inference.sampling.importance import ImportanceSample, ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.multistart import search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import evaluate
@@ -290,7 +289,7 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
         weights=weights,
         means=means,
         factors=factors,
-        dof=np.full(k, MIXTURES.heavy_tails),
+        dof=np.full(k, HEAVY_TAILS),
         prior_share=0.0,
     )
 

@@ -25,9 +25,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.maxima import ascend
-from bayes_ssi.inference.sampling.mixture import StudentMixture
+from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.settings import MIXTURES
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.structures.finite_elements.projected_structure import (
@@ -71,7 +70,7 @@ class Look(NamedTuple):
             z=self.z,
             weights=softmax(self.log_likelihoods + log_standard_normal(self.z)),
             mixture=StudentMixture(
-                np.ones(1), self.z[:1], np.eye(d)[None], np.array([MIXTURES.heavy_tails])
+                np.ones(1), self.z[:1], np.eye(d)[None], np.array([HEAVY_TAILS])
             ),
         )
 
