@@ -11,14 +11,14 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import norm
 
 from bayes_ssi.inference.sampling import engine
-from bayes_ssi.inference.sampling.engine import sample_target
-from bayes_ssi.inference.sampling.ensembles import Ensemble, run_ensembles
+from bayes_ssi.inference.sampling.engine import STEPS_OF_ADAPTATION, sample_target
+from bayes_ssi.inference.sampling.ensembles import FIRST_STEPS, Ensemble, run_ensembles
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import CHAINS, ChainSettings, SamplingSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 
 
@@ -261,7 +261,7 @@ def ensemble_at(*places, n=1500):
 def refitted(mixture, *ensembles):
     target, rng = Target(two_places, 2), np.random.default_rng(0)
     one_maximum = find_maxima(target, np.array([[5.9, 0.1]]))
-    run = engine._Sampling(target, SamplingSettings(), CHAINS, [], rng, lambda _step, _done: None)
+    run = engine._Sampling(target, SamplingSettings(), [], rng, lambda _step, _done: None)
     trial = run.sampler.sample(mixture)
     return trial, run._refitted(one_maximum.as_mixture(), ensembles, trial)
 
@@ -298,7 +298,7 @@ def test_components_around_maxima_have_the_shares_of_their_regions():
     factors, tails = np.tile(sd * np.eye(d), (n, 1, 1)), np.full(n, 5.0)
     around_maxima = StudentMixture(np.full(n, 1.0 / n), centres, factors, tails)
     target = Target(log_likelihood, d)
-    run = engine._Sampling(target, SamplingSettings(), CHAINS, [], rng, lambda _step, _done: None)
+    run = engine._Sampling(target, SamplingSettings(), [], rng, lambda _step, _done: None)
     sample = run._fitted(around_maxima, draws(), draws())
     assert sample.efficiency > 0.4
     assert abs(sample.estimate.log_evidence) < 4.0 * sample.estimate.error < 0.1
@@ -363,7 +363,7 @@ def test_importance_draws_that_serve_need_no_adaptation(monkeypatch):
     result = sample_target(target, np.random.SeedSequence(0))
     assert not result.failed_checks
     assert not result.compressions
-    assert runs == [(False, CHAINS.first_steps)]
+    assert runs == [(False, FIRST_STEPS)]
 
 
 def test_slow_chains_from_particles_are_refitted(monkeypatch):
@@ -371,13 +371,12 @@ def test_slow_chains_from_particles_are_refitted(monkeypatch):
         return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
 
     runs = counted_ensembles(monkeypatch)
-    slow_above_1 = ChainSettings(slow=1.0, most_refits=2, least_improvement=0.0)
-    result = sample_target(
-        Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05), chains=slow_above_1
-    )
+    for name, value in (("SLOW", 1.0), ("MOST_REFITS", 2), ("LEAST_IMPROVEMENT", 0.0)):
+        monkeypatch.setattr(engine, name, value)
+    result = sample_target(Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05))
     assert not result.failed_checks
     assert [only for only, _ in runs] == [True, True, False]
-    assert runs[0][1] == CHAINS.steps_of_adaptation
+    assert runs[0][1] == STEPS_OF_ADAPTATION
 
 
 def test_a_thin_curved_ridge_is_followed_to_its_ends():

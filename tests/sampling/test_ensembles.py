@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_ssi.inference.sampling.ensembles import (
+    BURN_IN,
     ChainStatistics,
     Walkers,
     run_ensembles,
@@ -14,7 +15,7 @@ from bayes_ssi.inference.sampling.ensembles import (
 )
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.proposals import drawn_anew
-from bayes_ssi.inference.sampling.settings import CHAINS, SamplingSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target
 
 MEAN, COVARIANCE = np.array([0.5, -0.3]), np.array([[0.04, 0.015], [0.015, 0.09]])
@@ -58,7 +59,7 @@ def test_ensembles_sample_their_target(share):
     for ensemble in ensembles:
         n = ensemble.n_steps
         assert ensemble.positions.shape == (n, 16, 2)
-        assert ensemble.burn_in == math.floor(CHAINS.burn_in * (n + ensemble.burn_in)) > 0
+        assert ensemble.burn_in == math.floor(BURN_IN * (n + ensemble.burn_in)) > 0
     sd = np.sqrt(np.diag(COVARIANCE))
     size = statistics.bulk_sizes.min()
     np.testing.assert_array_less(np.abs(draws.mean(0) - MEAN) / sd, 4.0 / math.sqrt(size))

@@ -60,13 +60,29 @@ from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.inference.sampling.settings import (
-    CHAINS,
-    ChainSettings,
     SamplingSettings,
     StepProgress,
     part,
 )
 from bayes_ssi.inference.sampling.target import Target
+
+# Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
+# longer chains, not of more, R-hat falls.
+WALKERS = 16
+# Steps between two fits of a mixture, and the draws for each effective one above which they are
+# too slow, so that it is fitted again.
+STEPS_OF_ADAPTATION = 100
+SLOW = 20.0
+# Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
+# draws by less than this factor.
+MOST_REFITS = 4
+LEAST_IMPROVEMENT = 1.2
+# Below this efficiency importance draws are poor: chains are run to their full length, and the
+# mixture is finally fitted to their draws.
+LEAST_EFFICIENCY = 0.1
+# A fit of a mixture takes as long as some ten thousand evaluations of a small structure: it
+# pays only where more batches of importance draws than this would be needed without it.
+MOST_BATCHES = 8
 
 
 def sample_target(
@@ -74,7 +90,6 @@ def sample_target(
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
     progress: StepProgress = lambda _step, _done: None,
-    chains: ChainSettings = CHAINS,
     *,
     roughly: bool = False,
 ) -> SamplingResult:
@@ -90,7 +105,7 @@ def sample_target(
     with threadpool_limits(limits=1, user_api="blas"):
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
-        sampling = _Sampling(target, settings, chains, seeds, rng, progress)
+        sampling = _Sampling(target, settings, seeds, rng, progress)
         result = sampling.rough_result() if roughly else sampling.result()
         progress("evidence", 1.0)
         return result
@@ -102,11 +117,11 @@ class _Sampling:
 
     target: Target
     settings: SamplingSettings
-    chains: ChainSettings
     # Six; of the compressions, the ensembles, the searches and ``rng``.
     seeds: Sequence[np.random.SeedSequence]
     rng: np.random.Generator
     progress: StepProgress
+    is_rough: bool = False  # with mixtures as they are
 
     @cached_property
     def sampler(self) -> ImportanceSampler:
@@ -114,7 +129,7 @@ class _Sampling:
 
     @property
     def n_walkers(self) -> int:
-        return max(self.chains.walkers, 2 * self.target.n_dimensions)
+        return max(WALKERS, 2 * self.target.n_dimensions)
 
     def result(self) -> SamplingResult:
         progress = part(self.progress, "searches")
@@ -134,9 +149,8 @@ class _Sampling:
         maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
         search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
         first = self.sampler.sample(maxima.as_mixture().widened())
-        steps = self.chains.steps_of_adaptation
-        settings = replace(self.settings, log_evidence_error=1e3, max_steps=steps)
-        coarse = replace(self, settings=settings, chains=replace(self.chains, most_refits=0))
+        settings = replace(self.settings, log_evidence_error=1e3, max_steps=STEPS_OF_ADAPTATION)
+        coarse = replace(self, settings=settings, is_rough=True)
         return coarse._sampled(
             search, maxima.as_mixture(), maxima, first, self._starts(first.split(2, self.rng)), []
         )
@@ -158,7 +172,7 @@ class _Sampling:
             # and components added to it may end where it does.
             return None
         best = first
-        for _ in range(self.chains.most_refits):
+        for _ in range(MOST_REFITS):
             if not self._serves(best):  # more draws that matter give a better fit
                 best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
             halves = best.split(2, self.rng)
@@ -167,9 +181,9 @@ class _Sampling:
             draws, held_out = (half.resampled(self.rng).positions for half in halves)
             trial = self._fitted(around_maxima, draws, held_out)
             gain = trial.efficiency / best.efficiency
-            if gain * self.chains.least_improvement > 1.0:
+            if gain * LEAST_IMPROVEMENT > 1.0:
                 best = trial
-            in_vain = gain < self.chains.least_improvement
+            in_vain = gain < LEAST_IMPROVEMENT
             if self._serves(best) and (in_vain or not self._is_worth_refitting(best)):
                 break
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
@@ -220,7 +234,7 @@ class _Sampling:
         them. Else the ensembles come first, and show where importance draws should go.
         """
         others: tuple[ScoredDraws, ...] = compressions
-        if self.chains.most_refits and (compressions or not self._serves(trial)):
+        if not self.is_rough and (compressions or not self._serves(trial)):
             walkers, trial, adapted = self._adapted(walkers, around_maxima, trial, compressions)
             others = (*adapted, *compressions)
         rngs = [np.random.default_rng(seed) for seed in self.seeds[2:4]]
@@ -274,27 +288,27 @@ class _Sampling:
         While chains mix slowly, or chains or particles are where importance draws are not, chains
         continue from their positions with a mixture fitted to their draws.
         """
-        chains, wanted_error = self.chains, self.settings.log_evidence_error
+        wanted_error = self.settings.log_evidence_error
         # As many draws as the evidence needs, some of them where walkers went.
-        sampler = replace(self.sampler, max_draws=chains.most_batches * self.sampler.batch)
-        of_ensembles = [seed.spawn(chains.most_refits) for seed in self.seeds[2:4]]
+        sampler = replace(self.sampler, max_draws=MOST_BATCHES * self.sampler.batch)
+        of_ensembles = [seed.spawn(MOST_REFITS) for seed in self.seeds[2:4]]
         for seeds in zip(*of_ensembles, strict=True):
             rngs = [np.random.default_rng(seed) for seed in seeds]
             ensembles = run_ensembles(
                 self.target, walkers, self._proposals(trial, rngs), self.settings, rngs,
-                only=min(chains.steps_of_adaptation, self.settings.max_steps),
+                only=min(STEPS_OF_ADAPTATION, self.settings.max_steps),
             )  # fmt: skip
             walkers = [Walkers(e.positions[-1], e.log_posteriors[-1]) for e in ensembles]
             others: tuple[ScoredDraws, ...] = (*ensembles, *compressions)
             if not self._is_worth_refitting(trial):
                 trial = sampler.refined(trial, wanted_error, others)
-            fast = statistics_of(self.target, ensembles).slowness <= chains.slow
+            fast = statistics_of(self.target, ensembles).slowness <= SLOW
             agree = trial.pareto_k <= PARETO_K_LIMIT
             if fast and agree and trial.share_beyond(others) <= wanted_error:
                 break
             efficient, before = self._serves(trial), trial.efficiency
             trial = self._refitted(around_maxima, ensembles, trial)
-            if efficient and trial.efficiency < chains.least_improvement * before:
+            if efficient and trial.efficiency < LEAST_IMPROVEMENT * before:
                 break  # mixtures hardly fit this posterior, but well enough for importance draws
         if self._is_worth_refitting(trial):
             trial = self._refitted(around_maxima, ensembles, trial)
@@ -371,13 +385,13 @@ class _Sampling:
 
         A heavy tail of few weights is left to components that are added there.
         """
-        return sample.efficiency >= self.chains.least_efficiency
+        return sample.efficiency >= LEAST_EFFICIENCY
 
     def _is_worth_refitting(self, sample: ImportanceSample) -> bool:
         """Whether a refit may pay: importance draws are poor, or so many more are needed."""
         wanted_error = self.settings.log_evidence_error
         needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
-        enough = self.chains.most_batches * self.sampler.batch
+        enough = MOST_BATCHES * self.sampler.batch
         return not self._serves(sample) or needed - len(sample.z) > enough
 
     def _importance(

@@ -14,8 +14,15 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import bulk_ess, r_hat, tail_ess
 from bayes_ssi.inference.sampling.proposals import Independence
-from bayes_ssi.inference.sampling.settings import CHAINS, SamplingSettings
+from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+
+# Steps after which chains are first judged: of two ensembles, enough where a mixture is near
+# the posterior.
+FIRST_STEPS = 150
+# The first share of the steps, which is left out. Walkers begin at importance draws, resampled,
+# or at particles of the posterior.
+BURN_IN = 0.1
 
 
 class Walkers(NamedTuple):
@@ -145,7 +152,7 @@ def run_ensembles(
         positions, log_posteriors = start
         values = log_posteriors, log_posteriors - log_standard_normal(positions)
         running.append(begin(target.log_density, positions, values, independence, rng))
-    n, most = min(CHAINS.first_steps, settings.max_steps), settings.max_steps
+    n, most = min(FIRST_STEPS, settings.max_steps), settings.max_steps
     if only:
         n = most = only
     while True:
@@ -166,7 +173,7 @@ def run_ensembles(
 
 
 def _ensemble(sampler: Any) -> Ensemble:
-    burn_in = math.floor(CHAINS.burn_in * sampler.iteration)
+    burn_in = math.floor(BURN_IN * sampler.iteration)
     with np.errstate(divide="ignore", invalid="ignore"):  # walkers that did not move
         times = sampler.get_autocorr_time(discard=burn_in, tol=0)
     return Ensemble(

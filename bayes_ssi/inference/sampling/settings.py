@@ -1,4 +1,4 @@
-"""How to sample: what users choose, and how ensembles are run."""
+"""How to sample: what users choose."""
 
 import math
 from collections.abc import Callable
@@ -74,35 +74,3 @@ class SamplingSettings:
                 f"{n_dimensions} parameters, got {self.particles!r}"
             )
         return self.particles
-
-
-@dataclass(frozen=True)
-class ChainSettings:
-    """The ensembles: how long they are, and when mixtures are fitted again."""
-
-    # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
-    # longer chains, not of more, R-hat falls.
-    walkers: int = 16
-    # Steps after which chains are first judged: of two ensembles, enough where a mixture is near
-    # the posterior.
-    first_steps: int = 150
-    # The first share of the steps, which is left out. Walkers begin at importance draws, resampled,
-    # or at particles of the posterior.
-    burn_in: float = 0.1
-    # Steps between two fits of a mixture, and the draws for each effective one above which they are
-    # too slow, so that it is fitted again.
-    steps_of_adaptation: int = 100
-    slow: float = 20.0
-    # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
-    # draws by less than this factor.
-    most_refits: int = 4
-    least_improvement: float = 1.2
-    # Below this efficiency importance draws are poor: chains are run to their full length, and the
-    # mixture is finally fitted to their draws.
-    least_efficiency: float = 0.1
-    # A fit of a mixture takes as long as some ten thousand evaluations of a small structure: it
-    # pays only where more batches of importance draws than this would be needed without it.
-    most_batches: int = 8
-
-
-CHAINS = ChainSettings()
