@@ -59,11 +59,7 @@ from bayes_ssi.inference.sampling.multistart import (
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import (
-    SamplingSettings,
-    StepProgress,
-    part,
-)
+from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress, part
 from bayes_ssi.inference.sampling.target import Target
 
 # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of

@@ -37,10 +37,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.foundations.packages import optional_package
-from bayes_ssi.measurements.modes.identification_summary import (
-    BAYESIAN_FFT,
-    METHOD_NAMES,
-)
+from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.spectra import (
