@@ -36,6 +36,21 @@ from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Requirement, Structure
 
+ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
+N_CERTIFIED = 200  # draws at which errors of the approximation are certified
+N_SEARCHED = 1000  # prior draws of a quick search for maxima
+N_CLIMBS = 16  # from the best of them
+N_CONFIRMED = 16  # draws at which full solutions confirm the evidence, at first
+MOST_CONFIRMED = 64  # where the first leave too large an error
+# Nats by which the best fit of no right class is worse than its errors can make it; beyond, a class
+# is sampled roughly.
+HOPELESS_MISFIT = 100.0
+CORRECTION_SHARE = 0.5  # of the wanted error of the log evidence; the rest is sampling's
+# Of the share of errors, where an error is certified, but what it changes in the likelihood, which
+# is proportional to it, is not small enough.
+STRICTER = 0.2
+NEAR_THE_BAND = 1.05  # beyond, modes can hardly be taken for identified ones
+
 
 @dataclass(frozen=True)
 class RefinementSettings:
@@ -44,23 +59,9 @@ class RefinementSettings:
     # Largest error of the approximation, as a share of the data's and the model's own errors: added
     # in quadrature, a tenth widens them by half a per cent.
     error_share: float = 0.1
-    error_quantile: float = 0.05  # of these errors, which may be inferred, at draws
-    n_certified: int = 200  # draws at which errors of the approximation are certified
-    n_searched: int = 1000  # prior draws of a quick search for maxima
-    n_climbs: int = 16  # from the best of them
-    n_confirmed: int = 16  # draws at which full solutions confirm the evidence, at first
-    most_confirmed: int = 64  # where the first leave too large an error
     most_searches: int = 50  # each of which may refine the structures
     most_rounds: int = 4  # of sampling
-    # Nats by which the best fit of no right class is worse than its errors can make it; beyond, a
-    # class is sampled roughly.
-    hopeless_misfit: float = 100.0
     largest_correction: float = 0.3  # of the log evidence, that so few draws can support
-    correction_share: float = 0.5  # of the wanted error of the log evidence; the rest is sampling's
-    # Of the share above, where an error is certified, but what it changes in the likelihood, which
-    # is proportional to it, is not small enough.
-    stricter: float = 0.2
-    near_the_band: float = 1.05  # beyond, modes can hardly be taken for identified ones
 
 
 def refined(
@@ -76,20 +77,20 @@ def refined(
 
     ``report`` is called with the name of the step and 0 or 1 when full solutions begin and end.
     """
-    settings = wanted = settings or RefinementSettings()
+    settings = settings or RefinementSettings()
 
     def confirmed_by_full_solutions() -> Confirmation:
         report("full solutions", 0.0)
-        done = confirmed(model_class, posterior, log_evidence_error, wanted)
+        done = confirmed(model_class, posterior, log_evidence_error)
         report("full solutions", 1.0)
         return done
 
     model_class.check_structure()
     rng = np.random.default_rng([seed, 2])
-    z = rng.standard_normal((settings.n_certified, len(model_class.parameters)))
-    widened = _with_errors_of_approximation(model_class, model_class.values(z), settings)
+    z = rng.standard_normal((N_CERTIFIED, len(model_class.parameters)))
+    widened = _with_errors_of_approximation(model_class, model_class.values(z))
     misfit = least_misfit(widened, seed, workers)
-    if misfit > settings.hopeless_misfit:
+    if misfit > HOPELESS_MISFIT:
         posterior = sample_class(model_class, roughly=True)
         hopeless = (
             f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
@@ -102,7 +103,7 @@ def refined(
     for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
-        values = evenly_spaced_draws(posterior, settings.n_certified)
+        values = evenly_spaced_draws(posterior, N_CERTIFIED)
         confirmation = None
         if not left:
             break
@@ -112,7 +113,7 @@ def refined(
             if confirmation.error > log_evidence_error:
                 better = with_solutions_at(model_class, confirmation.values)
             if better is model_class and confirmation.failures(log_evidence_error, settings):
-                settings = replace(settings, error_share=settings.stricter * settings.error_share)
+                settings = replace(settings, error_share=STRICTER * settings.error_share)
                 better = more_accurate(model_class, values, settings)
         if better is model_class:
             break
@@ -176,18 +177,16 @@ def _accurate_near_maxima(
     structures become accurate.
     """
     for _ in range(settings.most_searches):
-        values = _near_maxima(widened, seed, workers, settings)
+        values = _near_maxima(widened, seed, workers)
         better = improved(model_class, values, settings)
         if better is model_class:
             break
         model_class = better
-        widened = _with_errors_of_approximation(model_class, values, settings)
+        widened = _with_errors_of_approximation(model_class, values)
     return model_class
 
 
-def _with_errors_of_approximation(
-    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
-) -> ModelClass:
+def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -> ModelClass:
     """The class with the structures' errors at ``values`` added to those of the identification."""
     widened = []
     for test, likelihood, columns in model_class.parts(values):
@@ -196,7 +195,7 @@ def _with_errors_of_approximation(
             widened.append(test)
             continue
         frequency, shape, *_ = structure.accuracy(
-            columns[:, : len(structure.parameters)], n_needed(likelihood, columns, settings)
+            columns[:, : len(structure.parameters)], n_needed(likelihood, columns)
         )
         modes = tuple(
             replace(
@@ -211,21 +210,19 @@ def _with_errors_of_approximation(
     return replace(model_class, configurations=tuple(widened))
 
 
-def _near_maxima(
-    model_class: ModelClass, seed: int, workers: Workers | None, settings: RefinementSettings
-) -> FloatArray:
+def _near_maxima(model_class: ModelClass, seed: int, workers: Workers | None) -> FloatArray:
     """Parameter values where a quick search expects the posterior."""
     rng = np.random.default_rng([seed, 1])
     n = len(model_class.parameters)
     target = class_target(model_class, workers)
-    z = rng.standard_normal((settings.n_searched, n))
-    best = np.argsort(-target.log_likelihood(z), kind="stable")[: settings.n_climbs]
+    z = rng.standard_normal((N_SEARCHED, n))
+    best = np.argsort(-target.log_likelihood(z), kind="stable")[:N_CLIMBS]
     starts = np.concatenate([z[best], target.suggested(rng)])
     try:
         mixture = find_maxima(target, starts).as_mixture()
     except ValueError:  # the likelihood is zero everywhere, which sampling reports
         return model_class.values(starts)
-    draws = mixture.draw(rng.multinomial(settings.n_certified, mixture.all_weights), rng)
+    draws = mixture.draw(rng.multinomial(N_CERTIFIED, mixture.all_weights), rng)
     return model_class.values(draws)
 
 
@@ -256,23 +253,20 @@ class Confirmation(NamedTuple):
 
 
 def confirmed(
-    model_class: ModelClass,
-    posterior: Posterior,
-    log_evidence_error: float,
-    settings: RefinementSettings,
+    model_class: ModelClass, posterior: Posterior, log_evidence_error: float
 ) -> Confirmation:
     """Exact solutions at as many draws as the wanted error of the log evidence needs."""
     exact = with_exact_structures(model_class)
-    n = settings.n_confirmed
+    n = N_CONFIRMED
     while True:
         values = evenly_spaced_draws(posterior, n)
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
-        needed = n * (error / (settings.correction_share * log_evidence_error)) ** 2
-        if needed <= n or n >= settings.most_confirmed:
+        needed = n * (error / (CORRECTION_SHARE * log_evidence_error)) ** 2
+        if needed <= n or n >= MOST_CONFIRMED:
             break
-        n = min(settings.most_confirmed, max(2 * n, math.ceil(needed)))
+        n = min(MOST_CONFIRMED, max(2 * n, math.ceil(needed)))
     possible = np.isfinite(change)
     return Confirmation(
         values,
@@ -358,22 +352,21 @@ def requirements(
     for configuration, likelihood, columns in model_class.parts(values):
         frequency, shape = (
             # One of the errors, as those of shapes that nothing is compared with are infinite.
-            settings.error_share
-            * float(np.quantile(errors, settings.error_quantile, method="lower"))
+            settings.error_share * float(np.quantile(errors, ERROR_QUANTILE, method="lower"))
             for errors in likelihood.least_errors(columns)
         )
         structural = columns[:, : len(configuration.structure.parameters)]
-        n_modes = n_needed(likelihood, columns, settings)
+        n_modes = n_needed(likelihood, columns)
         needed.append(Requirement(structural, frequency, shape, n_modes))
     return needed
 
 
-def n_needed(likelihood: ModalLikelihood, values: FloatArray, settings: RefinementSettings) -> int:
+def n_needed(likelihood: ModalLikelihood, values: FloatArray) -> int:
     """Number of lowest model modes that are paired, or lie in or near the band, at ``values``."""
     # Where any pairing is possible, none is given.
     paired = max(likelihood.pairing.values(), default=1)
     frequencies = likelihood.modes(values).frequencies_hz
-    reached = frequencies < settings.near_the_band * likelihood.data.band_hz[1]
+    reached = frequencies < NEAR_THE_BAND * likelihood.data.band_hz[1]
     return max(paired, int(reached.sum(axis=1).max(initial=0)))
 
 
@@ -408,7 +401,7 @@ def certified(
     model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
 ) -> tuple[list[str], list[str]]:
     """Remarks on how accurate the structures are at posterior draws, and failed checks of it."""
-    values = evenly_spaced_draws(posterior, settings.n_certified)
+    values = evenly_spaced_draws(posterior, N_CERTIFIED)
     needed = requirements(model_class, values, settings)
     remarks: list[str] = []
     failed: list[str] = []
