@@ -4,6 +4,7 @@ Against type hints, and against the names or values to choose from.
 """
 
 import inspect
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache, wraps
 from itertools import islice
@@ -14,6 +15,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 NAMES = {str: "text", int: "a whole number", float: "a number", bool: "True or False"}
 
@@ -119,6 +121,11 @@ def require_known(
     for name in names:
         if name not in choices:
             raise ValueError(f"{what} {name!r}; choose from {listed_choices(choices)}{besides}")
+
+
+def repeated(names: Iterable[T]) -> list[T]:
+    """Those names that occur more than once, each once."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def require_one_of(what: str, value: object, choices: Collection[object]) -> None:

@@ -20,11 +20,12 @@ T = TypeVar("T")
 
 EXPECTED = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}
 NOT_FINITE = ("inf", "-inf", "nan")
+_hints = cache(get_type_hints)
 
 
 def to_record(value: Any, without: Collection[str] = ()) -> Any:
     """As JSON can hold the value; for a dataclass, without the fields in ``without``."""
-    if is_dataclass(value) or _is_named_tuple(type(value)):
+    if is_dataclass(value) or (isinstance(value, tuple) and hasattr(value, "_fields")):
         tag = getattr(value, "record_tag", None)
         head = {tag: type(value).__name__} if tag else {}
         names = [name for name in _field_names(type(value)) if name not in without]
@@ -151,10 +152,6 @@ def _read_fields(kind: type, record: Any, path: str, given: Mapping[str, Any]) -
         raise ValueError(f"{path}: {error}" if path else str(error)) from error
 
 
-def _is_named_tuple(kind: type) -> bool:
-    return issubclass(kind, tuple) and hasattr(kind, "_fields")
-
-
 def _field_names(kind: Any) -> tuple[str, ...]:
     return tuple(each.name for each in fields(kind)) if is_dataclass(kind) else kind._fields
 
@@ -164,11 +161,6 @@ def _with_default(kind: Any) -> frozenset[str]:
     if not is_dataclass(kind):
         return frozenset(kind._field_defaults)
     return frozenset(each.name for each in fields(kind) if each.default is not MISSING)
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
 
 
 def _join(path: str, name: str) -> str:

@@ -2,12 +2,11 @@
 
 import hashlib
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
-from bayes_ssi.foundations.argument_types import listed_choices, require, require_known
+from bayes_ssi.foundations.argument_types import listed_choices, repeated, require, require_known
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import AnyPairing, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import check_pairing
@@ -88,10 +87,9 @@ def configurations_of(
     for each in given:
         if not isinstance(each, Configuration):
             raise TypeError(f"configurations must be Configurations, got {each!r}")
-    names = Counter(each.name for each in given)
-    repeated = [name for name, count in names.items() if count > 1]
-    if repeated:
-        raise ValueError(f"two configurations are named {repeated[0]!r}")
+    names = [each.name for each in given]
+    if twice := repeated(names):
+        raise ValueError(f"two configurations are named {twice[0]!r}")
     if len(given) > 1 and "" in names:
         raise ValueError("a configuration has no name; where there are several, each needs one")
     return tuple(replace(each, **own) if own else each for each in given)

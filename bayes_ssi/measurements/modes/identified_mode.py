@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from bayes_ssi.foundations.argument_types import repeated
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.modal import SOLVER, scaled_shapes
 
@@ -169,19 +170,9 @@ def checked_sensors(sensors: Iterable[str], of: str) -> tuple[str, ...]:
             raise ValueError(
                 f"{of}: a sensor may not be named {name!r}, a column of every file of modes"
             )
-    if len(set(names)) < len(names):
-        raise ValueError(f"{of}: two sensors are named {repeated(names)!r}")
+    if twice := repeated(names):
+        raise ValueError(f"{of}: two sensors are named {twice[0]!r}")
     return names
-
-
-def repeated(names: Iterable[str]) -> str | None:
-    """The first name that occurs for a second time; None if none does."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
 
 
 def _require_positive(number: float, where: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_ssi.foundations.argument_types import require, require_known
+from bayes_ssi.foundations.argument_types import repeated, require, require_known
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
@@ -20,7 +20,6 @@ from bayes_ssi.measurements.modes.identified_mode import (
     checked_band,
     checked_sensors,
     of_modes,
-    repeated,
     with_joint_errors,
 )
 from bayes_ssi.structures.modal import mac_of_pairs
@@ -72,8 +71,8 @@ class ModalData(Displayed):
         object.__setattr__(self, "modes", ordered)
         if not ordered:
             raise ValueError("modal data: no identified mode")
-        if len(set(self.labels)) != len(self.labels):
-            raise ValueError(f"modal data: two modes have the label {repeated(self.labels)!r}")
+        if twice := repeated(self.labels):
+            raise ValueError(f"modal data: two modes have the label {twice[0]!r}")
         for mode in ordered:
             if not low <= mode.frequency_hz <= high:
                 raise ValueError(

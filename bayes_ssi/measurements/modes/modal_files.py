@@ -40,7 +40,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, repeated
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
@@ -50,7 +50,6 @@ from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
     IdentifiedMode,
     of_modes,
-    repeated,
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
@@ -261,8 +260,8 @@ def _column_names(line: _Line) -> list[str]:
     for name in names:
         if not name:
             raise line.error("a column has no name")
-    if len(set(names)) < len(names):
-        raise line.error(f"two columns are named {repeated(names)!r}")
+    if twice := repeated(names):
+        raise line.error(f"two columns are named {twice[0]!r}")
     return names
 
 

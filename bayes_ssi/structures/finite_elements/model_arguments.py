@@ -1,7 +1,6 @@
 """Arguments of finite-element models: matrices, from files of programs or as given, and sensors."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_ssi.foundations.argument_types import checked, listed_choices, require_known
+from bayes_ssi.foundations.argument_types import checked, listed_choices, repeated, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.named_arrays import array_names, read_arrays
 from bayes_ssi.foundations.text_files import damage_named
@@ -180,9 +179,8 @@ def _require_names(what: str, names: Sequence[object]) -> None:
     for name in names:
         if not isinstance(name, str) or not name.strip():
             raise TypeError(f"{what} must be text and not empty, got {name!r}")
-    repeated = [name for name, count in Counter(names).items() if count > 1]
-    if repeated:
-        raise ValueError(f"{what}: {repeated[0]!r} names two degrees of freedom")
+    if twice := repeated(names):
+        raise ValueError(f"{what}: {twice[0]!r} names two degrees of freedom")
 
 
 def checked_n_modes(

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -185,9 +184,7 @@ class ExportedModel:
             ),
             mass=sp.csc_array(sp.block_diag((self.mass, empty), format="csc")),
             labels=(*self.labels, *labels),
-            dependent=MappingProxyType(
-                {name: of for name, of in self.dependent.items() if name not in labels}
-            ),
+            dependent={name: of for name, of in self.dependent.items() if name not in labels},
             notes=(*self.notes, f"{len(labels)} rows are added for displacements of constraints"),
         )
 
@@ -239,7 +236,7 @@ def exported_model(
         mass,
         names,
         matrices.geometry,
-        MappingProxyType(dependent),
+        dependent,
         "as exported",
         tuple(notes),
     )

@@ -5,10 +5,9 @@ in every consistent system, in which the unit of mass is that of force times s²
 length; masses and stiffnesses that are added to a model in kg and N/m are not.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -152,20 +151,18 @@ class Units:
 
 # NIST Special Publication 811: 1 lbf = 4.4482216152605 N, 1 in = 0.0254 m, 1 ft = 0.3048 m,
 # 1 kgf = 9.80665 N.
-SYSTEMS: Mapping[str, Units] = MappingProxyType(
-    {
-        "N, m": Units(1.0, 1.0),
-        "N, mm": Units(1.0, 1e-3),
-        "kN, m": Units(1e3, 1.0),
-        "kN, mm": Units(1e3, 1e-3),
-        "kgf, m": Units(9.80665, 1.0),
-        "kgf, cm": Units(9.80665, 1e-2),
-        "lbf, in": Units(4.4482216152605, 0.0254),
-        "lbf, ft": Units(4.4482216152605, 0.3048),
-        "kip, in": Units(4448.2216152605, 0.0254),
-        "kip, ft": Units(4448.2216152605, 0.3048),
-    }
-)
+SYSTEMS = {
+    "N, m": Units(1.0, 1.0),
+    "N, mm": Units(1.0, 1e-3),
+    "kN, m": Units(1e3, 1.0),
+    "kN, mm": Units(1e3, 1e-3),
+    "kgf, m": Units(9.80665, 1.0),
+    "kgf, cm": Units(9.80665, 1e-2),
+    "lbf, in": Units(4.4482216152605, 0.0254),
+    "lbf, ft": Units(4.4482216152605, 0.3048),
+    "kip, in": Units(4448.2216152605, 0.0254),
+    "kip, ft": Units(4448.2216152605, 0.3048),
+}
 
 
 def in_si(model: ExportedModel, units: str) -> ExportedModel:
@@ -204,7 +201,7 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
         stiffness=stiffness,
         mass=mass,
         geometry=geometry,
-        dependent=MappingProxyType(dependent),
+        dependent=dependent,
         units="N, m, kg",
         notes=(*model.notes, f"turned from {units} into N, m, kg; rotations stay in radians"),
     )
