@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 
 from bayes_ssi.structures.modal import (
-    SOLVER,
+    BATCHED_UP_TO,
     NoModesError,
     lowest_eigenpairs,
     mac,
@@ -75,7 +75,7 @@ def test_a_row_without_modes_is_nan_and_leaves_the_others_alone(stiffness, mass)
     np.testing.assert_allclose(modes.shapes[2].T @ modes.shapes[2], np.eye(2), atol=1e-13)
 
 
-@pytest.mark.parametrize("n", [7, SOLVER.batched_up_to + 1])
+@pytest.mark.parametrize("n", [7, BATCHED_UP_TO + 1])
 def test_full_mass_matrices_singular_ones_too(n):
     """Against scipy's generalised problem; and every row is the same without the others."""
     rng = np.random.default_rng(2)

@@ -331,7 +331,7 @@ def _study(
 ) -> str:
     import jinja2
 
-    from bayes_ssi.structures.modal import SOLVER
+    from bayes_ssi.structures.modal import BATCHED_UP_TO
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
@@ -355,7 +355,7 @@ def _study(
         mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
         unit="m" if in_si else "",
         mass_unit="kg" if in_si else "",
-        is_large=model.size > SOLVER.batched_up_to,
+        is_large=model.size > BATCHED_UP_TO,
     )
 
 

@@ -33,7 +33,7 @@ from bayes_ssi.structures.matrix_terms import (
     parameters_of,
 )
 from bayes_ssi.structures.modal import (
-    SOLVER,
+    BATCHED_UP_TO,
     ModalModel,
     Modes,
     chain_modes,
@@ -41,6 +41,8 @@ from bayes_ssi.structures.modal import (
     solve_modes,
 )
 from bayes_ssi.structures.structure import Structure
+
+MOST_ENTRIES = 2**19  # entries of the matrices that are assembled at once
 
 
 @dataclass(frozen=True)
@@ -146,14 +148,14 @@ class LumpedStructure(Structure):
 
     def with_shapes(self, n_shapes: int) -> Self:
         is_chain = self._mass.arrays.ndim == 2 and not np.triu(self._stiffness.arrays, 2).any()
-        if not is_chain or self.n_modes < max(SOLVER.batched_up_to, 4 * n_shapes):
+        if not is_chain or self.n_modes < max(BATCHED_UP_TO, 4 * n_shapes):
             return self
         fewer = copy(self)
         object.__setattr__(fewer, "_n_shapes", n_shapes)
         return fewer
 
     def modes(self, values: FloatArray) -> Modes:
-        n = max(1, SOLVER.most_entries // self.n_modes**2)
+        n = max(1, MOST_ENTRIES // self.n_modes**2)
         if len(values) > n:
             return joined([self.modes(part) for part in np.split(values, range(n, len(values), n))])
         matrices, fewer = self.matrices(values), self.n_shapes < self.n_modes

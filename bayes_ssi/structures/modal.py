@@ -9,7 +9,6 @@ where nothing couples two directions, those are the motions in one direction and
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,34 +17,20 @@ from scipy.linalg import lapack
 
 from bayes_ssi.foundations.arrays import FloatArray, place_of_largest
 
-
-@dataclass(frozen=True)
-class SolverSettings:
-    """What is rounding, and how batches are solved.
-
-    Attributes:
-        equal_within, equal_units: eigenvalues that differ by this share, or by so many units in
-            the last place of the largest, are equal but for rounding.
-    """
-
-    equal_within: float = 1e-9
-    equal_units: float = 8.0
-    # A number smaller than this share of the largest one that it was computed from may be rounding:
-    # some hundred units in the last place.
-    rounding: float = 1e-13
-    # Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
-    # millionth at most where they are this share of it, or more.
-    resolved_above: float = 1e-9
-    # A sensor does not see what moves it by less than this share of the largest motion of any
-    # sensor in any mode, at unit modal mass: that is rounding, of which no shape consists.
-    unseen_below: float = 1e-8
-    # Larger matrices are solved faster one at a time, for their lowest modes only.
-    batched_up_to: int = 40
-    # Entries of the matrices that are assembled at once.
-    most_entries: int = 2**19
-
-
-SOLVER = SolverSettings()
+# Eigenvalues that differ by this share, or by so many units in the last place of the largest,
+# are equal but for rounding.
+EQUAL_WITHIN = 1e-9
+EQUAL_UNITS = 8.0
+# A number smaller than this share of the largest one that it was computed from may be rounding:
+# some hundred units in the last place.
+ROUNDING = 1e-13
+# Solved at once, eigenvalues are wrong by rounding of the largest of their matrix: by a
+# millionth at most where they are this share of it, or more.
+RESOLVED_ABOVE = 1e-9
+# A sensor does not see what moves it by less than this share of the largest motion of any
+# sensor in any mode, at unit modal mass: that is rounding, of which no shape consists.
+UNSEEN_BELOW = 1e-8
+BATCHED_UP_TO = 40  # larger matrices are solved faster one at a time, for their lowest modes only
 
 
 def settle(ascending: FloatArray, shapes: FloatArray) -> None:
@@ -56,8 +41,7 @@ def settle(ascending: FloatArray, shapes: FloatArray) -> None:
         shapes: (B, n, m), orthonormal in any mass, at all degrees of freedom or at some.
     """
     rounding = (
-        SOLVER.equal_within * ascending[:, 1:]
-        + SOLVER.equal_units * np.finfo(float).eps * ascending[:, -1:]
+        EQUAL_WITHIN * ascending[:, 1:] + EQUAL_UNITS * np.finfo(float).eps * ascending[:, -1:]
     )
     equal = np.diff(ascending, axis=1) <= rounding
     rows = np.flatnonzero(equal.any(axis=1))
@@ -188,10 +172,10 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
     """
     n = stiffness.shape[-1]
     n_modes = n_modes or n
-    if n <= SOLVER.batched_up_to or (n_modes == n and mass.ndim == 2):
+    if n <= BATCHED_UP_TO or (n_modes == n and mass.ndim == 2):
         eigenvalues, vectors = _scaled_by_mass(stiffness, mass)
         settle(eigenvalues, vectors)
-        accurate = eigenvalues[:, 0] > SOLVER.resolved_above * eigenvalues[:, -1]
+        accurate = eigenvalues[:, 0] > RESOLVED_ABOVE * eigenvalues[:, -1]
         eigenvalues, vectors = eigenvalues[:, :n_modes], vectors[:, :, :n_modes]
     else:
         n_rows = max(len(stiffness), len(mass))
@@ -223,7 +207,7 @@ def chain_modes(stiffness: FloatArray, mass: FloatArray, n_shapes: int) -> Modes
         squares[row] *= not (failed or lost)  # not accurate
     settle(squares[:, :n_shapes], shapes)
     modes = Modes(frequencies_hz(np.maximum(squares, 0.0)), shapes * root[:, :, None])
-    for row in np.flatnonzero(~(squares[:, 0] > SOLVER.resolved_above * squares[:, -1])):
+    for row in np.flatnonzero(~(squares[:, 0] > RESOLVED_ABOVE * squares[:, -1])):
         k, m = stiffness[[row % len(stiffness)]], mass[[row % len(mass)]]
         modes.frequencies_hz[[row]], every = solve_modes(k, m)
         modes.shapes[row] = every[0, :, :n_shapes]
@@ -274,7 +258,7 @@ def lowest_eigenpairs(
     require_supported(stiffness, vectors[:, 0])
     if inverses[0] < 0.0 or mass.diagonal().min() < 0.0:
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > SOLVER.rounding * inverses[0]).sum())
+    n_available = int((inverses > ROUNDING * inverses[0]).sum())
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
     inverses, vectors = inverses[:n_available], vectors[:, :n_available]
@@ -286,7 +270,7 @@ def lowest_eigenpairs(
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
     """Raise NoModesError where the first mode (n,) has no strain energy: a rigid-body mode."""
     size = np.abs(shape)
-    if not shape @ (stiffness @ shape) > SOLVER.rounding * (size @ (abs(stiffness) @ size)):
+    if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
         raise NoModesError(NOT_SUPPORTED)
 
 
@@ -353,7 +337,7 @@ def seen_shapes(shapes: FloatArray) -> FloatArray:
     A mode in y moves sensors in x by rounding errors, or not at all: here it does not.
     """
     sizes = np.abs(shapes)
-    unseen = sizes < SOLVER.unseen_below * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
+    unseen = sizes < UNSEEN_BELOW * sizes.max(axis=(1, 2), keepdims=True, initial=0.0)
     return np.where(unseen, 0.0, shapes) if unseen.any() else shapes
 
 

@@ -9,7 +9,6 @@ from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.projected_structure import modes_at_places
-from bayes_ssi.structures.modal import SolverSettings
 
 N, MASS, STIFFNESS = 60, 1.0, 4000.0
 SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}
@@ -100,8 +99,8 @@ def test_an_element_on_it_has_the_modes_of_the_full_model(chain, projected, elem
 
 def test_a_compact_structure_is_certified(chain, monkeypatch):
     """Of the ten vectors, as many as a batch takes are kept."""
-    settings = SolverSettings(batched_up_to=11)
-    monkeypatch.setattr("bayes_ssi.structures.finite_elements.matrix_structure.SOLVER", settings)
+    module = "bayes_ssi.structures.finite_elements.matrix_structure"
+    monkeypatch.setattr(f"{module}.BATCHED_UP_TO", 11)
     values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
     compact = chain.compact(values).with_element(bs.Pendulum("s40", m, f, label="a"))
     whole = chain.with_element(bs.Pendulum("s40", m, f, label="a"))

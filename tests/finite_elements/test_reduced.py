@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
-from bayes_ssi.structures.modal import SOLVER, SolverSettings, mac
+from bayes_ssi.structures.modal import BATCHED_UP_TO, mac
 from bayes_ssi.structures.structure import Requirement
 
 N, PARTS = 240, 3
@@ -100,11 +100,11 @@ def test_a_coarse_basis_knows_that_it_is_coarse(monkeypatch):
 
 @pytest.mark.parametrize("small", [True, False])
 def test_rows_and_copies_agree(reduced, small, monkeypatch):
-    assert reduced.basis.size <= SOLVER.batched_up_to
+    assert reduced.basis.size <= BATCHED_UP_TO
     values = draws(130)
     if not small:  # one by one, as in a larger basis
         expected = reduced.modes(values).frequencies_hz
-        monkeypatch.setattr("bayes_ssi.structures.modal.SOLVER", SolverSettings(batched_up_to=0))
+        monkeypatch.setattr("bayes_ssi.structures.modal.BATCHED_UP_TO", 0)
         np.testing.assert_allclose(reduced.modes(values).frequencies_hz, expected, rtol=1e-10)
     together = reduced.modes(values)
     copied = pickle.loads(pickle.dumps(reduced))

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
-from bayes_ssi.structures.modal import SOLVER
+from bayes_ssi.structures.modal import BATCHED_UP_TO
 
-N = 2 * SOLVER.batched_up_to
+N = 2 * BATCHED_UP_TO
 FLOORS = np.arange(1, N + 1)
 
 

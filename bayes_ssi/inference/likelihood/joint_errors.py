@@ -29,7 +29,7 @@ from scipy.linalg import block_diag
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.structures.modal import SOLVER
+from bayes_ssi.structures.modal import ROUNDING
 
 
 class ModeOfTest(NamedTuple):
@@ -230,7 +230,7 @@ class JointErrors:
 
         Those of frequencies (P,) are conditional on shapes.
         """
-        known = self.variances > SOLVER.rounding * self.variances.max(initial=0.0)
+        known = self.variances > ROUNDING * self.variances.max(initial=0.0)
         gain = self.between[known] / self.variances[known, None]
         given_shapes = self.frequencies.identification - self.between[known].T @ gain
         return np.maximum(np.linalg.eigvalsh(given_shapes), 0.0), self.variances

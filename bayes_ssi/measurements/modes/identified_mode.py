@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.argument_types import repeated
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.structures.modal import SOLVER, scaled_shapes
+from bayes_ssi.structures.modal import ROUNDING, scaled_shapes
 
 # Columns of a file of modes; no sensor may have one of these names.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
@@ -271,5 +271,5 @@ def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
     projected = projection @ covariance @ projection
     # What is in the planes already stays as it is, to the last digit.
     change = np.abs(projected - covariance).max()
-    kept = change <= SOLVER.rounding * np.abs(covariance).max()
+    kept = change <= ROUNDING * np.abs(covariance).max()
     return covariance if kept else 0.5 * (projected + projected.T)

@@ -31,7 +31,7 @@ from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
 from bayes_ssi.structures.modal import (
-    SOLVER,
+    BATCHED_UP_TO,
     Eigenpairs,
     ModalModel,
     Modes,
@@ -266,7 +266,7 @@ class AssembledStructure(PointwiseStructure):
         return self.n_modes + self.n_rigid_modes
 
     def modes(self, values: FloatArray) -> Modes:
-        if self.size > SOLVER.batched_up_to:
+        if self.size > BATCHED_UP_TO:
             return super().modes(values)
         stiffness, mass = (each.evaluate(values) for each in self._dense)
         modes = self.system.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))

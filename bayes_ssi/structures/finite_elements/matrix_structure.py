@@ -18,7 +18,7 @@ from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import (
-    SOLVER,
+    BATCHED_UP_TO,
     ModalModel,
     Modes,
     NoModesError,
@@ -127,7 +127,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self.basis.combined(directions[:, 4 - SOLVER.batched_up_to :])
+        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:

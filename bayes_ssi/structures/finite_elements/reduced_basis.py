@@ -41,7 +41,7 @@ from bayes_ssi.structures.finite_elements.sparse_modes import Factor, is_semidef
 from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,
-    SOLVER,
+    ROUNDING,
     Eigenpairs,
     NoModesError,
     lowest_eigenpairs,
@@ -121,7 +121,7 @@ class Elongations(NamedTuple):
         by_u, by_q = carried.components(terms)
         remaining = by_u - by_q @ self.follow
         # An own spring is an elongation, and moves nothing else but for rounding.
-        remaining[np.abs(remaining) <= SOLVER.rounding * np.abs(by_q @ self.follow)] = 0.0
+        remaining[np.abs(remaining) <= ROUNDING * np.abs(by_q @ self.follow)] = 0.0
         return [remaining, by_q @ self.inverse]
 
 
@@ -261,7 +261,7 @@ class ReducedBasis:
         for _ in range(2):  # once leaves rounding errors
             new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
         energies, directions = np.linalg.eigh(new.T @ (reference.matrix @ new))
-        kept = energies > max(negligible**2, SOLVER.rounding)
+        kept = energies > max(negligible**2, ROUNDING)
         if not kept.any():
             return self
         new = new @ (directions[:, kept] / np.sqrt(energies[kept]))

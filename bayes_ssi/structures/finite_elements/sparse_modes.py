@@ -23,7 +23,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.finite_elements.model_arguments import FILE_ROUNDING, Matrix
 from bayes_ssi.structures.modal import (
     NOT_SUPPORTED,
-    SOLVER,
+    ROUNDING,
     Eigenpairs,
     FreeBody,
     NoModesError,
@@ -216,7 +216,7 @@ def _counted(
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
     energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
-    if energies.min() <= SOLVER.rounding * energies.max():
+    if energies.min() <= ROUNDING * energies.max():
         return _modes_under(loads, mass, factor, n_modes, at_most)
     raise NoModesError(f"the modes could not be verified: {problem}")
 
@@ -231,13 +231,13 @@ def _modes_under(
     factor.require_positive_definite()
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
-    kept = energies > SOLVER.rounding * energies.max(initial=0.0)
+    kept = energies > ROUNDING * energies.max(initial=0.0)
     unit = moved @ (directions[:, kept] / np.sqrt(energies[kept]))
     inverses, mixed = np.linalg.eigh(unit.T @ (mass @ unit))
     inverses, mixed = inverses[::-1], mixed[:, ::-1]
-    if len(inverses) and inverses[-1] < -SOLVER.rounding * max(inverses[0], -inverses[-1]):
+    if len(inverses) and inverses[-1] < -ROUNDING * max(inverses[0], -inverses[-1]):
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > SOLVER.rounding * inverses.max(initial=0.0)).sum())
+    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
     if n_available < n_modes:
         raise too_few_modes(n_available, n_modes)
     inverses, mixed = inverses[:n_available], mixed[:, :n_available]
