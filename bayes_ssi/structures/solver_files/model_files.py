@@ -6,7 +6,7 @@ length; masses and stiffnesses that are added to a model in kg and N/m are not.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -136,48 +136,35 @@ def read_model(
     return model if note is None else replace(model, notes=(*model.notes, note))
 
 
-@dataclass(frozen=True)
-class Units:
-    """A consistent system: its units of force in N and of length in m."""
-
-    force: float
-    length: float
-
-    @property
-    def mass(self) -> float:
-        """The unit of mass, in kg."""
-        return self.force / self.length
-
-
-# NIST Special Publication 811: 1 lbf = 4.4482216152605 N, 1 in = 0.0254 m, 1 ft = 0.3048 m,
-# 1 kgf = 9.80665 N.
+# Consistent systems: units of force in N and of length in m. NIST Special Publication 811:
+# 1 lbf = 4.4482216152605 N, 1 in = 0.0254 m, 1 ft = 0.3048 m, 1 kgf = 9.80665 N.
 SYSTEMS = {
-    "N, m": Units(1.0, 1.0),
-    "N, mm": Units(1.0, 1e-3),
-    "kN, m": Units(1e3, 1.0),
-    "kN, mm": Units(1e3, 1e-3),
-    "kgf, m": Units(9.80665, 1.0),
-    "kgf, cm": Units(9.80665, 1e-2),
-    "lbf, in": Units(4.4482216152605, 0.0254),
-    "lbf, ft": Units(4.4482216152605, 0.3048),
-    "kip, in": Units(4448.2216152605, 0.0254),
-    "kip, ft": Units(4448.2216152605, 0.3048),
+    "N, m": (1.0, 1.0),
+    "N, mm": (1.0, 1e-3),
+    "kN, m": (1e3, 1.0),
+    "kN, mm": (1e3, 1e-3),
+    "kgf, m": (9.80665, 1.0),
+    "kgf, cm": (9.80665, 1e-2),
+    "lbf, in": (4.4482216152605, 0.0254),
+    "lbf, ft": (4.4482216152605, 0.3048),
+    "kip, in": (4448.2216152605, 0.0254),
+    "kip, ft": (4448.2216152605, 0.3048),
 }
 
 
 def in_si(model: ExportedModel, units: str) -> ExportedModel:
     """The model in N, m and kg; rotations stay in radians."""
-    system = _system(units)
-    if model.labels is None and system.length != 1.0:
+    force, length = _system(units)
+    if model.labels is None and length != 1.0:
         raise ValueError(
             f"units {units!r}: labels are needed to say which rows are rotations, whose units "
             "are not those of displacements"
         )
     scale = np.ones(model.size)
     if model.labels is not None:
-        scale = np.array([1.0 / _unit(name, system) for name in model.labels])
+        scale = np.array([1.0 / _unit(name, length) for name in model.labels])
     # Energies are in units of force times length, of displacements in m and rotations in radians.
-    energy = system.force * system.length
+    energy = force * length
     by_row = sp.diags_array(scale)
     stiffness, mass = (
         sp.csc_array(energy * (by_row @ each @ by_row)) for each in (model.stiffness, model.mass)
@@ -185,13 +172,12 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
     geometry = model.geometry
     if geometry is not None:
         nodes = {
-            name: (system.length * x, system.length * y, system.length * z)
-            for name, (x, y, z) in geometry.nodes.items()
+            name: (length * x, length * y, length * z) for name, (x, y, z) in geometry.nodes.items()
         }
         geometry = replace(geometry, nodes=nodes, unit="m")
     dependent = {
         name: {
-            other: factor * _unit(name, system) / _unit(other, system)
+            other: factor * _unit(name, length) / _unit(other, length)
             for other, factor in of.items()
         }
         for name, of in model.dependent.items()
@@ -220,12 +206,10 @@ def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> Non
     largest = max(totals.values())
     # Engineers know the mass of a structure to well within a factor of 2; a mistaken unit of force
     # or length is off by one of 4.4 or more.
-    fitting = [
-        name for name, system in SYSTEMS.items() if 0.5 < largest * system.mass / mass_kg < 2.0
-    ]
+    fitting = [name for name in SYSTEMS if 0.5 < largest * _in_kg(name) / mass_kg < 2.0]
     if units in fitting:
         return
-    which = "" if units is None else f", in {units} {largest * _system(units).mass:.4g} kg"
+    which = "" if units is None else f", in {units} {largest * _in_kg(units):.4g} kg"
     fit = " or ".join(map(repr, fitting)) or "none: is the density in other units than the rest?"
     raise ValueError(
         f"mass_kg {mass_kg:g}: the model's mass is {largest:.4g} in its own units{which}; units "
@@ -243,16 +227,22 @@ def mass_note(model: ExportedModel) -> str | None:
         return f"mass that moves, in kg: {shown}"
     largest = max(totals.values())
     kg = ", ".join(
-        f"{largest * SYSTEMS[name].mass:.4g} kg in {name}" for name in ("N, m", "N, mm", "kN, m")
+        f"{largest * _in_kg(name):.4g} kg in {name}" for name in ("N, m", "N, mm", "kN, m")
     )
     return f"mass that moves: {shown} (that is {kg}; state units= to have N, m, kg)"
 
 
-def _unit(label: str, system: Units) -> float:
+def _unit(label: str, length: float) -> float:
     """The unit of a degree of freedom in m, or in radians."""
-    return system.length if direction_of(label) in TRANSLATIONS else 1.0
+    return length if direction_of(label) in TRANSLATIONS else 1.0
 
 
-def _system(units: str) -> Units:
+def _in_kg(units: str) -> float:
+    """The unit of mass of a system."""
+    force, length = _system(units)
+    return force / length
+
+
+def _system(units: str) -> tuple[float, float]:
     require_one_of("units", units, SYSTEMS)
     return SYSTEMS[units]
