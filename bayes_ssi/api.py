@@ -3,6 +3,7 @@
 ``as`` says to type checkers that a name is meant for others.
 """
 
+import bayes_ssi.results.answer as _answer  # noqa: F401 - puts results into words
 from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
 from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
 from bayes_ssi.inference.calibration.modal_sensitivities import (
@@ -44,6 +45,10 @@ from bayes_ssi.results.hierarchy.populations import PopulationPriors as Populati
 from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as hierarchy
 from bayes_ssi.results.predictions.posterior_draws import predict_frequencies as predict_frequencies
 from bayes_ssi.results.predictions.predictions import load_predictions as load_predictions
+from bayes_ssi.results.predictions.requested_predictions import ResponseRequest as ResponseRequest
+from bayes_ssi.results.predictions.requested_predictions import (
+    predict_responses as predict_responses,
+)
 from bayes_ssi.results.stored_result import load_result as load_result
 from bayes_ssi.results.stored_result import save_result as save_result
 from bayes_ssi.results.stored_what_if import what_if as what_if
@@ -74,16 +79,16 @@ from bayes_ssi.structures.solver_files.parameter_matrices import (
 )
 from bayes_ssi.structures.space_frame import SpaceFrame as SpaceFrame
 from bayes_ssi.structures.structure import Structure as Structure
-from bayes_ssi.studies.appendages.appendage_search import search as search
 from bayes_ssi.studies.appendages.candidates import SearchSettings as SearchSettings
 from bayes_ssi.studies.appendages.candidates import read_candidates as read_candidates
-from bayes_ssi.studies.appendages.ranked_study import rank as rank
-from bayes_ssi.studies.changes.change_search import changes as changes
 from bayes_ssi.studies.changes.changes_family import ChangeSettings as ChangeSettings
 from bayes_ssi.studies.planning.layout_plans import plan as plan
 from bayes_ssi.studies.planning.plan_record import Layout as Layout
 from bayes_ssi.studies.planning.plan_record import Plan as Plan
 from bayes_ssi.studies.planning.plan_record import PlanSettings as PlanSettings
+from bayes_ssi.studies.questions import changes as changes
+from bayes_ssi.studies.questions import rank as rank
+from bayes_ssi.studies.questions import search as search
 from bayes_ssi.studies.ranking.changed_settings import ChangedSettings as ChangedSettings
 from bayes_ssi.studies.ranking.comparison import compare as compare
 from bayes_ssi.studies.ranking.study import Study as Study

@@ -69,16 +69,16 @@ def compared(path, seed, visible):
     AssembledStructure.shifted_modes = solve
     begun, cpu = perf_counter(), process_time()
     found = bs.changes(
-        model_class, ["before"], ["after"], seed=seed, sampling=SAMPLING, visible=visible
+        model_class, ["before"], ["after"], seed=seed, settings=SAMPLING, visible=visible
     )
     AssembledStructure.shifted_modes = solve.method
     seconds = perf_counter() - begun
     record = found.record
     first = record.places_by_probability[0]
-    ((low, middle, high),) = record.place(group).change.losses.values()
+    ((low, middle, high),) = record.place(group).amounts.values()
     covered = "covered" if low <= loss <= high else "not covered"
     print(
-        f"seed {seed}: {group} lost {loss:.1%}; a change {record.probability_of_change:.4f}, "
+        f"seed {seed}: {group} lost {loss:.1%}; a change {record.probability_of_any:.4f}, "
         f"first {first.place.name} with {first.probability:.4f}; at the true place "
         f"{middle:.1%} ({low:.1%} to {high:.1%}), {covered}\n"
         f"  {len(record.hypotheses)} hypotheses, {len(found.ranking.posteriors)} sampled, "

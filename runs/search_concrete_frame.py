@@ -231,19 +231,19 @@ def searched(path, seed, workers, with_directions):
     names = [each.place.candidate.name for each in places]
     rank = names.index(hidden.place)
     # Of those alike, not all are sampled.
-    best = next(each for each in record.hypotheses if each.is_sampled and each.appendages)
-    (first,) = best.appendages
+    best = next(each for each in record.hypotheses if each.is_sampled and each.features)
+    (first,) = best.features
     fitted = at_sensors(*best_fit(result.ranking, best.name), data)
     true = at_sensors(carrying, truth, data)
     off, alike = np.abs(fitted[0] / true[0] - 1.0).max(), np.diag(mac(fitted[1], true[1])).min()
-    there = places[rank].appendage
+    there = places[rank]
     outcome = Outcome(
         seed,
         rank + 1,
         places[rank].probability,
         alike,
-        Compared(hidden.mass, *there.mass),
-        Compared(hidden.frequency_hz, *there.frequency_hz),
+        Compared(hidden.mass, *there.amounts["mass"]),
+        Compared(hidden.frequency_hz, *there.amounts["frequency_hz"]),
         all_full_solutions(result),
         cpu,
     )
@@ -256,8 +256,8 @@ def searched(path, seed, workers, with_directions):
         f"frequencies, MAC {alike:.5f} or more\n"
         f"  at the true place: mass {outcome.mass}\n"
         f"                     frequency {outcome.frequency}\n"
-        f"  at {first.place.candidate.name}: mass {Compared(hidden.mass, *first.mass)}\n"
-        f"      frequency {Compared(hidden.frequency_hz, *first.frequency_hz)}\n"
+        f"  at {first.place.candidate.name}: mass {Compared(hidden.mass, *first.amounts['mass'])}\n"
+        f"      frequency {Compared(hidden.frequency_hz, *first.amounts['frequency_hz'])}\n"
         f"  {len(record.hypotheses)} hypotheses, {len(result.ranking.posteriors)} sampled, "
         f"{outcome.n_full_solutions} full solutions, "
         f"{len(checks)} failed checks, {seconds:.0f} s, {cpu:.0f} s of CPU time",

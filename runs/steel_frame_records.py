@@ -196,7 +196,7 @@ def main() -> None:
     rows = sorted(result.record.hypotheses, key=lambda each: -each.probability)
     for row in rows[:4]:
         print(f"  {row.name}: {row.probability:.4f}")
-    for each in result.record.hypothesis(rows[0].name).appendages:
+    for each in result.record.hypothesis(rows[0].name).features:
         (low, mass, high), (slow, hz, fast) = each.mass, each.frequency_hz
         print(f"  {each.place.name}: {mass:.1f} ({low:.1f} to {high:.1f}) kg, "
               f"{hz:.3f} ({slow:.3f} to {fast:.3f}) Hz")  # fmt: skip

@@ -25,7 +25,7 @@ from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.report.report_figures import ReportFigures
-from bayes_ssi.studies.appendages.appendage_search import search
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2

@@ -12,8 +12,8 @@ from bayes_ssi.studies.appendages.candidates import (
     SearchSettings,
     places_of,
 )
-from bayes_ssi.studies.appendages.search_result import AppendageSummary, PlaceRecord
 from bayes_ssi.studies.search.approximate_evidence import Screened
+from bayes_ssi.studies.search.findings import Finding
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=40, searches=1, max_steps=10)
 # One appendage at most; all sampled.
@@ -47,8 +47,8 @@ def screened(model_class, log_evidence, error=0.0):
 
 def place_record(place, probability):
     """A place with this probability of an appendage, of an arbitrary mass and frequency."""
-    summary = AppendageSummary(place, (0.04, 0.05, 0.06), (0.4, 0.5, 0.6), (1.0, 2.0, 3.0))
-    return PlaceRecord(summary, probability, is_observed=True)
+    amounts = {"mass": (0.04, 0.05, 0.06), "frequency_hz": (1.0, 2.0, 3.0)}
+    return Finding(place, probability, amounts)
 
 
 def search_of(places, geometry=None):

@@ -25,7 +25,7 @@ FOLDERS = {
         "likelihood", "model_class", "workers", "sampling", "calibration", "criticism",
         "posterior", "posterior_sampling",
     ),
-    "studies": ("ranking", "search", "appendages", "changes", "planning"),
+    "studies": ("ranking", "search", "appendages", "changes", "planning", ""),
     "results": ("", "predictions", "hierarchy"),
     "report": ("tables", ""),
 }  # fmt: skip
@@ -61,7 +61,7 @@ MODULES = [name for name in TREES if not (PACKAGE.parent / name.replace(".", "/"
 
 
 def imported(tree):
-    """Modules of the package that a module imports, anywhere in it, also inside functions."""
+    """Modules of the package that a module imports or names, also inside functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
@@ -70,6 +70,9 @@ def imported(tree):
                 yield whole if whole in TREES else node.module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            # Such as what import_module would load.
+            yield from {node.value} & TREES.keys() - {"bayes_ssi"}
 
 
 IMPORTS = {name: set(imported(tree)) & set(TREES) for name, tree in TREES.items()}
@@ -104,6 +107,8 @@ def test_no_imports_go_in_a_circle():
 def test_circles_and_imports_inside_functions_would_be_seen():
     tree = ast.parse("def f():\n    from bayes_ssi.parameters.families import Normal")
     assert set(imported(tree)) == {"bayes_ssi.parameters.families"}
+    by_name = ast.parse('WORDS = "bayes_ssi.results.answer"')
+    assert set(imported(by_name)) == {"bayes_ssi.results.answer"}
     assert IMPORTS["bayes_ssi.api"] >= {
         "bayes_ssi.parameters.parameters",
         "bayes_ssi.inference.model_class.model_class",

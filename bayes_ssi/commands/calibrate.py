@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from bayes_ssi.commands.options import (
+    classes_option,
     default_option,
     flag,
     load,
-    only_option,
     path_option,
     seed_option,
     study_argument,
@@ -49,7 +49,7 @@ LEGEND = (
 
 @click.command()
 @study_argument
-@only_option("Calibrate only these model classes.")
+@classes_option("Calibrate only these model classes.")
 @click.option("--shape-weight", type=float,
               help="λ, weight of shapes relative to frequencies; 0 leaves shapes out.  "
               "[default: σ_f/σ_φ of the class's error model]")  # fmt: skip
@@ -60,7 +60,7 @@ LEGEND = (
 @json_option
 def calibrate(
     study: Path,
-    only: str | None,
+    names: tuple[str, ...],
     shape_weight: float | None,
     starts: int,
     seed: int,
@@ -74,7 +74,7 @@ def calibrate(
     from bayes_ssi.inference.model_class.configuration import failed_data_checks
     from bayes_ssi.results.wording import data_warnings
 
-    candidates = load(study, only).model_classes
+    candidates = load(study, names).model_classes
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
     failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
 
@@ -175,10 +175,10 @@ def _is_not_unique(calibration: Calibration) -> bool:
 
 @click.command()
 @study_argument
-@only_option("Only these model classes.")
+@classes_option("Only these model classes.")
 @path_option("--figures", text="Directory for a heat map of each class, a new one.")
 @json_option
-def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
+def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> None:
     """Print how the modes of STUDY's model classes change with their parameters.
 
     At the prior medians. A set of parameters to update is proposed: those of which the data say
@@ -192,7 +192,7 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
 
     if figures is not None:
         require_new_files(figures)
-    found = _of_each(load(study, only).model_classes, modal_sensitivities)
+    found = _of_each(load(study, names).model_classes, modal_sensitivities)
     for each in found:
         show(sensitivities_table(each))
         signals = [
@@ -208,10 +208,10 @@ def sensitivities(study: Path, only: str | None, figures: Path | None) -> None:
         from bayes_ssi.plots.figure_style import save_figure, style
 
         figures.mkdir(parents=True)
-        names = file_names([each.name for each in found], "png")
+        files = file_names([each.name for each in found], "png")
         with style():
             for each in found:
-                save_figure(plot_modal_sensitivities(each), figures / names[each.name])
+                save_figure(plot_modal_sensitivities(each), figures / files[each.name])
         say(f"Wrote {len(found)} figures in {figures}.")
     print_record(
         lambda: {"sensitivities": [columns(each) | {"proposed": each.proposed} for each in found]}

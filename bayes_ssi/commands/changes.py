@@ -7,11 +7,11 @@ from typing import Any
 import click
 
 from bayes_ssi.commands.options import (
+    classes_option,
     default_option,
     flag,
     load,
     named_values,
-    only_option,
     path_option,
     repeated_option,
     study_argument,
@@ -25,7 +25,7 @@ GROUP = "NAME=PARAMETER,…"
 @study_argument
 @repeated_option("--from", "before", "TEST", "Configuration before; may be repeated.")
 @repeated_option("--to", "after", "TEST", "Configuration after; may be repeated.")
-@only_option("Model classes of the study to average over, by name; all if not given.")
+@classes_option("Model classes of the study to average over; all if not given.")
 @repeated_option(
     "--join", "joined", GROUP, "Parameters that lose one share, as one place; may be repeated."
 )
@@ -64,7 +64,7 @@ GROUP = "NAME=PARAMETER,…"
 @default_option("--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20))
 @partial(run_options, error=0.05)
 def changes(
-    study: Path, before: tuple[str, ...], after: tuple[str, ...], only: str | None,
+    study: Path, before: tuple[str, ...], after: tuple[str, ...], names: tuple[str, ...],
     joined: tuple[str, ...], places: tuple[str, ...], left_out: tuple[str, ...],
     loss: tuple[float, float], common: float | None, covariate: Path | None, independent: bool,
     most: int, options: RunOptions,
@@ -78,10 +78,10 @@ def changes(
     """
     from bayes_ssi.parameters.families import Uniform
     from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
-    from bayes_ssi.studies.changes.change_search import compare
+    from bayes_ssi.studies.changes.change_search import change_findings
     from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
 
-    loaded = load(study, only)
+    loaded = load(study, names)
     settings = ChangeSettings(
         loss=Uniform(*loss),
         common_sd=common,
@@ -96,7 +96,7 @@ def changes(
     }
     family = choose_changes(loaded, before, after, settings, **grouping)
     inputs = (settings, family.before, family.after, family.features)
-    options.search(loaded, study, "changes", family, inputs, compare)
+    options.search(loaded, study, "changes", family, inputs, change_findings)
 
 
 def _names(text: str) -> list[str]:

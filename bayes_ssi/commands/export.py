@@ -75,7 +75,10 @@ def export(
         _write_parameters(partial / PARAMETERS, posterior, list(likeliest.values()))
         if modes is not None:
             write_modes_csv(partial / "modes.csv", modes)
-            write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
+            try:
+                write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
+            except ValueError as error:
+                without = f"(!) modes.uff is not written: {error}."
     say(
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),

@@ -12,8 +12,8 @@ from bayes_ssi.commands.options import (
     default_option,
     flag,
     named_paths,
-    number_option,
     path_option,
+    renamed,
     seed_option,
 )
 from bayes_ssi.commands.saved_run import RESULTS
@@ -46,7 +46,14 @@ if TYPE_CHECKING:
                 "test to test, in standard deviations of the parameter's prior.")  # fmt: skip
 @default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by one "
                 "standard deviation of the covariate, in the same unit.")  # fmt: skip
-@number_option("--at", "VALUE", "Covariate of the next test.  [default: mean of the tests]")
+@click.option(
+    "--next",
+    "at",
+    type=float,
+    metavar="VALUE",
+    help="Covariate of the next test.  [default: mean of the tests]",
+)
+@renamed("--at", "--next")
 @seed_option("The result follows from it.")
 @path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
 @flag("--overwrite", text="Replace a result that exists.")
@@ -80,7 +87,7 @@ def hierarchy(
     require_new(directory, marker=MARKER, overwrite=overwrite)
     name, covariate = ("", None) if covariate_file is None else read_covariate(covariate_file)
     if at is not None and covariate is None:
-        raise ValueError("--at: there is no covariate; give one with --covariate FILE")
+        raise ValueError("--next: there is no covariate; give one with --covariate FILE")
     tests = named_paths(results)
     with progress_bars() as progress:
         ranked = rank_populations(

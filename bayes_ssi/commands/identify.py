@@ -16,6 +16,7 @@ from bayes_ssi.commands.options import (
     path_option,
     range_option,
     record_options,
+    renamed,
 )
 from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
 from bayes_ssi.foundations.displayed import columns
@@ -34,12 +35,14 @@ MODE_FIELDS = (
 @files_argument
 @range_option("--band", "Frequencies of the search in Hz.", required=True)
 @click.option(
-    "--at",
+    "--mode",
+    "at",
     type=float,
     metavar="HZ",
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
+@renamed("--at", "--mode")
 @click.option(
     "--ground",
     metavar="SENSOR",

@@ -59,8 +59,23 @@ configuration_option = click.option(
 modes_option = path_option("--out", text="CSV file for the modes, a new one.")
 
 
-def only_option(text: str) -> Decorator:
-    return click.option("--only", metavar="NAME,…", help=text)
+def renamed(old: str, new: str) -> Decorator:
+    """An option that was called otherwise: one line says how it is called now."""
+
+    def refuse(_: click.Context, __: click.Parameter, given: Sequence[str]) -> None:
+        if given:
+            raise click.UsageError(f"{old} is now {new}")
+
+    own = f"was_{old.strip('-')}"  # no argument's name
+    return click.option(
+        old, own, multiple=True, hidden=True, expose_value=False, is_eager=True, callback=refuse
+    )
+
+
+def classes_option(text: str, old: str = "--only") -> Decorator:
+    """Model classes of a study, by name; ``old`` is what the option was called."""
+    option = click.option("--class", "names", metavar="NAME,…", multiple=True, help=text)
+    return lambda command: applied(command, option, renamed(old, "--class"))
 
 
 def seed_option(text: str) -> Decorator:
@@ -96,16 +111,19 @@ def named_values(
     return items
 
 
-def load(path: Path, only: str | None = None) -> Study:
+def load(path: Path, names: Sequence[str] = ()) -> Study:
     """The study from a file, with all its model classes or only the listed ones."""
     from bayes_ssi.studies.ranking.study import load_study
 
     study = load_study(path)
-    if only is None:
-        return study
-    if only in study.names:  # a name may itself hold commas
-        return study.only([only])
-    return study.only([name.strip() for name in only.split(",") if name.strip()])
+    return study.only(listed_names(study, names)) if names else study
+
+
+def listed_names(study: Study, texts: Sequence[str]) -> list[str]:
+    """Names of model classes, one or several in each text."""
+    # A name may itself hold commas.
+    parts = [[text] if text in study.names else text.split(",") for text in texts]
+    return [name.strip() for part in parts for name in part if name.strip()]
 
 
 def applied(command: Command, *options: Decorator) -> Command:

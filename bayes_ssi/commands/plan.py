@@ -8,10 +8,10 @@ from typing import Any
 import click
 
 from bayes_ssi.commands.options import (
+    classes_option,
     default_option,
     load,
     named_values,
-    only_option,
     path_option,
     repeated_option,
     seed_option,
@@ -31,7 +31,7 @@ from bayes_ssi.commands.terminal import (
 
 @click.command()
 @study_argument
-@only_option("Only these model classes.")
+@classes_option("Only these model classes.")
 @click.option("--sensors", "n_sensors", type=click.IntRange(min=1), required=True, metavar="N",
               help="Number of sensors.")  # fmt: skip
 @default_option(
@@ -78,7 +78,7 @@ from bayes_ssi.commands.terminal import (
 @json_option
 def plan(
     study: Path,
-    only: str | None,
+    names: tuple[str, ...],
     n_sensors: int,
     aim: str,
     candidates_file: Path | None,
@@ -110,7 +110,7 @@ def plan(
     from bayes_ssi.studies.planning.layout_plans import plan as plan_study
     from bayes_ssi.studies.planning.plan_record import SAVED, PlanSettings
 
-    loaded = load(study, only)
+    loaded = load(study, names)
     prediction = vars(sys.modules[f"{STUDY_MODULE}{study.stem}"]).get(aim)
     if out is not None:
         require_new_files(out)

@@ -1,7 +1,9 @@
 """``bayes-ssi predict``: modes and responses from a stored result, with credible bands."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +13,7 @@ from bayes_ssi.commands.options import (
     flag,
     path_option,
     range_option,
+    renamed,
     repeated_option,
     result_argument,
     study_option,
@@ -25,6 +28,12 @@ from bayes_ssi.commands.terminal import (
     say_warnings,
     show,
 )
+
+if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.modal_data import ModalData
+    from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
+    from bayes_ssi.results.predictions.requested_predictions import ResponseRequest
+    from bayes_ssi.structures.response import Damping, Output, Quantity
 
 
 @click.command()
@@ -63,7 +72,8 @@ from bayes_ssi.commands.terminal import (
     help="Input of transfer functions: acceleration of the 'ground', a force at a degree of "
     "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
 )
-@range_option("--band", "Frequencies of transfer functions in Hz.  [default: band of the data]")
+@range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
+@renamed("--band", "--frequencies")
 @path_option(
     "--record",
     "records",
@@ -91,13 +101,12 @@ def predict(
     from bayes_ssi.foundations.codec import to_record
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
-    from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS
+    from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
     from bayes_ssi.results.predictions.predictions import AVERAGE, load_predictions
     from bayes_ssi.results.predictions.requested_predictions import (
         MARKER,
         predict_responses,
         predictions_record,
-        requested,
         save_predictions,
     )
     from bayes_ssi.results.result_files import new_directory, require_new, write_json
@@ -105,12 +114,12 @@ def predict(
     predicted = load_predictions(result, study, draws, configuration)
     of_one = len(predicted.model_classes) == 1
     names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
-    request, remarks = requested(predicted, predicted.of(next(iter(names))), **options)
+    request, remarks = _requested(predicted, predicted.of(next(iter(names))), **options)
     directory = out or result / "predictions"
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = predictions_record(predicted, tuple(names), request)
     longest = max(map(len, request.motions), default=0)
-    if predicted.n_draws * longest > PREDICTION_SETTINGS.array_size and not is_quiet():
+    if predicted.n_draws * longest > ARRAY_SIZE and not is_quiet():
         click.echo(
             f"{predicted.n_draws} time histories of {longest} samples take a while; fewer --draws "
             "take less.",
@@ -158,3 +167,114 @@ def predict(
     )
     if not predicted.stored.record.failed_checks_accepted:
         exit_if_failed(failed)
+
+
+def _requested(
+    predicted: StoredPredictions,
+    first: Predictions,
+    quantity: Quantity,
+    places: tuple[str, ...],
+    damping: str | None,
+    transfer: str | None,
+    frequencies: tuple[float, float] | None,
+    records: tuple[Path, ...],
+    unit: str | None,
+    dt: float | None,
+    level: float,
+) -> tuple[ResponseRequest, list[str]]:
+    """The request from the options, and remarks on it."""
+    import numpy as np
+
+    from bayes_ssi.measurements.records.record_files import read_ground_motion
+    from bayes_ssi.results.predictions.posterior_draws import MOST_FREQUENCIES
+    from bayes_ssi.results.predictions.requested_predictions import (
+        ResponseRequest,
+        default_frequencies,
+        default_output,
+        structures_of_unknown_ground,
+    )
+    from bayes_ssi.structures.response import (
+        GROUND,
+        HEAVY_DAMPING,
+        UNITS,
+        damping_ratios,
+        heavy_damping_warning,
+    )
+
+    for name, value in (("--unit", unit), ("--dt", dt)):
+        if value is not None and not records:
+            raise ValueError(f"{name}: applies to records, but no --record is given")
+    ratios, remark = _damping(predicted.data, damping)
+    lowest = damping_ratios(ratios, np.size(ratios)).min()
+    if not first.main_places and (places or records or transfer not in (None, "none")):
+        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
+    output = _output(quantity, places) if places else default_output(first, quantity)
+    remarks = [remark]
+    heaviest = float(np.max(ratios))
+    if heaviest > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
+    computed = None
+    if transfer is None:
+        unknown = structures_of_unknown_ground(first)
+        transfer = "none" if unknown else GROUND
+        if unknown:
+            remarks.append(
+                "No transfer functions: how ground motion acts on the degrees of freedom of the "
+                f"{type(unknown[0]).__name__} is not known."
+            )
+    if transfer != "none":
+        computed = default_frequencies(predicted.data, lowest, frequencies)
+        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
+        remarks.append(
+            f"Transfer functions: from {source}, {len(computed)} frequencies from "
+            f"{computed[0]:g} to {computed[-1]:g} Hz."
+        )
+        if len(computed) == MOST_FREQUENCIES:
+            remarks.append(
+                "(!) The frequencies may miss the top of a narrow peak; narrow --frequencies."
+            )
+    elif frequencies is not None:
+        raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")
+    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
+    remarks += [
+        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
+    ]
+    force_at = None if transfer in (GROUND, "none") else transfer
+    return ResponseRequest(output, ratios, computed, force_at, motions, level), remarks
+
+
+def _damping(data: ModalData, text: str | None) -> tuple[Damping, str]:
+    """The damping, and a sentence about it."""
+    from bayes_ssi.results.predictions.requested_predictions import default_damping
+
+    if text is None:
+        default, source = default_damping(data)
+        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
+    try:
+        ratios = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
+        ) from None
+    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    if len(ratios) == 1:
+        return ratios[0], f"Damping: {each} % in all modes, as given."
+    return ratios, f"Damping: {each} % mode by mode, as given."
+
+
+def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
+    from bayes_ssi.structures.response import Output
+
+    if quantity != "drift":
+        return Output(quantity, places)
+    for place in places:
+        if place.count(":") != 1:
+            raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
+    pairs = [place.partition(":") for place in places]
+    return Output(quantity, tuple((lower, upper) for lower, _, upper in pairs))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +29,8 @@ from bayes_ssi.commands.terminal import (
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.inference.sampling.settings import SamplingSettings
     from bayes_ssi.inference.workers.run import Checkpoint, Run
@@ -36,17 +38,13 @@ if TYPE_CHECKING:
     from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.study import Ranking, Study
     from bayes_ssi.studies.search.family import Family
-    from bayes_ssi.studies.search.search_record import SearchResult
+    from bayes_ssi.studies.search.findings import FamilyRecord
 
 RESULTS = Path("runs") / "results"
 
 
-@dataclass(frozen=True)
-class ResultPlace:
-    study_file: Path
-    directory: Path
-    checkpoint: Checkpoint
-    overwrite: bool
+# What is sampled within a run: its ranking, and further records by the names of their files.
+Sample = Callable[["Run"], tuple["Ranking", Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -70,32 +68,66 @@ class RunOptions:
             log_evidence_error=self.log_evidence_error, economical=self.economical
         )
 
-    def place(self, study: Study, study_file: Path, name: str, *options: object) -> ResultPlace:
-        """Where the result of a study goes; no other run may write there until the command ends."""
+    def answer(
+        self,
+        study: Study,
+        study_file: Path,
+        name: str,
+        inputs: Sequence[object],
+        sample: Sample,
+        screen: Callable[[StoredResult], Iterable[RenderableType]],
+        n_classes: int | None = None,
+    ) -> None:
+        """Sample a study or resume its run, save what was found, print it and exit.
+
+        Args:
+            name: of the result directory.
+            inputs: what the run depends on besides the study and these options.
+            screen: tables and notes, in the order in which they are read.
+            n_classes: number of classes that are sampled, at least; the study's by default.
+        """
+        directory = RESULTS / name if self.out is None else self.out
+        checkpoint, overwrite = self._checkpoint(study, directory, inputs)
+        with self._running(study, checkpoint, n_classes) as run:
+            ranking, records = sample(run)
+            result = self._save(ranking, records, study_file, directory, overwrite, run)
+        # Also what an earlier run sampled and this one did not.
+        checkpoint.remove()
+        for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
+            if text:
+                say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
+        for each in screen(result):
+            if isinstance(each, str):
+                say(each)
+            else:
+                show(each)
+        say(*_notes(result))
+        self._end(result, records)
+
+    def _checkpoint(
+        self, study: Study, directory: Path, inputs: Sequence[object]
+    ) -> tuple[Checkpoint, bool]:
+        """That of a run, and whether to overwrite its result; none other may write there now."""
         from bayes_ssi.inference.workers.run import Checkpoint, name_of_run
         from bayes_ssi.results.result_files import require_new, sibling
         from bayes_ssi.results.stored_result import MARKER
 
-        directory = RESULTS / name if self.out is None else self.out
         checkpoint = Checkpoint(
             sibling(directory, "checkpoint"),
-            run=name_of_run(study.model_classes, self.seed, self.settings, *options),
+            run=name_of_run(study.model_classes, self.seed, self.settings, *inputs),
             discard_others=self.overwrite,
             say=lambda text: click.echo(text, err=True),
         )
         overwrite = self.overwrite or checkpoint.is_saving
         require_new(directory, marker=MARKER, overwrite=overwrite)
         click.get_current_context().with_resource(checkpoint.locked())
-        return ResultPlace(study_file, directory, checkpoint, overwrite)
+        return checkpoint, overwrite
 
     @contextmanager
-    def running(
-        self, study: Study, place: ResultPlace, n_classes: int | None = None
+    def _running(
+        self, study: Study, checkpoint: Checkpoint, n_classes: int | None
     ) -> Iterator[Run]:
-        """The workers, the checkpoint and the progress bars to sample and save a study with.
-
-        ``n_classes`` is the number of classes that are sampled, at least; the study's by default.
-        """
+        """The workers, the checkpoint and the progress bars to sample and save a study with."""
         from bayes_ssi.inference.workers.run import Run
 
         workers = self._workers(study.model_classes, n_classes or len(study.model_classes))
@@ -104,7 +136,7 @@ class RunOptions:
         try:
             # Workers begin first: the progress bars have a thread of their own.
             with workers or nullcontext(), progress_bars() as progress, _reminder_of_checkpoint():
-                yield Run(workers, place.checkpoint, progress)
+                yield Run(workers, checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {command_line()}", err=True)
             sys.exit(ExitCode.INTERRUPTED)
@@ -130,30 +162,37 @@ class RunOptions:
             )
         return chosen_workers(candidates, self.workers)
 
-    def save(
-        self, ranking: Ranking, records: Mapping[str, Any], place: ResultPlace, run: Run
+    def _save(
+        self,
+        ranking: Ranking,
+        records: Mapping[str, Any],
+        study_file: Path,
+        directory: Path,
+        overwrite: bool,
+        run: Run,
     ) -> StoredResult:
-        """Save a ranking, further records by file name, and figures; remove the checkpoint."""
         from bayes_ssi.plots.ranking_plots import save_result_figures
         from bayes_ssi.results.result_files import require_new
         from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
 
         # Another result may have appeared since the run began.
-        require_new(place.directory, marker=MARKER, overwrite=place.overwrite)
-        place.checkpoint.begin_saving()
+        require_new(directory, marker=MARKER, overwrite=overwrite)
+        assert run.checkpoint is not None
+        run.checkpoint.begin_saving()
         run.report("saving", "result and figures", 0.0)
+        # The path is relative only where the result, too, is below where the command began.
+        below = directory.absolute().is_relative_to(Path.cwd())
         result = save_result(
             ranking,
-            place.directory,
-            study_file=str(_recorded(place)),
-            overwrite=place.overwrite,
+            directory,
+            study_file=str(study_file if below else study_file.absolute()),
+            overwrite=overwrite,
             accept_failed_checks=self.accept_failed_checks,
             command=command_line(),
             extra=records,
             figures=partial(save_result_figures, ranking, records.get(SEARCH)),
         )
         run.report("saving", "result and figures", 1.0)
-        place.checkpoint.remove(ranking.study.names)
         return result
 
     def search(
@@ -162,29 +201,22 @@ class RunOptions:
         study_file: Path,
         kind: str,
         family: Family[Any],
-        options: Sequence[object],
-        search: Callable[..., SearchResult[Any]],
+        inputs: Sequence[object],
+        findings: Callable[..., FamilyRecord],
     ) -> None:
         """Search a family of hypotheses, save what was found, print it and exit."""
         from bayes_ssi.report.tables.search_tables import found
         from bayes_ssi.results.stored_result import SEARCH
+        from bayes_ssi.studies.questions import searched
 
-        place = self.place(study, study_file, f"{study_file.stem}_{kind}", kind, *options)
-        with self.running(family.study, place, family.n_hypotheses_of_one) as run:
-            searched = search(family, self.seed, self.settings, run)
-            records = {SEARCH: searched.record}
-            result = self.save(searched.ranking, records, place, run)
-        place.checkpoint.remove()  # of hypotheses that an earlier run sampled and this one did not
-        say_misfit(result)
-        for each in found(searched):
-            if isinstance(each, str):
-                say(each)
-            else:
-                show(each)
-        say(*notes_of(result, best_only=True))
-        self.end(result, records)
+        def sample(run: Run) -> tuple[Ranking, Mapping[str, Any]]:
+            result = searched(family, findings, self.seed, self.settings, run)
+            return result.ranking, {SEARCH: result.record}
 
-    def end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
+        name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
+        self.answer(study, study_file, name, (kind, *inputs), sample, found, n_classes)
+
+    def _end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
         """Print where the result is, and the answer; then exit.
 
         The exit code says whether a check failed that was not accepted.
@@ -197,7 +229,7 @@ class RunOptions:
         answered = answer(result)
         say_warnings(answered.warnings)
         say_in_paragraphs(*answered.paragraphs)
-        print_record(lambda: _json_record(result, records))
+        print_record(lambda: _json_record(result, answered.paragraphs, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)
 
@@ -262,20 +294,13 @@ def _print_performance_hints(study: Study) -> None:
         click.echo(f"{what}: {', '.join(dict.fromkeys(names))}: {words}", err=True)
 
 
-def _recorded(place: ResultPlace) -> Path:
-    """The study's path for the record: relative only where the result, too, is below its start."""
-    here = Path.cwd()
-    below = place.directory.absolute().is_relative_to(here)
-    return place.study_file if below else place.study_file.absolute()
-
-
-def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, Any]:
-    from bayes_ssi.results.answer import answer
-
+def _json_record(
+    result: StoredResult, paragraphs: Sequence[str], records: Mapping[str, Any]
+) -> dict[str, Any]:
     return {
         "directory": str(result.directory),
         "study": result.record.study,
-        "answer": answer(result).paragraphs,
+        "answer": paragraphs,
         **columns(result.comparison),
         "failed_checks": list(result.comparison.failed_checks),
         "not_distinguishable": list(result.comparison.not_distinguishable),
@@ -289,18 +314,12 @@ def _json_record(result: StoredResult, records: Mapping[str, Any]) -> dict[str, 
     }
 
 
-def say_misfit(result: StoredResult) -> None:
-    """Say ahead of everything else that the best class misses an appendage, or the data."""
-    for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
-        if text:
-            say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
-
-
-def notes_of(result: StoredResult, best_only: bool = False) -> list[str]:
+def _notes(result: StoredResult) -> list[str]:
     from bayes_ssi.report.tables.ranking_tables import comparison_notes, pairing_notes, region_notes
 
-    notes = comparison_notes(result.comparison, with_scales=result.search is None)
-    for posterior in result.ranked_posteriors[: 1 if best_only else None]:
+    of_search = result.search is not None
+    notes = comparison_notes(result.comparison, with_scales=not of_search)
+    for posterior in result.ranked_posteriors[: 1 if of_search else None]:
         for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
             notes += [heading, *(f"  {item}" for item in items)]
         notes += [f"{posterior.name!r}: {remark}." for remark in posterior.remarks]

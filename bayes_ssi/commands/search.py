@@ -5,7 +5,9 @@ from pathlib import Path
 import click
 
 from bayes_ssi.commands.options import (
+    classes_option,
     default_option,
+    listed_names,
     load,
     path_option,
     repeated_option,
@@ -16,12 +18,10 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 @click.command()
 @study_argument
-@repeated_option(
-    "--baseline",
-    "baselines",
-    "NAME",
-    "Model class to hang appendages on; may be repeated. Every class of the study without an "
-    "appendage of its own, averaged over, if not given.",
+@classes_option(
+    "Model classes to hang appendages on. Every class of the study without an appendage of its "
+    "own, averaged over, if not given.",
+    old="--baseline",
 )
 @path_option(
     "--candidates",
@@ -60,7 +60,7 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 @run_options
 def search(
     study: Path,
-    baselines: tuple[str, ...],
+    names: tuple[str, ...],
     candidates_file: Path | None,
     present_in: tuple[str, ...],
     mass: tuple[float, float] | None,
@@ -76,7 +76,7 @@ def search(
     hypotheses.
     """
     from bayes_ssi.parameters.families import LogUniform
-    from bayes_ssi.studies.appendages.appendage_search import search_on
+    from bayes_ssi.studies.appendages.appendage_search import appendage_findings
     from bayes_ssi.studies.appendages.baselines import choose_baselines
     from bayes_ssi.studies.appendages.candidates import SearchSettings, read_candidates
 
@@ -87,6 +87,7 @@ def search(
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
     candidates = None if candidates_file is None else read_candidates(candidates_file)
+    baselines = listed_names(loaded, names)
     chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None, settings)
     inputs = (settings, baselines, candidates, present_in)
-    options.search(loaded, study, "search", chosen, inputs, search_on)
+    options.search(loaded, study, "search", chosen, inputs, appendage_findings)

@@ -8,7 +8,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, singledispatch
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
@@ -140,19 +140,25 @@ def pareto_k(log_weights: FloatArray) -> float:
     return math.inf if math.isnan(k) else k
 
 
-def in_arviz(groups: Mapping[str, Group]) -> Any:
-    """Groups of draws as arviz holds them: an ``InferenceData``, from 1.0 on a ``DataTree``."""
-    tree = _tree(groups)
+@singledispatch
+def groups_of(draws: object) -> Mapping[str, Group]:
+    """The groups of draws; whatever lays out one kind of draws registers it here."""
+    raise TypeError(f"no groups of {draws!r}")
+
+
+def in_arviz(draws: object) -> Any:
+    """Draws as arviz holds them: an ``InferenceData``, from 1.0 on a ``DataTree``."""
+    tree = _tree(groups_of(draws))
     return arviz().InferenceData.from_datatree(tree) if _is_first_generation() else tree
 
 
-def netcdf_file(groups: Mapping[str, Group]) -> bytes:
-    """What a netCDF file of groups of draws holds, which arviz opens.
+def netcdf_file(draws: object) -> bytes:
+    """What a netCDF file of draws holds, which arviz opens.
 
     It is made in memory: the HDF5 library crashes where a disk becomes full.
     """
     # A buffer that is still lent out when its owner is collected cannot be closed.
-    with _tree(groups).to_netcdf(engine="h5netcdf") as lent:
+    with _tree(groups_of(draws)).to_netcdf(engine="h5netcdf") as lent:
         return bytes(lent)
 
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
+from functools import singledispatch
 from html import escape
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-# The module whose ``first_screen`` puts results into words; it stands above those of the results.
-WORDS = "bayes_ssi.results.answer"
 
 
 class Displayed(ABC):
@@ -53,7 +50,13 @@ class InWords(Displayed):
 
     def summary(self) -> str:
         """The answer in words, as the command line prints it."""
-        return str(import_module(WORDS).first_screen(self))
+        return in_words(self)
+
+
+@singledispatch
+def in_words(result: object) -> str:
+    """A result in words; whatever knows how to say one kind of result registers it here."""
+    raise TypeError(f"no words for {result!r}")
 
 
 def columns(record: Any, names: Sequence[str] = ()) -> dict[str, Any]:
@@ -65,3 +68,9 @@ def columns(record: Any, names: Sequence[str] = ()) -> dict[str, Any]:
 def counted(number: int, what: str) -> str:
     """A number with its noun: ``1 mode``, ``2 modes``."""
     return f"{number} {what}{'' if number == 1 else 's' if what[-1] != 's' else 'es'}"
+
+
+def listed(items: Iterable[object]) -> str:
+    """A list in a sentence: a, b and c."""
+    *first, last = map(str, items)
+    return f"{', '.join(first)} and {last}" if first else last

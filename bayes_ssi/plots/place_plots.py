@@ -28,7 +28,7 @@ from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
-from bayes_ssi.studies.search.search_record import FamilyRecord
+from bayes_ssi.studies.search.findings import FamilyRecord
 
 
 def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
@@ -38,7 +38,7 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """
     geometry = search.geometry
     # The most probable is the last, and so drawn above the others.
-    located = [each for each in search.places if each.place.coordinates]
+    located: list[Any] = [each for each in search.places if each.place.coordinates]
     located.sort(key=lambda each: each.probability)
     best = located[-1]
     least = STYLE.least_share * best.probability

@@ -33,7 +33,7 @@ from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
-from bayes_ssi.studies.search.search_record import FamilyRecord
+from bayes_ssi.studies.search.findings import FamilyRecord
 
 # Name of the files of modes in space, or its beginning.
 MODES = "modes"

@@ -39,7 +39,7 @@ from bayes_ssi.results.stored_result import FIGURES, StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
-from bayes_ssi.studies.search.search_record import FamilyRecord
+from bayes_ssi.studies.search.findings import FamilyRecord
 
 # A caption, and the figure that is drawn when it is asked for.
 Plot = tuple[str, Axes | Figure]

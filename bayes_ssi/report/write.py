@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.packages import versions
-from bayes_ssi.results.result_files import new_directory, read_record, require_new
+from bayes_ssi.results.result_files import new_directory, read_stored, require_new
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.planning.plan_record import SAVED, Plan
 
@@ -46,7 +46,7 @@ def write_report(
     stored = load_result(result)
     predictions = load_saved_predictions(stored.directory)
     saved = stored.directory / SAVED
-    plan = read_record(Plan, saved) if saved.is_file() else None
+    plan = read_stored(Plan, saved) if saved.is_file() else None
     directory = Path(directory) if directory is not None else stored.directory / "report"
     require_new(directory, marker=PAGE, overwrite=overwrite)
     environment = jinja2.Environment(

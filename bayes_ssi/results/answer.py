@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from bayes_ssi.foundations.displayed import in_words
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import label_in
@@ -16,15 +17,14 @@ from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.search_answer import (
     beaten_baselines,
-    change_sentences,
-    change_verdict,
     hypothesis_in_words,
     search_sentences,
     search_verdict,
 )
 from bayes_ssi.results.stored_result import StoredResult, as_stored
 from bayes_ssi.results.wording import (
-    WORDING,
+    MOST_LISTED,
+    UNDETERMINED_SPREAD,
     data_warnings,
     likelihood_in_words,
     listed,
@@ -34,10 +34,9 @@ from bayes_ssi.results.wording import (
     with_error,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
-from bayes_ssi.studies.search.search_record import SearchResult
+from bayes_ssi.studies.search.findings import SearchResult
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,10 @@ def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:
     words = answer(as_stored(result))
     warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
     return "\n\n".join([*warnings, *words.paragraphs])
+
+
+for _kind in (StoredResult, Ranking, SearchResult):
+    in_words.register(_kind, first_screen)
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -103,10 +106,8 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _verdict(result: StoredResult) -> str:
-    if isinstance(result.search, SearchRecord):
+    if result.search is not None:
         return search_verdict(result.search)
-    if isinstance(result.search, ChangeRecord):
-        return change_verdict(result.search)
     rows, best = result.comparison.classes, result.comparison.best
     if len(rows) == 1:
         return (
@@ -135,10 +136,8 @@ def _verdict(result: StoredResult) -> str:
 def _reasons(result: StoredResult) -> Iterator[str]:
     best, alike = result.comparison.best, _alike(result)
     posterior = result.posterior(best.name)
-    if isinstance(result.search, SearchRecord):
+    if result.search is not None:
         yield from search_sentences(result.search, result.comparison)
-    elif isinstance(result.search, ChangeRecord):
-        yield from change_sentences(result.search)
     elif alike:
         yield from _common_claims(result, [best, *alike])
     else:
@@ -164,7 +163,7 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
             f"They agree on {quantities(shown, record)}{f' and {more} others' if more else ''} "
             "(medians and 90 % intervals of their average)."
         )
-    for row, posterior in zip(alike[: WORDING.most_listed], posteriors, strict=False):
+    for row, posterior in zip(alike[:MOST_LISTED], posteriors, strict=False):
         record = result.record.model_class(row.name)
         errors = {each.name for each in record.parameters if each.is_error}
         claimed = [each for each in posterior.summary if each.name in disputed - errors]
@@ -259,9 +258,7 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
         inferred = [p for product in record.error.correlations for p in product.parameters]
         what = "sizes and correlations" if inferred else "sizes"
         sentences.append(f"Inferred {what} of prediction errors: {quantities(rows, record)}.")
-    vague = [
-        row.name for row in posterior.summary if row.relative_spread >= WORDING.undetermined_spread
-    ]
+    vague = [row.name for row in posterior.summary if row.relative_spread >= UNDETERMINED_SPREAD]
     if vague:
         sentences.append(f"The data say next to nothing about {shortened(vague)}.")
     return sentences
@@ -269,7 +266,7 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
 
 def best_determined(rows: Sequence[ParameterSummary]) -> list[ParameterSummary]:
     """The parameters that the data determine best, as many as a sentence lists, in their order."""
-    best = sorted(rows, key=lambda row: row.relative_spread)[: WORDING.most_listed]
+    best = sorted(rows, key=lambda row: row.relative_spread)[:MOST_LISTED]
     return [row for row in rows if row in best]
 
 

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.arviz_functions import Group, in_arviz, netcdf_file
+from bayes_ssi.foundations.arviz_functions import Group, groups_of, netcdf_file
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
@@ -21,13 +20,9 @@ SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
-def to_arviz(posterior: Posterior) -> Any:
-    return in_arviz(_groups(posterior))
-
-
 def save_draws(path: Path, posterior: Posterior) -> None:
     """Write the draws of a posterior to a new netCDF file, as one piece."""
-    content = netcdf_file(_groups(posterior))
+    content = netcdf_file(posterior)
     try:
         with path.open("xb") as file:
             file.write(content)
@@ -36,6 +31,7 @@ def save_draws(path: Path, posterior: Posterior) -> None:
         raise
 
 
+@groups_of.register
 def _groups(posterior: Posterior) -> dict[str, Group]:
     draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
@@ -86,14 +82,12 @@ def _varying_terms(terms: DatumTerms) -> FloatArray:
     """
     # What differs by no more than this between draws, in nats, is constant but for rounding.
     constant = np.ptp(terms.log_likelihoods, axis=(0, 1)) <= 1e-9
-    if constant.all() or not constant.any():
+    if constant.all():
         return terms.log_likelihoods
-    varying = terms.log_likelihoods.copy()
-    shape = (*varying.shape[:2], int(constant.sum()))
-    scatter = 1e-6 * np.random.default_rng(0).standard_normal(shape)
-    varying[..., constant] += scatter
-    varying[..., int(np.argmin(constant))] -= scatter.sum(axis=-1)
-    return varying
+    scatter = 1e-6 * np.random.default_rng(0).standard_normal(terms.log_likelihoods.shape)
+    scatter *= constant
+    scatter[..., int(np.argmin(constant))] -= scatter.sum(axis=-1)
+    return terms.log_likelihoods + scatter
 
 
 def load_draws(path: Path, posterior: Posterior) -> Posterior:

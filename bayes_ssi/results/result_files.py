@@ -21,7 +21,7 @@ def write_json(path: Path, value: Any) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def read_record(kind: type[T], path: Path) -> T:
+def read_stored(kind: type[T], path: Path) -> T:
     """Read an object from a record that :func:`write_json` wrote."""
     record = read_json(path)
     try:
@@ -43,7 +43,7 @@ def read_current(kind: type[T], path: Path, *, what: str, again: str) -> T:
             f"{path.parent}: {what} of format {stored!r}, this version reads format {current}; "
             f"{again}"
         )
-    return read_record(kind, path)
+    return read_stored(kind, path)
 
 
 def write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

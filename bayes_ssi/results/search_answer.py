@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 
 from bayes_ssi.foundations.summaries import Quantiles
 from bayes_ssi.results.wording import (
-    WORDING,
+    MOST_LISTED,
+    NEGLIGIBLE_UNSAMPLED,
     likelihood_in_words,
     listed,
     probability_in_words,
@@ -12,15 +13,9 @@ from bayes_ssi.results.wording import (
     shortened,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.changes.change_search import (
-    ChangeRecord,
-    ChangesRecord,
-    ChangeSummary,
-    PlaceOfChange,
-)
+from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS
-from bayes_ssi.studies.search.search_record import FamilyRecord
+from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
@@ -30,27 +25,42 @@ def hypothesis_in_words(search: FamilyRecord, name: str) -> str:
     return listed(places) if places else name
 
 
-def search_verdict(search: SearchRecord) -> str:
-    before = sum(each.prior_probability for each in search.hypotheses if each.appendages)
-    an = "an" if search.probability_of_any >= 0.5 else "no"
-    sure = _how_sure(search, search.probability_of_any, before, "at least one")
-    return f"That there is {an} appendage is {sure} before the test."
-
-
-def change_verdict(record: ChangeRecord) -> str:
-    before = sum(each.prior_probability for each in record.hypotheses if each.claims_change)
-    something = "something" if record.probability_of_change >= 0.5 else "nothing"
-    tests = f"between {listed(map(repr, record.before))} and {listed(map(repr, record.after))}"
-    sure = _how_sure(record, record.probability_of_change, before, "a change")
-    return f"That {something} changed {tests} is {sure} before the tests."
-
-
-def _how_sure(record: FamilyRecord, probability: float, before: float, what: str) -> str:
+def search_verdict(record: FamilyRecord) -> str:
+    before = sum(each.prior_probability for each in record.hypotheses if each.claims_any)
+    after = record.probability_of_any
     return (
-        f"{likelihood_in_words(max(probability, 1.0 - probability))}: the probability of {what} is "
-        f"{probability_in_words(probability)} among the {len(record.hypotheses)} hypotheses "
-        f"considered, and was {probability_in_words(before)}"
+        f"That {record.claim(after >= 0.5)} {likelihood_in_words(max(after, 1.0 - after))}: the "
+        f"probability of {record.at_least_one} is {probability_in_words(after)} among the "
+        f"{len(record.hypotheses)} hypotheses considered, and was {probability_in_words(before)} "
+        f"before the test{record.plural}."
     )
+
+
+def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[str]:
+    """Where the features are, and how much of each; what else follows from the hypotheses."""
+    if isinstance(record, SearchRecord):
+        yield from _appendage_sentences(record, comparison)
+    elif isinstance(record, ChangeRecord):
+        yield from _change_sentences(record)
+    else:
+        yield from _features(record)
+        yield from unsampled(record)
+
+
+def _features(record: FamilyRecord) -> Iterator[str]:
+    """Which features there are most probably, and how much of each, of any family."""
+    if (best := record.best_with_features) is None:
+        return
+    items = []
+    for each in (record.place(feature.place.name) for feature in best.features):
+        amounts = (
+            f"{name} {quantity(record.scale * low, record.scale * middle, record.scale * high)}"
+            for name, (low, middle, high) in each.amounts.items()
+        )
+        probability = probability_in_words(each.probability)
+        items.append(f"{each.place.description} (probability {probability}), {listed(amounts)}")
+    if_any = "Most probably it is" if record.probability_of_any >= 0.5 else "If there is any, it is"
+    yield f"{if_any} {listed(items)}: medians and 90 % intervals."
 
 
 def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
@@ -64,7 +74,7 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
     )
 
 
-def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
+def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
     yield _appendages(search)
     yield from _determined(search)
@@ -73,11 +83,11 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
     if len(tried) > 1:
         shown = [
             f"{each.name!r} ({probability_in_words(each.probability)})"
-            for each in tried[: WORDING.most_listed]
+            for each in tried[:MOST_LISTED]
         ]
         yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
-    best = search.most_probable_with_appendages
-    alike = [name for name in comparison.not_distinguishable if name != best.name]
+    best = search.best_with_features
+    alike = [n for n in comparison.not_distinguishable if best is None or n != best.name]
     if alike:
         shown = [
             f"{hypothesis_in_words(search, name)} ({name!r}, probability "
@@ -91,9 +101,9 @@ def search_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[s
         averaged = "; ".join(
             f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
             f"appendages {row.naive_mean:.3g}"
-            for row in averages[: WORDING.most_listed]
+            for row in averages[:MOST_LISTED]
         )
-        more = " The others are in the tables." if len(averages) > WORDING.most_listed else ""
+        more = " The others are in the tables." if len(averages) > MOST_LISTED else ""
         yield (
             "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
             f"{averaged}.{more}"
@@ -108,7 +118,7 @@ def _further(search: SearchRecord) -> Iterator[str]:
             f"{each.place.name} ({probability_in_words(each.probability)})" for each in credible
         ]
         yield (
-            f"{100 * EFFORTS.credible:g} % of the probability of an appendage, summed over all "
+            f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
             f"{len(search.places)} places, rests on {len(credible)} of them: "
             f"{shortened(shown)}."
         )
@@ -120,7 +130,7 @@ def _further(search: SearchRecord) -> Iterator[str]:
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
     """How much of the answer is approximate, if that is not negligible."""
-    if record.most_probability_unsampled > WORDING.negligible_unsampled:
+    if record.most_probability_unsampled > NEGLIGIBLE_UNSAMPLED:
         most = probability_in_words(record.most_probability_unsampled)
         yield (
             f"Hypotheses that were not sampled, whose evidences are approximate, may have up to "
@@ -130,21 +140,29 @@ def unsampled(record: FamilyRecord) -> Iterator[str]:
 
 def _appendages(search: SearchRecord) -> str:
     """The appendages, medians and 90 % intervals: of the most probable number if it is known."""
-    hypothesis = search.most_probable_with_appendages
+    best = search.best_with_features
+    assert best is not None
     (scale,) = (
         each.mass_scale
         for each in search.baselines
-        if each.mass_scale and each.name == hypothesis.baseline
+        if each.mass_scale and each.name == best.baseline
     )
-    alone = [(each.place, each.mass, each.frequency_hz, ()) for each in hypothesis.appendages]
-    matched = [(each.places[0].place, each.places[0].mass, each.frequency_hz,
-                each.other_frequencies_hz) for each in search.matched]  # fmt: skip
+    alone = [(each, each.amounts["frequency_hz"], ()) for each in best.features]
+    matched = [
+        (places[0], one.frequency_hz, one.other_frequencies_hz)
+        # Of several frequencies that are apart, the most probable.
+        if one.other_frequencies_hz
+        else (places[0], places[0].amounts["frequency_hz"], ())
+        for one, places in zip(search.matched, search.shown, strict=False)
+    ]
+    several = "it" if len(search.matched) > 1 else "one"
     items = []
-    for place, mass, frequency, others in matched or alone:
+    for finding, frequency, others in matched or alone:
+        place, mass = finding.place, finding.amounts["mass"]
         low, middle, high = (100.0 * one / scale.mass for one in mass)
-        probability = probability_in_words(search.place_probabilities[place])
+        probability = probability_in_words(finding.probability)
         items.append(
-            f"{place.description} (probability of one there: {probability}) with a vibrating "
+            f"{place.description} (probability of {several} there: {probability}) with a vibrating "
             f"mass of {quantity(*mass, unit=search.mass_unit)}, which is "
             f"{quantity(low, middle, high, '%')} of the {scale.name}, "
             f"and a frequency of {quantity(*frequency, unit='Hz')}"
@@ -174,7 +192,7 @@ def _determined(search: SearchRecord) -> Iterator[str]:
                 f"{quantity(*each.effective_mass, unit=search.mass_unit)} where a sensor moves "
                 f"most, or {quantity(low, middle, high, '%')} of the modal mass."
             )
-        left = {place.place.name: place.by_data for place in each.places_by_data}
+        left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
         against = [place.place.name for place in each.against_by_prior]
         if several or against:
             shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
@@ -187,12 +205,12 @@ def _determined(search: SearchRecord) -> Iterator[str]:
             yield f"Only the prior of the mass speaks against {shortened(against)}."
 
 
-def lost(change: ChangeSummary) -> str:
+def lost(change: Finding) -> str:
     """What one place lost: medians and 90 % intervals."""
-    several = len(change.losses) > 1
+    several = len(change.amounts) > 1
     return listed(
         (f"of {name.removeprefix('loss, ')} " if several else "") + _percent(share)
-        for name, share in change.losses.items()
+        for name, share in change.amounts.items()
     )
 
 
@@ -201,23 +219,23 @@ def _percent(share: Quantiles) -> str:
     return quantity(low, middle, high, "%")
 
 
-def change_sentences(record: ChangeRecord) -> Iterator[str]:
+def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     """Where it changed and by how much, what would have been seen, and what it rests on."""
     own = [each for each in record.places if not each.place.is_common]
-    if record.best_change is not None and record.probability_of_change >= RANKING.probable:
-        yield from _places(record, record.best_change)
+    if record.probability_of_any >= RANKING.probable:
+        yield from _places(record)
     if record.has_visible:
         yield from _visible([each for each in own if each.is_observed])
     for common in (each for each in record.places if each.place.is_common):
         yield (
             "That all places lost a share in common, which counts as no change, has the "
             f"probability {probability_in_words(common.probability)}; the share is then "
-            f"{lost(common.change)}."
+            f"{lost(common)}."
         )
-    if len(own) == len(record.places) and record.probability_of_change >= 0.5:
+    if len(own) == len(record.places) and record.probability_of_any >= 0.5:
         yield (
             "That all places lost a share in common, as by temperature or moisture, was not "
-            "considered, and would be taken for a change; ask with --common."
+            "considered, and would be taken for a change."
         )
     if record.shared is not None:
         yield (
@@ -228,15 +246,18 @@ def change_sentences(record: ChangeRecord) -> Iterator[str]:
     yield from unsampled(record)
 
 
-def _places(record: ChangeRecord, best: ChangesRecord) -> Iterator[str]:
-    changed = [record.place(change.place.name) for change in best.changes]
+def _places(record: FamilyRecord) -> Iterator[str]:
+    best = record.best_with_features
+    if best is None:
+        return
+    changed = [record.place(each.place.name) for each in best.features]
     items = [
         f"{each.place.name} (probability {probability_in_words(each.probability)}), which lost "
-        f"{lost(each.change)}"
+        f"{lost(each)}"
         for each in changed
         if not each.place.is_common
     ]
-    if record.probability_of_change >= 0.5:
+    if record.probability_of_any >= 0.5:
         yield f"Most probably it is {listed(items)}: medians and 90 % intervals."
     else:
         yield f"If anything changed, it is most probably {listed(items)}."
@@ -255,7 +276,7 @@ def _places(record: ChangeRecord, best: ChangesRecord) -> Iterator[str]:
         yield f"The other places that may have changed are {shortened(others)}."
 
 
-def _visible(places: Sequence[PlaceOfChange]) -> Iterator[str]:
+def _visible(places: Sequence[Finding]) -> Iterator[str]:
     shown = [
         f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
         for each in places

@@ -10,18 +10,14 @@ commands have ``figures``. ``digests.json`` holds the digests of all these files
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.codec import from_record
 from bayes_ssi.foundations.text_files import file_names
-from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
-from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -31,7 +27,7 @@ from bayes_ssi.results.result_files import (
     check_digests,
     new_directory,
     read_current,
-    read_record,
+    read_stored,
     write_csv,
     write_digests,
     write_json,
@@ -39,46 +35,15 @@ from bayes_ssi.results.result_files import (
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
+from bayes_ssi.studies.ranking.result_record import IN_THE_FILE_OF_DRAWS, ResultRecord
 from bayes_ssi.studies.ranking.study import RankedStudy, Ranking, Study
-from bayes_ssi.studies.search.search_record import FamilyRecord
+from bayes_ssi.studies.search.findings import FamilyRecord
 
 # The file that every result directory holds.
 MARKER = "result.json"
 COMPARISON = "comparison.json"
 FIGURES = "figures"
 SEARCH = "search.json"
-IN_THE_FILE_OF_DRAWS = (
-    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms", "prior_draws",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ResultRecord:
-    """Everything in a result but its draws and its data."""
-
-    created: str
-    study: str
-    description: str
-    study_file: str  # the file that defines the study; empty where there is none
-    seed: int
-    settings: SamplingSettings
-    # Model class → prior weight; None where all are equal.
-    prior_weights: Mapping[str, float] | None
-    data_digest: str
-    versions: Mapping[str, str]
-    model_classes: tuple[ClassRecord, ...]
-    stands_for: Mapping[str, tuple[str, ...]]
-    posteriors: tuple[Mapping[str, Any], ...]
-    draws: Mapping[str, str]
-    data: Mapping[str, str]
-    failed_checks_accepted: bool
-    command: str  # the command that reproduces the result; empty where it was made from Python
-    mass_unit: str = ""  # of the structures; empty where the study states none
-    format: int = 22  # increased whenever the format of a result's files changes
-
-    def model_class(self, name: str) -> ClassRecord:
-        """The record of the model class ``name``; KeyError if there is none."""
-        return {each.name: each for each in self.model_classes}[name]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,14 +99,13 @@ def load_result(directory: str | Path) -> StoredResult:
         ResultRecord, directory / MARKER, what="a result", again="run the study again"
     )
     check_digests(directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values())
-    comparison = read_record(Comparison, directory / COMPARISON)
+    comparison = read_stored(Comparison, directory / COMPARISON)
     search = None
     if (directory / SEARCH).is_file():
         check_digests(directory, SEARCH)
         kind: Any = FamilyRecord  # its record says which
-        search = read_record(kind, directory / SEARCH)
+        search = read_stored(kind, directory / SEARCH)
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
-    comparison = comparison.with_common("data", failed_data_checks(tests))
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
     posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
@@ -154,8 +118,7 @@ def as_stored(result: AnyResult) -> StoredResult:
         return result
     if not isinstance(result, Ranking):
         return load_result(Path(result))
-    record = result_record(result, {}, {}, "", "", accept_failed_checks=False)
-    return StoredResult(Path(), record, result.tests, result.posteriors, result.comparison)
+    return StoredResult(Path(), result.record, result.tests, result.posteriors, result.comparison)
 
 
 @checked
@@ -195,7 +158,14 @@ def save_result(
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
         for posterior in ranking.posteriors:
             save_draws(partial / draws[posterior.name], posterior)
-        record = result_record(ranking, draws, data, study_file, command, accept_failed_checks)
+        record = replace(
+            ranking.record,
+            study_file=study_file,
+            command=command,
+            failed_checks_accepted=accept_failed_checks,
+            draws=draws,
+            data=data,
+        )
         write_json(partial / MARKER, record)
         write_json(partial / COMPARISON, ranking.comparison)
         for name, further in (extra or {}).items():
@@ -233,41 +203,6 @@ def _with_own_figures(data: ModalData, path: Path) -> ModalData:
             copies.append(str(shutil.copyfile(file, own / f"{i}_{file.name}")))
         identifications.append(replace(each, figures=tuple(copies)))
     return replace(data, identifications=tuple(identifications))
-
-
-def result_record(
-    ranking: Ranking,
-    draws: Mapping[str, str],
-    data: Mapping[str, str],
-    study_file: str,
-    command: str,
-    accept_failed_checks: bool,
-) -> ResultRecord:
-    study = ranking.study
-    return ResultRecord(
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        study=study.name,
-        description=study.description,
-        study_file=study_file,
-        seed=ranking.seed,
-        settings=ranking.settings,
-        prior_weights=study.prior_weights,
-        data_digest=ranking.comparison.data_digest,
-        versions=versions(),
-        model_classes=tuple(map(class_record, study.model_classes)),
-        stands_for=study.stands_for,
-        posteriors=tuple(
-            to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
-            # For other programs.
-            | {"summary": to_record(posterior.summary)}
-            for posterior in ranking.posteriors
-        ),
-        draws=draws,
-        data=data,
-        failed_checks_accepted=accept_failed_checks,
-        command=command,
-        mass_unit=study.mass_unit,
-    )
 
 
 def _write_comparison_csv(path: Path, comparison: Comparison) -> None:

@@ -1,25 +1,18 @@
 """Probabilities, quantities and lists as they stand in a sentence."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
+from bayes_ssi.foundations.displayed import listed as listed
 from bayes_ssi.studies.ranking.comparison import probability_text
 
-
-@dataclass(frozen=True)
-class WordingSettings:
-    """What sentences list, and what they pass over."""
-
-    most_listed: int = 8  # items of a list, about as many as one reads; tables hold all
-    # Posterior over prior spread of a parameter about which the data say next to nothing: they take
-    # away less than a fifth of its variance.
-    undetermined_spread: float = 0.9
-    # Probability of all hypotheses that were not sampled, together, that needs no sentence.
-    negligible_unsampled: float = 0.01
-
-
-WORDING = WordingSettings()
+# What sentences list, and what they pass over.
+MOST_LISTED = 8  # items of a list, about as many as one reads; tables hold all
+# Posterior over prior spread of a parameter about which the data say next to nothing: they take
+# away less than a fifth of its variance.
+UNDETERMINED_SPREAD = 0.9
+# Probability of all hypotheses that were not sampled, together, that needs no sentence.
+NEGLIGIBLE_UNSAMPLED = 0.01
 
 # The calibrated language of the IPCC (Mastrandrea et al. 2010), by the least probability.
 LIKELIHOOD = (
@@ -85,12 +78,6 @@ def _rounded(value: float, width: float) -> str:
 
 def shortened(items: Sequence[str]) -> str:
     """The first of a list in a sentence, and how many others there are."""
-    n = len(items) - WORDING.most_listed
+    n = len(items) - MOST_LISTED
     others = [] if n <= 0 else ["one other"] if n == 1 else [f"{n} others"]
-    return listed([*items[: WORDING.most_listed], *others])
-
-
-def listed(items: Iterable[object]) -> str:
-    """A list in a sentence: a, b and c."""
-    *first, last = map(str, items)
-    return f"{', '.join(first)} and {last}" if first else last
+    return listed([*items[:MOST_LISTED], *others])

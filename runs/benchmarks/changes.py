@@ -46,7 +46,7 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.changes.visible_loss import VISIBILITY, visibilities
+from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, visibilities
 from bayes_ssi.studies.ranking.study import load_study
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, ToScreen, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
@@ -156,13 +156,13 @@ def row(study, seed, finer):
     record = change_record(family, found)
     sets = {}
     for each in record.hypotheses:
-        key = storeys(change.place for change in each.changes if not change.place.is_common)
+        key = storeys(change.place for change in each.features if not change.place.is_common)
         sets[key] = sets.get(key, 0.0) + each.probability
     best = max(sets, key=sets.get)
     intervals = {
         loss.removeprefix("loss, "): shares
         for place in true
-        for loss, shares in record.place(place.name).change.losses.items()
+        for loss, shares in record.place(place.name).amounts.items()
     }
     alone = {each.name: each for each in record.hypotheses}
     nothing = alone["nothing changed"].probability or 1e-300
@@ -172,7 +172,7 @@ def row(study, seed, finer):
     return dict(
         zip(HEADER, (
             study, seed, int(finer), storeys(true), json.dumps(losses),
-            f"{record.probability_of_change:.6g}", best,
+            f"{record.probability_of_any:.6g}", best,
             f"{sets.get(storeys(true), 0.0) / sets[best]:.4g}", json.dumps(intervals),
             json.dumps({name: float(f"{each:.4g}") for name, each in odds.items()}),
             f"{process_time() - begun:.1f}",
@@ -238,7 +238,7 @@ def print_table(rows):
         for finer in (False, True):
             odds = [json.loads(e["odds_of_places"])[face] for e in own if int(e["finer"]) == finer]
             if odds:
-                seen = sum(one >= VISIBILITY.odds for one in odds)
+                seen = sum(one >= ODDS_SHOWN for one in odds)
                 print(f"{each}, {'finer' if finer else 'own'}: shown in {seen} of {len(odds)}")
 
 

@@ -30,7 +30,7 @@ from simulated import print_bands
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
+from bayes_ssi.results.hierarchy.likelihood_fit import MOST_DRAWS
 from bayes_ssi.results.hierarchy.populations import (
     Population,
     PopulationSampler,
@@ -50,7 +50,7 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=200, searches=2,
 N_BINS = 10
 # What sampling leaves of the error of a test's log evidence.
 EVIDENCE_ERROR = 0.005
-MOST_DRAWS = SETTINGS.most_draws
+MOST_DRAWS = MOST_DRAWS
 
 
 def single_test(

@@ -26,7 +26,7 @@ import numpy as np
 
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.results.stored_result import load_result
-from bayes_ssi.studies.appendages.ranked_study import rank
+from bayes_ssi.studies.questions import rank
 from bayes_ssi.studies.ranking.study import load_study
 
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()", "rank"]

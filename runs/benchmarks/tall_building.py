@@ -14,8 +14,8 @@ from time import perf_counter
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.class_sampling import chosen_workers
 
 N_STOREYS, N_MODES = 20, 8

@@ -8,9 +8,9 @@ from searches import ONE, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.report.tables.search_tables import search_notes
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import choose_baselines, hypothesis, scale_of
 from bayes_ssi.studies.appendages.candidates import PendulumPlace, places_of
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search.family import compact, prior_draws
 
 K = np.array([[1600.0, -700.0, 0.0], [-700.0, 1100.0, -400.0], [0.0, -400.0, 400.0]])

@@ -8,19 +8,13 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.results.search_answer import search_sentences
-from bayes_ssi.studies.appendages.appendage_search import (
-    AppendageDraws,
-    appendage_draws,
-    matched,
-    matched_appendages,
-    ranked_draws,
-)
+from bayes_ssi.studies.appendages.appendage_search import matched, matched_appendages, ranked_draws
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
-from bayes_ssi.studies.appendages.search_result import AppendagesRecord
-from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
-from bayes_ssi.studies.search.search_record import records_by_probability
+from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
+from bayes_ssi.studies.search.findings import feature_draws, hypotheses_by_probability
 
+AMOUNTS = ("mass", "mass_ratio", "frequency_hz")
 FLOORS, MASS, FLOOR = 5, 0.01, 4
 SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
 
@@ -63,8 +57,8 @@ def found(baseline, **settings):
     baselines.features["frame"] = pendulums
     tried = tuple(screened_hypotheses(baselines, 0, bs.Run())[0].values())
     nothing_sampled = FamilySearch(SimpleNamespace(posteriors=()), tried, ())
-    draws = appendage_draws(baselines, nothing_sampled)
-    rows = records_by_probability(nothing_sampled, draws, AppendagesRecord)
+    draws = feature_draws(baselines, nothing_sampled)
+    rows = hypotheses_by_probability(nothing_sampled, draws)
     (one,) = matched_appendages(draws, rows, baselines, tried)
     return one
 
@@ -96,7 +90,7 @@ def test_a_light_appendage_may_be_at_any_place_that_moves(uniform):
     left = {place.place.candidate.place: place.by_data for place in uniform.places_by_data}
     assert left.keys() == {1, 2, 3, 4, 5}
     assert max(left.values()) < 0.5
-    masses = {place.place.candidate.place: place.mass[1] for place in uniform.places}
+    masses = {place.place.candidate.place: place.amounts["mass"][1] for place in uniform.places}
     assert sorted(masses, key=masses.get) == [5, 4, 3, 2, 1]
     assert not uniform.against_by_prior
 
@@ -118,7 +112,8 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     low, high = np.array([1.0, 1.1, 1.2, 1.3]), np.array([4.0, 4.1, 4.2, 4.3])
 
     def draws(hz, ratio):
-        return AppendageDraws(ratio, 10.0 * ratio, hz, np.full(4, 0.25))
+        columns = np.column_stack([10.0 * ratio, ratio, hz])
+        return Draws(AMOUNTS, columns, np.full(4, 0.25))
 
     of_first = draws(np.where(swapped, high, low), np.where(swapped, 0.2, 0.1))
     of_second = draws(np.where(swapped, low, high), np.where(swapped, 0.1, 0.2))
@@ -132,8 +127,8 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
         assert {p.place: p.probability for p in each.places} == {first: 0.5, second: 0.5}
         assert [p.by_data for p in each.places] == pytest.approx([0.5, 0.5])
         assert each.effective_mass is None
-    assert {p.mass for p in lower.places} == {(1.0, 1.0, 1.0)}
-    assert {p.mass for p in upper.places} == {(2.0, 2.0, 2.0)}
+    assert {p.amounts["mass"] for p in lower.places} == {(1.0, 1.0, 1.0)}
+    assert {p.amounts["mass"] for p in upper.places} == {(2.0, 2.0, 2.0)}
 
 
 def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
@@ -143,7 +138,7 @@ def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
     def of_two(share_of_first):
         third, tenth = np.full(3, 1.0 / 3.0), np.full(3, 0.1)
         low, high = (
-            AppendageDraws(tenth, np.ones(3), np.array(hz), third)
+            Draws(AMOUNTS, np.column_stack([np.ones(3), tenth, hz]), third)
             for hz in ((3.7, 3.8, 3.9), (17.0, 17.5, 18.0))
         )
         shares = [share_of_first, 1.0 - share_of_first]

@@ -7,8 +7,8 @@ import pytest
 from searches import PENDULUM_3, by_count, places_of_building
 
 from bayes_ssi.report.tables.search_tables import search_notes
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 
 # Log evidences of one appendage; the others add nothing and lose 4 nats.

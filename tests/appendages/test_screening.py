@@ -10,9 +10,9 @@ from searches import INFILL_12, ONE, PENDULUM_1, screened
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen, screen_all
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
@@ -103,7 +103,7 @@ def test_only_what_matters_is_sampled_and_all_is_reported(bare, fake_sampling):
     assert sum(row.probability for row in rows) == pytest.approx(1.0)
     assert sum(row.prior_probability for row in rows) == pytest.approx(1.0)
     assert all(each.frequency_hz[0] < each.frequency_hz[2]
-               for row in rows for each in row.appendages)  # fmt: skip
+               for row in rows for each in row.features)  # fmt: skip
 
 
 def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
@@ -160,7 +160,7 @@ def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
     best = record.hypotheses[0]
     assert (best.name, best.is_sampled) == ("infill 1-2", True)
     # Of model_classes/bare_building.py, the same class and data, sampled to 0.01 nats.
-    assert best.appendages[0].mass == pytest.approx((0.046, 0.071, 0.098), rel=0.2)
+    assert best.features[0].amounts["mass"] == pytest.approx((0.046, 0.071, 0.098), rel=0.2)
 
 
 def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatch):

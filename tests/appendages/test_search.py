@@ -23,10 +23,10 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace, SearchSettings
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.questions import search
 
 
 def test_places_are_floors_and_storeys(augmented):
@@ -224,7 +224,7 @@ def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch
 
 
 def places_of_hypotheses(result):
-    return {h.name: [each.place for each in h.appendages] for h in result.record.hypotheses}
+    return {h.name: [each.place for each in h.features] for h in result.record.hypotheses}
 
 
 def test_one_appendage_at_most(bare, fake_sampling):
@@ -299,7 +299,7 @@ def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     places = places_of_hypotheses(result)
     for place in places_of_building(bare.structure):
         total = sum(share for name, share in expected.items() if place in places[name])
-        assert result.record.place_probabilities[place] == pytest.approx(total, rel=1e-9)
+        assert result.record.place(place.name).probability == pytest.approx(total, rel=1e-9)
     assert result.record.probability_of_any == pytest.approx(
         1.0 - expected["no appendage"], rel=1e-9
     )
@@ -333,17 +333,17 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
     result = search(bare, ALL)
     name = next(name for name, places in places_of_hypotheses(result).items() if len(places) == 2)
     posterior = next(p for p in result.ranking.posteriors if p.name == name)
-    for summary in result.record.hypothesis(name).appendages:
+    for summary in result.record.hypothesis(name).features:
         place = summary.place
         assert place.name in name
-        for quantity, quantiles in (("mass ratio", summary.mass),
-                                      ("frequency", summary.frequency_hz)):  # fmt: skip
+        for quantity, quantiles in (("mass ratio", summary.amounts["mass"]),
+                                      ("frequency", summary.amounts["frequency_hz"])):  # fmt: skip
             column = posterior.parameter_names.index(f"{quantity}, {place.name}")
             expected = np.quantile(
                 posterior.values[:, column], [0.05, 0.5, 0.95], method="inverted_cdf"
             )
             assert quantiles == pytest.approx(tuple(expected))
-    assert result.record.hypothesis("no appendage").appendages == ()
+    assert result.record.hypothesis("no appendage").features == ()
 
 
 def test_the_record_is_json(bare, fake_sampling):

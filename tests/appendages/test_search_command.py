@@ -14,7 +14,7 @@ from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.search.family import Key
 from bayes_ssi.studies.search.family_search import Level
 
-ONE_K = ("--baseline", "one k")
+ONE_K = ("--class", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")
 
 
@@ -111,12 +111,12 @@ def test_a_baseline_that_another_class_beats_is_said_aloud(
 @pytest.mark.usefixtures("no_figures", "one_place")
 def test_the_baseline_is_chosen_by_name(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
-    result = run("search", tiny_study_file, "--baseline", "each k", "--out", tmp_path / "r")
+    result = run("search", tiny_study_file, "--class", "each k", "--out", tmp_path / "r")
     assert "Appendages hidden in 'each k'" in result.stdout
 
 
 def test_an_unknown_baseline_is_refused(run, tiny_study_file):
-    result = run("search", tiny_study_file, "--baseline", "no k")
+    result = run("search", tiny_study_file, "--class", "no k")
     assert_one_line_error(result, "no model class 'no k'", "'one k', 'each k'")
 
 
@@ -205,7 +205,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     )
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayes_ssi.studies.search.family_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.search.family_search.ranked", stop)
         stopped = run(*arguments)
     assert stopped.exit_code == 130
     assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
@@ -240,7 +240,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.studies.search.family_search._next_level", one_with_both)
-        patch.setattr("bayes_ssi.studies.search.family_search.compare_and_diagnose", stop)
+        patch.setattr("bayes_ssi.studies.search.family_search.ranked", stop)
         assert run(*arguments).exit_code == 130
     names = {"no appendage", "pendulum 1", "infill 0-1"}
     assert len(list(checkpoint.glob("*.journal"))) == 4

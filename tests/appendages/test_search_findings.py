@@ -7,22 +7,22 @@ import pytest
 from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.questions import search
 
 
 def test_the_hidden_infill_is_found_where_it_is(found_in_case_c):
     assert found_in_case_c.ranking.comparison.best.name == "infill 1-2"
-    assert found_in_case_c.record.place_probabilities[INFILL_12] > 0.99
+    assert found_in_case_c.record.place("infill 1-2").probability > 0.99
     assert found_in_case_c.record.probability_of_any > 0.99
 
 
 def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
-    (infill,) = found_in_case_c.record.hypothesis("infill 1-2").appendages
-    low, _, high = infill.mass
+    (infill,) = found_in_case_c.record.hypothesis("infill 1-2").features
+    low, _, high = infill.amounts["mass"]
     assert low < 0.075 < high
-    assert infill.mass[1] == pytest.approx(0.075, abs=0.01)
-    assert infill.frequency_hz[1] == pytest.approx(2.80, abs=0.03)
+    assert infill.amounts["mass"][1] == pytest.approx(0.075, abs=0.01)
+    assert infill.amounts["frequency_hz"][1] == pytest.approx(2.80, abs=0.03)
 
 
 def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):

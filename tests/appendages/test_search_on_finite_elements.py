@@ -32,9 +32,9 @@ def test_the_pipe_on_the_footbridge(run, tmp_path):
     assert second.probability < 1e-3 < 0.99 < true.probability
     assert true.place.coordinates == (20.0, 0.0, 0.0)
     assert true.place.direction == (0.0, 0.0, 1.0)
-    low, _, high = true.appendage.mass
+    low, _, high = true.amounts["mass"]
     assert low < TRUE_MASS < high
-    low, _, high = true.appendage.frequency_hz
+    low, _, high = true.amounts["frequency_hz"]
     assert low < TRUE_HZ < high
     assert len(record.geometry.nodes) == 52
     stored = json.loads((out / "search.json").read_text(encoding="utf-8"))

@@ -17,16 +17,20 @@ from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.plots.ranking_plots import result_figures
 from bayes_ssi.report.tables.search_tables import (
-    appendage_table,
+    appendage_place_table,
     averaged_table,
-    place_table,
     search_notes,
     search_table,
+    several_table,
 )
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.appendages.appendage_search import search
 from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.comparison import probability_text
+
+
+def table_of(found):
+    return search_table(found.record, found.ranking.comparison, found.ranking.study.name)
 
 
 def lines(table, width=80):
@@ -53,10 +57,9 @@ def of_a_tall_building(fake_sampling):
 
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
-    tables = [
-        table(of_a_tall_building.record) for table in (appendage_table, averaged_table, place_table)
-    ]
-    tables.append(search_table(of_a_tall_building))
+    record = of_a_tall_building.record
+    tables = [averaged_table(record), appendage_place_table(record), *several_table(record)]
+    tables.append(table_of(of_a_tall_building))
     shown = [line for table in tables for line in lines(table)]
     assert max(map(len, [*shown, *search_notes(of_a_tall_building.record)])) <= 80
     text = "\n".join(shown)
@@ -66,7 +69,7 @@ def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
 
 
 def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
-    table = search_table(found_in_case_c)
+    table = table_of(found_in_case_c)
     rows = found_in_case_c.ranking.comparison.classes
     shown = [str(cell).removesuffix(" (!)") for cell in table.columns[0].cells]
     probabilities = {row.name: row.probability for row in rows}
@@ -80,7 +83,7 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
 def test_masses_have_the_unit_of_the_study(of_a_tall_building):
     record = of_a_tall_building.record
     assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
-    for table in (place_table(record), appendage_table(of_a_tall_building.record)):
+    for table in (appendage_place_table(record), *several_table(record)):
         assert "vibrating mass (kg)" in [str(column.header) for column in table.columns]
     older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
     assert from_record(SearchRecord, older) == replace(record, mass_unit="")
@@ -88,27 +91,27 @@ def test_masses_have_the_unit_of_the_study(of_a_tall_building):
 
 def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     """At most one appendage on one baseline: those at a place are those of one hypothesis."""
-    assert appendage_table(found_in_case_c.record) is None
-    table = place_table(found_in_case_c.record)
+    assert list(several_table(found_in_case_c.record)) == []
+    table = appendage_place_table(found_in_case_c.record)
     names, probabilities, masses, frequencies = ([*map(str, c.cells)] for c in table.columns)
     assert names[0] == "infill 1-2"
     assert len(names) == 6
     (row,) = [row for row in found_in_case_c.record.hypotheses if row.name == "infill 1-2"]
     assert probabilities[0] == probability_text(row.probability)
-    (infill,) = row.appendages
-    assert masses[0] == quantity(*infill.mass)
-    assert frequencies[0] == quantity(*infill.frequency_hz)
+    (infill,) = row.features
+    assert masses[0] == quantity(*infill.amounts["mass"])
+    assert frequencies[0] == quantity(*infill.amounts["frequency_hz"])
 
 
 def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
-    rows = [row for row in of_a_tall_building.record.hypotheses if len(row.appendages) > 1]
-    text = "\n".join(lines(appendage_table(of_a_tall_building.record)))
-    assert quantity(*rows[0].appendages[1].mass) in text
+    rows = [row for row in of_a_tall_building.record.hypotheses if len(row.features) > 1]
+    text = "\n".join(lines(next(several_table(of_a_tall_building.record))))
+    assert quantity(*rows[0].features[1].amounts["mass"]) in text
 
 
 def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
     record = of_a_tall_building.record
-    names, probabilities, *_ = ([*map(str, c.cells)] for c in place_table(record).columns)
+    names, probabilities, *_ = ([*map(str, c.cells)] for c in appendage_place_table(record).columns)
     assert len(record.matched) == 2
     assert len(names) == 18
     for last, appendage in zip((8, 17), record.matched, strict=True):
@@ -119,7 +122,7 @@ def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
 
 def test_the_table_always_shows_no_appendage(of_a_tall_building):
     assert "no appendage" not in [row.name for row in of_a_tall_building.record.hypotheses[:8]]
-    assert "-5.00" in "\n".join(lines(search_table(of_a_tall_building)))
+    assert "-5.00" in "\n".join(lines(table_of(of_a_tall_building)))
 
 
 def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
@@ -132,7 +135,7 @@ def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
 
 
 def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
-    record, table = of_a_tall_building.record, search_table(of_a_tall_building)
+    record, table = of_a_tall_building.record, table_of(of_a_tall_building)
     sampled = {row.name for row in of_a_tall_building.ranking.comparison.classes}
     signed = {
         str(name): str(evidence).startswith("≈")
@@ -153,7 +156,8 @@ def test_a_note_says_which_mass_the_prior_refers_to(of_a_tall_building):
 
 def test_the_figure_has_every_place_at_its_height(found_in_case_c):
     ax = plot_places(found_in_case_c.record, Figure().subplots())
-    places = found_in_case_c.record.place_probabilities
+    record = found_in_case_c.record
+    places = {each.place: each.probability for each in record.places}
     heights = sorted(float(c.get_offsets()[0][1]) for c in ax.collections)
     assert heights == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     said = {text.get_position(): text.get_text() for text in ax.texts}

@@ -9,9 +9,9 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.studies.appendages import ranked_study as module
+from bayes_ssi.studies.appendages import unmodelled as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.ranked_study import unmodelled_appendage
+from bayes_ssi.studies.appendages.unmodelled import missing_appendage
 from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
@@ -30,7 +30,7 @@ def test_the_analyst_who_misses_the_infill_is_warned():
     text = comparison.unmodelled_appendage
     assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one mode")
     assert "most probably an infill between floors 1 and 2" in text
-    assert text.endswith("ask with bayes-ssi search STUDY")
+    assert text.endswith("ask with a search for appendages")
     assert comparison.failed_checks == (text,)
 
 
@@ -48,7 +48,7 @@ def test_the_warning_comes_first_and_fails(tmp_path):
     again = CliRunner().invoke(main, ["report", str(tmp_path / "out")])
     assert again.exit_code in (0, 3), again.output
     stored = bs.load_result(tmp_path / "out").comparison
-    assert "ask with bayes-ssi search" in stored.unmodelled_appendage
+    assert "ask with a search" in stored.unmodelled_appendage
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +73,9 @@ def test_a_spurious_mode_is_no_appendage(spurious):
 
 
 def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
-    study = load_study(MODEL_CLASSES / "bare_building.py")
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
-    text = unmodelled_appendage(study, ranked("bare_building"), 0, Run())
-    assert text.endswith("and no class models one; ask with bayes-ssi search STUDY")
+    (check,) = missing_appendage(ranked("bare_building"), Run())
+    assert check.words.endswith("and no class models one; ask with a search for appendages")
 
 
 def test_a_class_with_an_appendage_is_no_rival_without_any():

@@ -125,7 +125,7 @@ def test_the_heat_map_has_a_cell_for_each_and_the_proposed_in_bold():
 
 def test_the_command(tmp_path):
     study = str(Path(__file__).parents[2] / "model_classes" / "shear_building.py")
-    arguments = ["sensitivities", study, "--only", "1-a,3", "--figures", str(tmp_path / "new")]
+    arguments = ["sensitivities", study, "--class", "1-a,3", "--figures", str(tmp_path / "new")]
     result = CliRunner().invoke(main, [*arguments, "--json"])
     assert result.exit_code == 0, result.output
     record = json.loads(result.stdout)["sensitivities"]

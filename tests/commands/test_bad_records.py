@@ -58,7 +58,7 @@ def npz(path, samples=SAMPLES, names=NAMES, **stated):
 def test_a_record_that_cannot_be_used_is_one_line(run, write, content, options, words):
     path = write(f"setup.{write.__name__}", **content)
     rate, at, band = options.get("rate"), options.get("at", ()), options.get("band", (0.6, 4.6))
-    arguments = [*(["--rate", rate] if rate else []), *(x for f in at for x in ("--at", f))]
+    arguments = [*(["--rate", rate] if rate else []), *(x for f in at for x in ("--mode", f))]
     done = run("identify", path, "--band", *band, *arguments, "--out", "modes.csv")
     assert_one_line_error(done, words)
     with pytest.raises(ValueError) as error:  # noqa: PT011 - the words are checked

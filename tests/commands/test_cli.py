@@ -65,14 +65,14 @@ def test_rank(run, tiny_study_file, tmp_path):
 
 @pytest.mark.usefixtures("no_figures")
 def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, tmp_path):
-    assert run("rank", tiny_study_file, "--only", "one k", "--error", "0.2").exit_code == 0
+    assert run("rank", tiny_study_file, "--class", "one k", "--error", "0.2").exit_code == 0
     stored = load_result(tmp_path / "work" / "runs" / "results" / "tiny")
     assert stored.record.settings.log_evidence_error == 0.2
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_study_file, tmp_path):
-    arguments = ("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
+    arguments = ("rank", tiny_study_file, "--class", "one k", "--out", tmp_path / "r")
     assert run(*arguments).exit_code == 0
     before = (tmp_path / "r" / "result.json").read_bytes()
     assert_one_line_error(run(*arguments, "--seed", 1), "exists already", "--overwrite")
@@ -84,7 +84,7 @@ def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_stu
 @pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.inference.sampling.result.ERROR_OVER_WANTED", 0.0)
-    result = run("rank", tiny_study_file, "--only", "one k", "--out", tmp_path / "r")
+    result = run("rank", tiny_study_file, "--class", "one k", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert "one k (!)" in result.stdout
     (failed,) = load_result(tmp_path / "r").comparison.failed_checks
@@ -104,7 +104,7 @@ def test_a_second_run_with_the_same_directory_is_refused_at_the_start(
 
 @pytest.mark.usefixtures("no_figures", "coarse_command")
 def test_a_full_disk_is_named_and_nothing_is_lost(run, tiny_study_file, tmp_path, monkeypatch):
-    arguments = ("rank", tiny_study_file, "--only", "one k", "--accept-failed-checks", "--out")
+    arguments = ("rank", tiny_study_file, "--class", "one k", "--accept-failed-checks", "--out")
     opened = Path.open
 
     def on_a_full_disk(path, *mode, **options):
@@ -197,27 +197,27 @@ def test_data_that_no_class_explains(run, study_file, tmp_path):
 
 def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
     assert "not unique" not in run("calibrate", tiny_study_file).stdout
-    result = run("calibrate", tiny_study_file, "--only", "each k", "--shape-weight", "0")
+    result = run("calibrate", tiny_study_file, "--class", "each k", "--shape-weight", "0")
     assert "The fit is not unique" in result.stdout
     assert "'one k'" not in result.stdout
 
 
 def test_calibrate_says_what_is_not_determined(run, study_file):
     path = study_file(('pairing = {"1": 1, "2": 2}', 'pairing = {"1": 1}'))
-    result = run("calibrate", path, "--only", "each k", "--shape-weight", "0")
+    result = run("calibrate", path, "--class", "each k", "--shape-weight", "0")
     assert result.exit_code == 0
     assert "1 direction(s) of the parameters undetermined" in result.stdout
     # Their shares in the strain energy of the first mode: drifts of 1 and φ - 1, squared.
     assert "ln k1 + 0.38 ln k2" in result.stdout
     assert "k2 +1 %, k1 -0.38 %" in result.stdout
-    with_prior = run("calibrate", path, "--only", "each k", "--with-prior", "--starts", 4)
+    with_prior = run("calibrate", path, "--class", "each k", "--with-prior", "--starts", 4)
     assert with_prior.stdout.startswith("Minima with the prior's pull of ")
     assert "not determined" not in with_prior.stdout
 
 
 def test_calibrate_says_that_correlations_of_errors_do_not_count(run, study_file):
     path = study_file(("shape_sd=0.05)", "shape_sd=0.05, between_modes=0.5)"))
-    options = ("calibrate", path, "--only", "each k", "--starts", 1)
+    options = ("calibrate", path, "--class", "each k", "--starts", 1)
     words = "has correlated prediction errors, but a calibration takes them for independent"
     assert words in " ".join(run(*options, "--with-prior").stdout.split())
     assert "correlated" not in run(*options).stdout, "no standard errors are shown"
@@ -306,7 +306,7 @@ def test_bad_studies(run, study_file, case):
 @pytest.mark.parametrize("command", ["rank", "calibrate"])
 @pytest.mark.parametrize("only", ["three", "one k,three", ","])
 def test_unknown_class(run, tiny_study_file, command, only):
-    assert_one_line_error(run(command, tiny_study_file, "--only", only), "no model class")
+    assert_one_line_error(run(command, tiny_study_file, "--class", only), "no model class")
 
 
 @pytest.mark.parametrize(
@@ -389,7 +389,7 @@ def test_slow_structures_are_named_before_they_are_sampled(run, tmp_path, monkey
     def refuse(*_, **__):
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.studies.appendages.ranked_study.sample_all", refuse)
+    monkeypatch.setattr("bayes_ssi.studies.questions.sample_all", refuse)
     study = tmp_path / "large.py"
     study.write_text(LARGE_STUDY, encoding="utf-8")
     lines = run("rank", study, "--out", "r").stderr.splitlines()

@@ -74,7 +74,7 @@ def test_rank(run, path):
 @pytest.mark.usefixtures("no_figures")
 def test_search(run, path, fake_sampling):
     fake_sampling(by_count(0.0, 12.0))
-    assert says_both(run("search", path, "--baseline", "one k", "--most", "1"))
+    assert says_both(run("search", path, "--class", "one k", "--most", "1"))
 
 
 def test_check(run, path):
@@ -87,7 +87,7 @@ def test_check(run, path):
 
 
 def test_calibrate(run, path):
-    assert says_both(run("calibrate", path, "--only", "one k", "--starts", 4))
+    assert says_both(run("calibrate", path, "--class", "one k", "--starts", 4))
 
 
 @pytest.mark.usefixtures("no_figures")

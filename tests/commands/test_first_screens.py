@@ -13,8 +13,8 @@ STUDY = ROOT / "model_classes" / "shear_building.py"
 COMMANDS = {
     "new": ("new", "tower"),
     "check": ("check", STUDY.with_name("data") / "case_c.csv"),
-    "calibrate": ("calibrate", STUDY, "--only", "3", "--starts", 4),
-    "sensitivities": ("sensitivities", STUDY, "--only", "3"),
+    "calibrate": ("calibrate", STUDY, "--class", "3", "--starts", 4),
+    "sensitivities": ("sensitivities", STUDY, "--class", "3"),
 }
 
 

@@ -91,7 +91,7 @@ def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
     assert done.exit_code == 2
     assert "the quantity of the samples is not given" in done.stderr
     # One mode at two peaks: what it becomes is neither of them.
-    between = ["--band", "2.2", "3.5", "--at", 2.8]
+    between = ["--band", "2.2", "3.5", "--mode", 2.8]
     wrong = run(path, *between, "--quantity", "acceleration")
     assert wrong.exit_code == 3
     assert "Failed check" in wrong.stdout

@@ -42,7 +42,7 @@ def test_json_holds_the_plan(run):
     ("options", "message"),
     [
         (("--sensors", 5), "a layout of 5 sensors cannot be had"),
-        (("--sensors", 2, "--only", "1-a,1-b"), "'1-a or 1-b' is alone"),
+        (("--sensors", 2, "--class", "1-a,1-b"), "'1-a or 1-b' is alone"),
         (("--sensors", 2, "--configuration", "bare"), "got 'bare'"),
         (("--sensors", 2, "--fixed", "roof"), "no candidate 'roof'"),
         (("--sensors", 2, "--added-mass", "roof=1"), "the structure has no place 'roof'"),

@@ -10,7 +10,6 @@ import pytest
 from conftest import TINY_STUDY, assert_one_line_error
 
 from bayes_ssi.measurements.records.record_files import read_ground_motion
-from bayes_ssi.results.predictions.posterior_draws import PredictionSettings
 from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.response import Output
@@ -70,7 +69,7 @@ def test_from_another_directory_the_study_and_its_data_are_found(
 def test_a_result_elsewhere_finds_its_study(run, tiny_study_file, tmp_path, monkeypatch):
     work, elsewhere = tmp_path / "work", tmp_path / "elsewhere"
     tiny_study_file.rename(work / "tiny.py")
-    arguments = ("--only", "one k", "--accept-failed-checks", "--out", elsewhere / "r")
+    arguments = ("--class", "one k", "--accept-failed-checks", "--out", elsewhere / "r")
     assert run("rank", "tiny.py", *arguments).exit_code == 0
     monkeypatch.chdir(elsewhere)
     done = run("predict", "r", "--draws", 5, "--transfer", "none")
@@ -127,8 +126,8 @@ def test_all_options(predict, saved, tmp_path):
     files = [tmp_path / f"{name}.AT2" for name in ("first", "second")]
     done = predict(
         "--class", "one k", "--class", "average", "--quantity", "drift", "--at", "ground:floor 1",
-        "--at", "floor 1:floor 2", "--damping", "0.01,0.03", "--transfer", "floor 2", "--band",
-        0.5, 2.0, "--record", files[0], "--record", files[1], "--level", 0.8,
+        "--at", "floor 1:floor 2", "--damping", "0.01,0.03", "--transfer", "floor 2",
+        "--frequencies", 0.5, 2.0, "--record", files[0], "--record", files[1], "--level", 0.8,
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     for words in ("Damping: 1, 3 % mode by mode, as given.", "from a force at 'floor 2'",
@@ -181,8 +180,8 @@ def test_a_warning_about_narrow_peaks(predict):
 @pytest.mark.usefixtures("no_figures")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
-    small = PredictionSettings(array_size=40 * 4 - 1)
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.PREDICTION_SETTINGS", small)
+    small = 40 * 4 - 1
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", small)
     done = predict("--record", tmp_path / "quake.AT2")
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 
@@ -251,8 +250,8 @@ def test_bad_records(predict, tmp_path, text, options, words):
         (("--quantity", "velocity"), ("'velocity'", "drift")),
         (("--class", "two k"), ("no model class 'two k'", "'one k', 'each k'")),
         (("--configuration", "bare"), ("without a name", "'bare'")),
-        (("--band", 3, 1), ("band", "3.0 and 1.0")),
-        (("--transfer", "none", "--band", 1, 3), ("--band", "--transfer is none")),
+        (("--frequencies", 3, 1), ("band", "3.0 and 1.0")),
+        (("--transfer", "none", "--frequencies", 1, 3), ("--frequencies", "--transfer is none")),
         (("--unit", "g"), ("--unit", "--record")),
         (("--dt", 0.1), ("--dt", "--record")),
         (("--level", 1.5), ("level", "1.5")),

@@ -20,7 +20,7 @@ COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
 
 
 def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
-    result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
+    result = run("rank", tiny_study_file, "--class", "one k", "--quiet", "--out", tmp_path / "r")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
     assert load_result(tmp_path / "r").comparison.best.name == "one k"
 
@@ -28,7 +28,7 @@ def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
 def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
     assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
     monkeypatch.setattr(SamplingResult, "failed_checks", ["the ensembles differ"])
-    result = run("rank", tiny_study_file, "--only", "one k", "--quiet", "--out", tmp_path / "r")
+    result = run("rank", tiny_study_file, "--class", "one k", "--quiet", "--out", tmp_path / "r")
     assert result.exit_code == 3
     assert result.stdout == ""
     assert result.stderr.startswith("(!) 1 failed check: 'one k': the ensembles differ")
@@ -47,7 +47,7 @@ def test_a_ranking_as_json(run, tiny_study_file, tmp_path):
 
 
 def test_fits_and_data_as_json(run, tiny_study_file, tmp_path):
-    printed = json.loads(run("calibrate", tiny_study_file, "--only", "each k", "--json").stdout)
+    printed = json.loads(run("calibrate", tiny_study_file, "--class", "each k", "--json").stdout)
     (fit,) = printed["calibrations"]
     # Unit frequencies at unit factors: the fit is exact.
     assert fit["minima"][0]["values"] == pytest.approx([1.0, 1.0], abs=1e-3)
@@ -143,10 +143,11 @@ def test_an_error_line_is_never_a_page_long(run, tmp_path):
 
 def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
     out = tmp_path / "a directory"
-    run("rank", tiny_study_file, "--only", "one k", "--seed", 3, "--out", out, "--quiet")
+    run("rank", tiny_study_file, "--class", "one k", "--seed", 3, "--out", out, "--quiet")
     command = load_result(out).record.command
     assert (
-        command == f"bayes-ssi rank {tiny_study_file} --only 'one k' --seed 3 --out '{out}' --quiet"
+        command
+        == f"bayes-ssi rank {tiny_study_file} --class 'one k' --seed 3 --out '{out}' --quiet"
     )
 
 
@@ -173,7 +174,7 @@ def in_a_terminal(*arguments):
 
 
 def test_colours_and_the_time_left_are_for_terminals_only(run, tiny_study_file):
-    arguments = ("calibrate", tiny_study_file, "--only", "one k", "--starts", 8)
+    arguments = ("calibrate", tiny_study_file, "--class", "one k", "--starts", 8)
     printed = in_a_terminal(*arguments)
     assert "\x1b[" in printed
     assert re.search(r"one k.*left", printed)
@@ -181,3 +182,20 @@ def test_colours_and_the_time_left_are_for_terminals_only(run, tiny_study_file):
     assert "\x1b" not in piped.stdout + piped.stderr
     assert piped.stderr == ""
     assert "Minima of 'one k'" in piped.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("rank", "study.py", "--only", "a"), "--only is now --class"),
+        (("search", "study.py", "--baseline", "a"), "--baseline is now --class"),
+        (("hierarchy", "r", "--at", 3), "--at is now --next"),
+        (("identify", "record.csv", "--at", 3), "--at is now --mode"),
+        (("predict", "r", "--band", 1, 2), "--band is now --frequencies"),
+    ],
+)
+def test_an_option_of_another_name_is_named(run, arguments, words):
+    done = run(*arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1

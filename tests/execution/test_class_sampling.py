@@ -201,7 +201,7 @@ def test_the_command_gives_the_same_with_workers(
         "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
     )
     result = run(
-        "rank", tiny_study_file, "--only", "one k", "--seed", 7, "--workers", 2,
+        "rank", tiny_study_file, "--class", "one k", "--seed", 7, "--workers", 2,
         "--accept-failed-checks", "--out", tmp_path / "r",
     )  # fmt: skip
     assert (result.exit_code, result.stderr) == (0, "sampled one k\n")

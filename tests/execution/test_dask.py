@@ -131,7 +131,7 @@ def test_the_command_gives_the_same_with_dask(
     # A batch in fewer parts is there sooner: these take Dask longer than the model.
     monkeypatch.setattr(DaskWorkers, "parts_per_worker", 1)
     result = run(
-        "rank", tiny_study_file, "--only", "one k", "--dask", address, "--accept-failed-checks",
+        "rank", tiny_study_file, "--class", "one k", "--dask", address, "--accept-failed-checks",
         "--out", tmp_path / "result",
     )  # fmt: skip
     assert (result.exit_code, result.stderr) == (0, "sampled one k\n")

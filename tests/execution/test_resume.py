@@ -153,7 +153,7 @@ class Command:
         self.started = []
 
     def arguments(self, *options):
-        only = () if "--only" in options else ("--only", "one k")
+        only = () if "--class" in options else ("--class", "one k")
         return ["rank", str(self.study_file), "--out", str(self.result), *only, *options]
 
     def start(self, *options, moment=None):
@@ -265,7 +265,7 @@ def test_killed_in_a_process_of_its_own(command, sampled, uninterrupted):
 
 
 def test_killed_again_and_again(command, sampled, tiny_ranking, tmp_path):
-    options = ("--seed", "7", "--only", "one k,each k")
+    options = ("--seed", "7", "--class", "one k,each k")
     for share in (0.0, 0.7, 1.4):
         process = command.start(*options)
         command.wait_for_journals_of(share * total_size(sampled))
@@ -365,7 +365,7 @@ def test_a_result_that_appears_in_the_meantime_is_not_overwritten(command, sampl
 def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     """Not even where the run of those was killed after it had written its result."""
     sampled_command.dies(moment="everything is done")
-    assert sampled_command.run("--only", "each k") == 2
+    assert sampled_command.run("--class", "each k") == 2
     sampled_command.assert_one_line_error("exists already and is not overwritten")
     assert load_result(sampled_command.result).comparison.best.name == "one k"
 

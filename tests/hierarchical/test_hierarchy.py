@@ -20,6 +20,7 @@ from bayes_ssi.results.hierarchy.ranked_populations import (
     repeated_errors,
     single_tests,
 )
+from bayes_ssi.studies.ranking.comparison import Check
 
 FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
 TEMPERATURES = {"January": -4.0, "April": 10.0, "July": 27.0}
@@ -232,7 +233,7 @@ def directory(rankings, tmp_path_factory):
 
 
 def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
-    failed = rankings["April"].comparison.with_common("data", ["the methods differ"])
+    failed = rankings["April"].comparison.with_checks([Check("data", "the methods differ")])
     tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}
     _, singles = single_tests(tests)
     assert ["test 'April': the methods differ" in each.failed_checks for each in singles] == [
@@ -249,7 +250,7 @@ def saved(directory, monkeypatch):
 
 @pytest.mark.usefixtures("coarse_command")
 def test_the_command(saved, made):
-    command = ["hierarchy", *saved, "--covariate", "t.csv", "--at", "30", "--out", "made"]
+    command = ["hierarchy", *saved, "--covariate", "t.csv", "--next", "30", "--out", "made"]
     done = CliRunner().invoke(main, [*command, "--json"])
     assert done.exit_code in (0, 3), done.output  # coarse as it is, the sampling may fail a check
     record = json.loads(done.stdout)
@@ -273,7 +274,7 @@ def test_the_command(saved, made):
 
 def test_the_command_refuses(saved):
     for arguments, problem in (
-        ([*saved, "--at", "3"], "--at: there is no covariate"),
+        ([*saved, "--next", "3"], "--next: there is no covariate"),
         ([*saved, saved[0]], "January: given twice"),
         ([*saved, "missing"], "missing: not a result directory: no result.json"),
         ([*saved, "--spread", "0"], "HalfNormal: scale must be positive, got 0.0"),

@@ -340,7 +340,7 @@ def test_a_study_of_two_configurations_from_the_command_line(tmp_path, monkeypat
     assert result.comparison.best.name == "yes"
     assert list(result.tests) == ["bare", "with/mass"]
     assert (tmp_path / "r" / "data" / "with_mass.csv").is_file()
-    again = CliRunner().invoke(main, ["calibrate", "masses.py", "--only", "yes"])
+    again = CliRunner().invoke(main, ["calibrate", "masses.py", "--class", "yes"])
     assert again.exit_code == 0, again.output
     assert "with/mass: 1" in again.output
     hidden = CliRunner().invoke(main, ["search", "masses.py", "--in", "with", "--out", "s"])

@@ -2,7 +2,6 @@
 
 import csv
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from bayes_ssi.studies.planning.layout_values import (
     effective_independence,
     served_layouts,
 )
-from bayes_ssi.studies.planning.plan_record import PLANNING
 from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
 
 BAND = (0.0, 6.0)
@@ -202,10 +200,7 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
 
 def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
     whole = bs.plan(two_classes, 2, settings=SETTINGS)
-    monkeypatch.setattr(
-        "bayes_ssi.studies.planning.layout_values.PLANNING",
-        replace(PLANNING, most_exhaustive=0),
-    )
+    monkeypatch.setattr("bayes_ssi.studies.planning.layout_values.MOST_EXHAUSTIVE", 0)
     greedy = bs.plan(two_classes, 2, settings=SETTINGS)
     assert whole.is_exhaustive
     assert not greedy.is_exhaustive

@@ -12,7 +12,6 @@ from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.results.predictions.posterior_draws import (
     PosteriorDraws,
     Prediction,
-    PredictionSettings,
     thinned_draws,
 )
 from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
@@ -208,8 +207,8 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
         return modal_model(self, values)
 
     monkeypatch.setattr(type(each.structure), "modal_model", counted)
-    small = PredictionSettings(array_size=30 * 4 * 2 * 7)
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.PREDICTION_SETTINGS", small)
+    small = 30 * 4 * 2 * 7
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", small)
     again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     assert sizes == [7] * 28 + [4]
     np.testing.assert_allclose(again, whole, rtol=1e-12)

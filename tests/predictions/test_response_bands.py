@@ -10,6 +10,7 @@ from conftest import TINY_STUDY
 from rich.console import Console
 from whole_tables import assert_every_cell_is_whole
 
+import bayes_ssi as bs
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
 from bayes_ssi.results.predictions.predictions import load_predictions
@@ -195,6 +196,17 @@ def test_defaults(predicted):
     ratio, source = default_damping(replace(predicted.data, modes=tuple(modes)))
     assert ratio == pytest.approx(0.02)
     assert "identified" in source
+
+
+def test_without_a_request_transfer_functions_at_the_top_are_predicted(predicted):
+    of_default = bs.predict_responses(predicted)
+    request = of_default.request
+    assert request.output == default_output(predicted.of(), "acceleration")
+    draws = predicted.of().transfer_functions(
+        default_frequencies(predicted.data, request.damping), request.output, request.damping
+    )
+    np.testing.assert_allclose(of_default.transfer.curves.median, draws.band(0.95).median)
+    assert of_default.histories == {}
 
 
 def test_the_top_moves_along_with_the_ground(predicted, monkeypatch):

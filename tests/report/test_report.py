@@ -217,10 +217,10 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     assert "That there is an appendage is virtually certain: the probability of at least" in shown
     best = found_in_case_c.ranking.comparison.best
-    (appendage,) = found_in_case_c.record.hypothesis(best.name).appendages
-    assert interval(appendage.frequency_hz, 3) in shown
-    assert interval(appendage.mass_ratio, 2) in shown
-    assert interval(appendage.mass, 3) in shown
+    (appendage,) = found_in_case_c.record.hypothesis(best.name).features
+    assert interval(appendage.amounts["frequency_hz"], 3) in shown
+    assert interval(appendage.amounts["mass_ratio"], 2) in shown
+    assert interval(appendage.amounts["mass"], 3) in shown
     assert "vibrating mass (kg)" in shown
     assert "Masses of structures are in kg." in shown
 

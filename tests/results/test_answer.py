@@ -174,8 +174,8 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     assert result.verdict.startswith("That there is an appendage is virtually certain")
     # One half of the prior is for no appendage.
     assert "was 0.5000 before the test" in result.verdict
-    (appendage,) = record.hypotheses[0].appendages
-    low, middle, high = appendage.frequency_hz
+    (appendage,) = record.hypotheses[0].features
+    low, middle, high = appendage.amounts["frequency_hz"]
     assert "It is most probably an infill between floors 1 and 2" in result.reasons[0]
     assert f"a frequency of {quantity(low, middle, high, 'Hz')}" in result.reasons[0]
     effective, unit = record.matched[0].effective_mass, "where a sensor moves most"
@@ -183,7 +183,7 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     assert "without appendages" in result.reasons[2]
     in_kg = search_sentences(replace(record, mass_unit="kg"), found_in_case_c.ranking.comparison)
     said = " ".join(in_kg)
-    assert f"a vibrating mass of {quantity(*appendage.mass, 'kg')}, which" in said
+    assert f"a vibrating mass of {quantity(*appendage.amounts['mass'], 'kg')}, which" in said
     assert f"{quantity(*effective, 'kg')} {unit}" in said
 
 

@@ -18,7 +18,11 @@ from bayes_ssi.report.tables.ranking_tables import (
     ranking_table,
     sensitivity_table,
 )
-from bayes_ssi.report.tables.search_tables import averaged_table, place_table, search_table
+from bayes_ssi.report.tables.search_tables import (
+    appendage_place_table,
+    averaged_table,
+    search_table,
+)
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 from bayes_ssi.studies.ranking.study import averaged_parameters
 
@@ -35,6 +39,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     calibration = bs.calibrate(model_classes["3"])
     open_ = bs.calibrate(model_classes["2"], n_starts=4, shape_weight=0.0, with_prior=True)
     setting = SensitivityRow("probability of detection × 2", dict.fromkeys(NAMES, 0.25))
+    record, of_search = found_in_case_c.record, found_in_case_c.ranking
     return (
         ranking_table(comparison, "A study of four model classes with a long title: which is it?"),
         evidence_table(posteriors),
@@ -44,9 +49,9 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         calibration_modes_table(calibration),
         *determination_tables(open_),
         modes_table(case_c),
-        search_table(found_in_case_c),
-        place_table(found_in_case_c.record),
-        averaged_table(found_in_case_c.record),
+        search_table(record, of_search.comparison, "A search"),
+        appendage_place_table(record),
+        averaged_table(record),
         sensitivity_table(Sensitivity((setting,))),
     )
 

@@ -7,7 +7,6 @@ solving for any mode.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
-from bayes_ssi.foundations.arviz_functions import mcse_mean, mcse_sd
+from bayes_ssi.foundations.arviz_functions import in_arviz, mcse_mean, mcse_sd
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
 from bayes_ssi.inference.criticism.adequacy import Adequacy
@@ -32,9 +31,6 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
-
-# The module, above this one, that lays draws out.
-DRAWS = "bayes_ssi.results.draws"
 
 
 @dataclass(frozen=True)
@@ -235,7 +231,7 @@ class Posterior(Displayed):
 
     def to_arviz(self) -> Any:
         """The draws as arviz holds them: an ``InferenceData``, from arviz 1.0 on a ``DataTree``."""
-        return import_module(DRAWS).to_arviz(self)
+        return in_arviz(self)
 
     def _line(self) -> str:
         evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"

@@ -8,7 +8,7 @@ from rich.table import Table
 from bayes_ssi.inference.calibration.calibration import Calibration
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.report.tables.layout import TABLES, digits, new_table, number
+from bayes_ssi.report.tables.layout import MOST_COLUMNS, MOST_COMPONENTS, digits, new_table, number
 
 
 def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
@@ -27,9 +27,9 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
     classes = ", ".join(map(repr, (calibration.name, *same)))
     weight = f", λ = {calibration.shape_weight:g}" * calibration.has_shapes
     title = f"{what} of {classes}{weight}"
-    if len(names) <= TABLES.most_columns:
+    if len(names) <= MOST_COLUMNS:
         return new_table(title, [""], names, cells)
-    shown = cells[: TABLES.most_columns]
+    shown = cells[:MOST_COLUMNS]
     if len(shown) < len(cells):
         title += f": the best {len(shown) - 1} of {len(calibration.minima)}"
     headings, *rows = zip(("", *names), *shown, strict=True)
@@ -118,7 +118,7 @@ def _largest(components: Mapping[str, float]) -> tuple[list[tuple[str, float]], 
     # Below half a hundredth, they are zero to the digits shown.
     seen = [(name, component) for name, component in components.items() if abs(component) >= 5e-3]
     seen.sort(key=lambda each: -abs(each[1]))
-    return seen[: TABLES.most_components], len(seen) > TABLES.most_components
+    return seen[:MOST_COMPONENTS], len(seen) > MOST_COMPONENTS
 
 
 def sensitivities_table(sensitivities: ModalSensitivities) -> Table:

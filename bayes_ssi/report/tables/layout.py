@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import takewhile
 from typing import Any
 
@@ -12,21 +12,14 @@ from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
-
-@dataclass(frozen=True)
-class TableSettings:
-    """How tables fit a terminal; the saved result has what they leave out."""
-
-    # Spaces between columns, where there is room and where there is not.
-    gaps: tuple[int, int] = (3, 2)
-    narrowest: int = 5  # width of a column for names; below it, a line holds less than a syllable
-    most_columns: int = 8  # of numbers, for which a terminal of 80 characters has room
-    most_components: int = 6  # of a combination of parameters, which take two lines of a terminal
-    most_hypotheses: int = 8  # of a search that are listed, and ``most_places``
-    most_places: int = 8
-
-
-TABLES = TableSettings()
+# How tables fit a terminal; the saved result has what they leave out.
+# Spaces between columns, where there is room and where there is not.
+GAPS = (3, 2)
+NARROWEST_COLUMN = 5  # width of a column for names; below it, a line holds less than a syllable
+MOST_COLUMNS = 8  # of numbers, for which a terminal of 80 characters has room
+MOST_COMPONENTS = 6  # of a combination of parameters, which take two lines of a terminal
+MOST_HYPOTHESES = 8  # of a search that are listed, and ``most_places``
+MOST_PLACES = 8
 
 
 class WholeTable(Table):
@@ -54,7 +47,7 @@ class WholeTable(Table):
         """The columns of each part of the table with their widths, and the gap between them."""
         names = list(takewhile(lambda column: column.justify == "left", self.columns))
         others = self.columns[len(names) :]
-        for gap in TABLES.gaps:
+        for gap in GAPS:
             if _needed(self.columns, width, gap) <= width:
                 yield _fitted(self.columns, len(names), width, gap), gap
                 return
@@ -75,7 +68,7 @@ def _fitted(columns: Sequence[Column], n_names: int, width: int, gap: int) -> li
         while room > 0 and (wrapped := [i for i in growing if widths[i] < enough[i]]):
             widths[min(wrapped, key=lambda i: widths[i])] += 1
             room -= 1
-    for shrinking, least in ((range(n_names), TABLES.narrowest), (range(len(columns)), 1)):
+    for shrinking, least in ((range(n_names), NARROWEST_COLUMN), (range(len(columns)), 1)):
         while room < 0 and max((widths[i] for i in shrinking), default=0) > least:
             widths[max(shrinking, key=lambda i: widths[i])] -= 1
             room += 1
@@ -97,7 +90,7 @@ def _least_width(column: Column, width: int) -> int:
     if column.justify == "right":
         return max(heading, _longest(line for cell in cells for line in cell.splitlines()))
     longest = max(heading, _longest(word for cell in cells for word in cell.split()))
-    return min(longest, max(width // 4, TABLES.narrowest))
+    return min(longest, max(width // 4, NARROWEST_COLUMN))
 
 
 def _width_on_one_line(column: Column) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from rich.table import Table
 
 from bayes_ssi.foundations.displayed import counted
-from bayes_ssi.report.tables.layout import TABLES, add_row, new_table, number
+from bayes_ssi.report.tables.layout import MOST_PLACES, add_row, new_table, number
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
@@ -47,8 +47,8 @@ def layout_rows(plan: Plan) -> list[list[str]]:
     naming = plan.aim == CLASS
     texts = [["layout", "sensors", "gain (nats)", *["right class named"] * naming, "largest MAC"]]
     for name, layout in rows:
-        shown = ", ".join(layout.sensors[: TABLES.most_places])
-        more = len(layout.sensors) - TABLES.most_places
+        shown = ", ".join(layout.sensors[:MOST_PLACES])
+        more = len(layout.sensors) - MOST_PLACES
         texts.append([
             name,
             f"{shown} and {more} more" if more > 0 else shown,

@@ -9,12 +9,22 @@ from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
+from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
-from bayes_ssi.studies.ranking.study import AveragedParameter
+from bayes_ssi.studies.ranking.study import AveragedParameter, averaged_parameters
 
 # A heading and the items of the list below it.
 Note = tuple[str, list[str]]
+
+
+def ranked(result: StoredResult) -> Iterator[Table]:
+    """The tables of a ranking, in the order in which they are read."""
+    yield ranking_table(result.comparison, result.record.study)
+    yield evidence_table(result.ranked_posteriors)
+    yield parameter_table(result.ranked_posteriors[0])
+    if averages := averaged_parameters(result.posteriors, result.comparison):
+        yield averages_table(averages)
 
 
 def ranking_table(comparison: Comparison, title: str = "") -> Table:

@@ -6,32 +6,39 @@ from typing import Any
 from rich.table import Table
 
 from bayes_ssi.foundations.displayed import columns
-from bayes_ssi.report.tables.layout import TABLES, add_row, digits, marked, new_table
+from bayes_ssi.report.tables.layout import (
+    MOST_HYPOTHESES,
+    MOST_PLACES,
+    add_row,
+    digits,
+    marked,
+    new_table,
+)
+from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.changes.change_search import ChangeRecord
-from bayes_ssi.studies.ranking.comparison import RANKING, probability_text
-from bayes_ssi.studies.search.search_record import FamilyRecord, SearchResult
+from bayes_ssi.studies.ranking.comparison import RANKING, Comparison, probability_text
+from bayes_ssi.studies.search.findings import FamilyRecord
 
 APPROXIMATELY = "≈ "
 # Of baselines and of hypotheses.
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
 
-def found(search: SearchResult[Any]) -> Iterator[Table | str]:
+def found(result: StoredResult) -> Iterator[Table | str]:
     """Tables and notes on a search, in the order in which they are read."""
-    record = search.record
-    tables = [search_table(search)]
+    record = result.search
+    assert record is not None
     if isinstance(record, SearchRecord):
         if len(record.baselines) > 1:
             yield baseline_table(record)
         yield from baseline_notes(record)
-        tables.append(place_table(record))
-        if several := appendage_table(record):
-            tables.append(several)
-    elif isinstance(record, ChangeRecord):
-        tables.append(change_table(record))
-    yield from tables
+    yield search_table(record, result.comparison, result.record.study)
+    if isinstance(record, SearchRecord):
+        yield appendage_place_table(record)
+        yield from several_table(record)
+    else:
+        yield place_table(record)
     yield averaged_table(record)
     yield from search_notes(record)
 
@@ -64,12 +71,12 @@ def baseline_notes(record: SearchRecord) -> list[str]:
     return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
 
 
-def search_table(search: SearchResult[Any]) -> Table:
+def search_table(record: FamilyRecord, comparison: Comparison, title: str) -> Table:
     """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
-    best = search.ranking.comparison.best.log_evidence
-    failed = {row.name for row in search.ranking.comparison.classes if row.failed_checks}
+    best = comparison.best.log_evidence
+    failed = {row.name for row in comparison.classes if row.failed_checks}
     rows = []
-    for row in _shown(search.record):
+    for row in _shown(record):
         sign = "" if row.is_sampled else APPROXIMATELY
         rows.append((
             marked(row.name, row.name in failed),
@@ -78,10 +85,10 @@ def search_table(search: SearchResult[Any]) -> Table:
             f"{sign}{row.log_evidence:.2f}",
             f"{sign}{row.log_evidence - best:.2f}",
         ))  # fmt: skip
-    return new_table(search.ranking.study.name, ["hypothesis"], NUMBERS, rows)
+    return new_table(title, ["hypothesis"], NUMBERS, rows)
 
 
-def place_table(record: SearchRecord) -> Table:
+def appendage_place_table(record: SearchRecord) -> Table:
     """The most probable places, and the sum over the others: medians and 90 % intervals.
 
     Of several appendages, one after the other, each over all hypotheses with as many.
@@ -93,51 +100,41 @@ def place_table(record: SearchRecord) -> Table:
         ["place"],
         ["probability", record.mass_heading, "frequency (Hz)"],
     )
-    places = record.places_by_probability
-    groups = [
-        [(each.place, each.probability, each.appendage.mass, each.appendage.frequency_hz)
-         for each in places]
-    ]  # fmt: skip
-    if several:
-        groups = [
-            [(each.place, each.probability, each.mass, one.frequency_hz) for each in one.places]
-            for one in record.matched
-        ]
-    for group in groups:
-        for place, probability, mass, frequency in group[: TABLES.most_places]:
-            numbers = (probability_text(probability), quantity(*mass), quantity(*frequency))
-            add_row(table, place.name, *numbers)
-        if others := group[TABLES.most_places :]:
-            together = sum(probability for _, probability, *_ in others)
+    for group in record.shown:
+        for each in group[:MOST_PLACES]:
+            amounts = (quantity(*each.amounts[name]) for name in ("mass", "frequency_hz"))
+            add_row(table, each.place.name, probability_text(each.probability), *amounts)
+        if others := group[MOST_PLACES:]:
+            together = sum(each.probability for each in others)
             add_row(table, f"{len(others)} others", probability_text(together), "", "")
     return table
 
 
-def appendage_table(record: SearchRecord) -> Table | None:
-    """The appendages of the probable hypotheses with several of them; None if there are none."""
-    rows = [row for row in _shown(record) if len(row.appendages) > 1]
+def several_table(record: SearchRecord) -> Iterator[Table]:
+    """The appendages of the probable hypotheses with several of them, if there are any."""
+    rows = [row for row in _shown(record) if len(row.features) > 1]
     rows = [row for row in rows if row.probability >= RANKING.probable]
     if not rows:
-        return None
+        return
     cells = [
         (
             "" if i else row.name,
             each.place.name,
-            quantity(*each.mass),
-            quantity(*each.frequency_hz),
+            quantity(*each.amounts["mass"]),
+            quantity(*each.amounts["frequency_hz"]),
         )
         for row in rows
-        for i, each in enumerate(row.appendages)
+        for i, each in enumerate(row.features)
     ]
     numbers = [record.mass_heading, "frequency (Hz)"]
     title = "Appendages of hypotheses with several: medians and 90 % intervals"
-    return new_table(title, ["hypothesis", "appendage"], numbers, cells)
+    yield new_table(title, ["hypothesis", "appendage"], numbers, cells)
 
 
 def _shown(record: FamilyRecord) -> list[Any]:
     """The hypotheses that tables show: the most probable ones, and no feature."""
     rows = enumerate(record.hypotheses)
-    return [row for i, row in rows if i < TABLES.most_hypotheses or not row.features]
+    return [row for i, row in rows if i < MOST_HYPOTHESES or not row.features]
 
 
 def averaged_table(record: FamilyRecord) -> Table:
@@ -156,8 +153,8 @@ def search_notes(record: FamilyRecord) -> list[str]:
     notes = []
     if isinstance(record, SearchRecord):
         notes += [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
-    elif isinstance(record, ChangeRecord):
-        if (n_more := len(record.places) - TABLES.most_places) > 0:
+    else:
+        if (n_more := len(record.places) - MOST_PLACES) > 0:
             notes.append(f"{n_more} less probable places are in the saved result.")
         if record.has_visible:
             notes.append(
@@ -192,7 +189,7 @@ def unseen_note(record: FamilyRecord) -> str:
     unseen = [each.place.name for each in record.places if not each.is_observed]
     if not unseen:
         return ""
-    shown, others = unseen[: TABLES.most_places], unseen[TABLES.most_places :]
+    shown, others = unseen[:MOST_PLACES], unseen[MOST_PLACES:]
     return (
         f"The test says nothing about these places, {record.why_unseen}: "
         f"{', '.join(shown)}{f' and {len(others)} more' if others else ''}."
@@ -212,25 +209,26 @@ def unsampled_notes(record: FamilyRecord) -> list[str]:
     ]
 
 
-def change_table(record: ChangeRecord) -> Table:
-    """Places by the probability of a change: what they lost, and what would have been seen.
+def place_table(record: FamilyRecord) -> Table:
+    """Places by probability: how much there is at each, a row for each quantity.
 
-    A dash stands where no loss would have been.
+    What changes would have been seen is a dash where none would have been.
     """
-    heading = ["smallest visible (%)"] if record.has_visible else []
+    what, amount = record.amount
     table = new_table(
-        "Changes by place, averaged over all hypotheses: medians and 90 % intervals",
-        ["place", "loss"],
-        ["probability", "share lost (%)", *heading],
+        f"{record.feature.capitalize()}s by place, averaged over all hypotheses: medians and "
+        "90 % intervals",
+        ["place", what],
+        ["probability", amount, *["smallest visible (%)"] * record.has_visible],
     )
-    for each in record.places_by_probability[: TABLES.most_places]:
+    for each in record.places_by_probability[:MOST_PLACES]:
         least = each.smallest_visible
-        visible = "-" if least is None else f"{100.0 * least:.2g}"
-        of_place = [each.place.name, probability_text(each.probability), visible]
-        for loss, shares in each.change.losses.items():
-            name, probability, seen = of_place
-            lost = quantity(*(100.0 * share for share in shares))
-            cells = [name, loss.removeprefix("loss, "), probability, lost]
-            add_row(table, *cells, *([seen] if heading else []))
-            of_place = ["", "", ""]
+        seen = ["-" if least is None else f"{100.0 * least:.2g}"] * record.has_visible
+        of_place = [each.place.name, probability_text(each.probability), *seen]
+        for quantity_name, of_one in each.amounts.items():
+            name, probability, *others = of_place
+            low, middle, high = (record.scale * one for one in of_one)
+            label = quantity_name.removeprefix(f"{what}, ")
+            add_row(table, name, label, probability, quantity(low, middle, high), *others)
+            of_place = [""] * len(of_place)
     return table

@@ -13,7 +13,7 @@ from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
+from bayes_ssi.results.hierarchy.likelihood_fit import NEXT_TESTS
 from bayes_ssi.results.hierarchy.populations import Population
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
@@ -262,7 +262,7 @@ def save_hierarchy(
         FileExistsError: the directory exists and ``overwrite`` is false, or holds something else.
         ValueError: there is no covariate.
     """
-    draws = hierarchy.next_test(SETTINGS.next_tests, covariate)
+    draws = hierarchy.next_test(NEXT_TESTS, covariate)
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, HierarchyRecord(hierarchy, results or {}, command))
         names = [parameter.name for parameter in hierarchy.parameters]

@@ -15,48 +15,41 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS, fit_mixture
 from bayes_ssi.inference.sampling.target import log_standard_normal
 
-
-@dataclass(frozen=True)
-class HierarchySettings:
-    """Numbers that decide how hierarchies are computed, and when they fail."""
-
-    fewest_tests: int = 2  # fewer say nothing of how parameters vary
-    # Of each test that are used: their likelihoods are known, so that more say little more.
-    most_draws: int = 1000
-    # Root mean square error of a log-likelihood, in nats, that is good enough: with that of each of
-    # a hundred tests, their sum is off by a fifth of a nat, before the draws correct it.
-    fit_error: float = 0.02
-    # The same of a likelihood that is normal in form, but for rounding.
-    exact_fit_error: float = 1e-6
-    # That are tried, until they lower the error by less than ``least_gain``.
-    numbers_of_components: tuple[int, ...] = (2, 4, 8)
-    least_gain: float = 0.8  # largest ratio of errors for which more components are worth it
-    # For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
-    # draws alone would need many.
-    draws_per_number: int = 4
-    # With which the stored evidence counts in a fit. It is known to about a hundredth of a nat; by
-    # a tenth, its error is that of a likelihood known to a thousandth.
-    evidence_weight: float = 0.1
-    most_evaluations: int = 60  # in one search for the least squares
-    # Of a population's parameters, at which the draws of the tests are asked, and which are kept:
-    # enough for 90 % intervals.
-    population_draws: int = 500
-    # By which the stored evidence of a test and that of its fit may differ, in nats: so far may
-    # full solutions have corrected that of an approximate structure.
-    evidence_tolerance: float = 0.5
-    # Most numbers in an array of a batch, so that it stays in the processor's cache.
-    array_size: int = 200_000
-    # From the draws of the tests, in nats; with a larger one, two standard errors are more than a
-    # bare mention on the scale of Bayes factors.
-    largest_error: float = 0.5
-    # Of frequencies, in their standard deviations; smaller ones are those that the prior leaves.
-    smallest_repeated_error: float = 0.3
-    # Probability with which errors that agree between tests by chance are taken for repeated ones.
-    repeated_by_chance: float = 0.001
-    next_tests: int = 1000  # draws of the parameters in the next test that are written to a file
-
-
-SETTINGS = HierarchySettings()
+# Numbers that decide how hierarchies are computed, and when they fail.
+FEWEST_TESTS = 2  # fewer say nothing of how parameters vary
+# Of each test that are used: their likelihoods are known, so that more say little more.
+MOST_DRAWS = 1000
+# Root mean square error of a log-likelihood, in nats, that is good enough: with that of each of
+# a hundred tests, their sum is off by a fifth of a nat, before the draws correct it.
+FIT_ERROR = 0.02
+# The same of a likelihood that is normal in form, but for rounding.
+EXACT_FIT_ERROR = 1e-6
+# That are tried, until they lower the error by less than ``least_gain``.
+NUMBERS_OF_COMPONENTS = (2, 4, 8)
+LEAST_GAIN = 0.8  # largest ratio of errors for which more components are worth it
+# For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
+# draws alone would need many.
+DRAWS_PER_NUMBER = 4
+# With which the stored evidence counts in a fit. It is known to about a hundredth of a nat; by
+# a tenth, its error is that of a likelihood known to a thousandth.
+EVIDENCE_WEIGHT = 0.1
+MOST_EVALUATIONS = 60  # in one search for the least squares
+# Of a population's parameters, at which the draws of the tests are asked, and which are kept:
+# enough for 90 % intervals.
+POPULATION_DRAWS = 500
+# By which the stored evidence of a test and that of its fit may differ, in nats: so far may
+# full solutions have corrected that of an approximate structure.
+EVIDENCE_TOLERANCE = 0.5
+# Most numbers in an array of a batch, so that it stays in the processor's cache.
+BATCH_SIZE = 200_000
+# From the draws of the tests, in nats; with a larger one, two standard errors are more than a
+# bare mention on the scale of Bayes factors.
+LARGEST_ERROR = 0.5
+# Of frequencies, in their standard deviations; smaller ones are those that the prior leaves.
+SMALLEST_REPEATED_ERROR = 0.3
+# Probability with which errors that agree between tests by chance are taken for repeated ones.
+REPEATED_BY_CHANCE = 0.001
+NEXT_TESTS = 1000  # draws of the parameters in the next test that are written to a file
 
 
 class GaussianSum(NamedTuple):
@@ -210,11 +203,11 @@ def fit_likelihood(
     fitting = _Fitting(z, log_likelihoods, log_evidence)
     n, d = z.shape
     fits = [fitting.least_squares(fitting.one_component)]
-    for count in SETTINGS.numbers_of_components:
+    for count in NUMBERS_OF_COMPONENTS:
         errors = [error for _, error in fits]
-        enough = SETTINGS.fit_error if len(fits) > 1 else SETTINGS.exact_fit_error
-        in_vain = len(fits) > 1 and errors[-1] > SETTINGS.least_gain * errors[-2]
-        few = count * (1 + d + d * (d + 1) // 2) > n / SETTINGS.draws_per_number
+        enough = FIT_ERROR if len(fits) > 1 else EXACT_FIT_ERROR
+        in_vain = len(fits) > 1 and errors[-1] > LEAST_GAIN * errors[-2]
+        few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_NUMBER
         if min(errors) < enough or few or in_vain:
             break
         fits.append(fitting.least_squares(fitting.mixture(count, rng)))
@@ -251,9 +244,9 @@ class _Fitting:
 
         n, d = self.x.shape
         off = float(np.sqrt(np.mean((start.log_sum(self.x) - self.log_likelihoods) ** 2)))
-        if off < SETTINGS.exact_fit_error:
+        if off < EXACT_FIT_ERROR:
             return start, off
-        weight = SETTINGS.evidence_weight * np.sqrt(n)
+        weight = EVIDENCE_WEIGHT * np.sqrt(n)
 
         def residuals(numbers: FloatArray) -> FloatArray:
             components = GaussianSum.from_flat(numbers, d)
@@ -270,7 +263,7 @@ class _Fitting:
             return np.vstack([components.derivatives(self.x), of_integral])
 
         search = least_squares(
-            residuals, start.flat, derivatives, method="lm", max_nfev=SETTINGS.most_evaluations
+            residuals, start.flat, derivatives, method="lm", max_nfev=MOST_EVALUATIONS
         )
         return GaussianSum.from_flat(search.x, d), float(np.sqrt(2.0 * search.cost / n))
 

@@ -30,7 +30,9 @@ from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.results.hierarchy.likelihood_fit import (
-    SETTINGS,
+    BATCH_SIZE,
+    EVIDENCE_TOLERANCE,
+    POPULATION_DRAWS,
     GaussianSum,
     LikelihoodFit,
     fit_likelihood,
@@ -117,7 +119,7 @@ class PopulationLikelihood:
 
     def of_tests(self, values: FloatArray) -> FloatArray:
         """The log-likelihood of every test (B, n_tests) at ``values`` (B, n_parameters)."""
-        rows = max(1, SETTINGS.array_size // self._joined.roots.size)
+        rows = max(1, BATCH_SIZE // self._joined.roots.size)
         parts = [self._of_tests(values[i : i + rows]) for i in range(0, len(values), rows)]
         return np.concatenate(parts)
 
@@ -258,7 +260,7 @@ def failed_fits(tests: Sequence[SingleTest], fits: Sequence[LikelihoodFit]) -> l
         everything = np.arange(test.z.shape[1])
         integral = float(logsumexp(fit.components.integrated_over(everything).constants))
         by_draws = integral - float(np.log(np.mean(np.exp(-fit.log_ratios))))
-        estimate = EvidenceEstimate("draws", by_draws, fit.error, SETTINGS.evidence_tolerance)
+        estimate = EvidenceEstimate("draws", by_draws, fit.error, EVIDENCE_TOLERANCE)
         if not estimate.agrees_with(test.evidence):
             failed.append(
                 f"test {test.name!r}: its log evidence is {test.evidence}, but the likelihoods at "
@@ -300,7 +302,7 @@ class PopulationSampler:
         result = sample_target(target, seed, self.settings, progress)
         failed = [*result.failed_checks]
         rng = np.random.default_rng(index)
-        importance, n_draws = result.importance, SETTINGS.population_draws
+        importance, n_draws = result.importance, POPULATION_DRAWS
         chosen = rng.permutation(systematic_indices(importance.weights, n_draws, rng))
         values = population.values(importance.z[chosen])
         z = [test.z[:, self.columns] for test in self.tests]

@@ -30,7 +30,13 @@ from bayes_ssi.results.hierarchy.hierarchy_record import (
     RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.results.hierarchy.likelihood_fit import SETTINGS
+from bayes_ssi.results.hierarchy.likelihood_fit import (
+    FEWEST_TESTS,
+    LARGEST_ERROR,
+    MOST_DRAWS,
+    REPEATED_BY_CHANCE,
+    SMALLEST_REPEATED_ERROR,
+)
 from bayes_ssi.results.hierarchy.populations import (
     Coverage,
     Population,
@@ -199,11 +205,11 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
         has_chance = difference + RANKING.standard_errors * error > math.log(RANKING.probable)
-        if has_chance and each.coverage.error > SETTINGS.largest_error:
+        if has_chance and each.coverage.error > LARGEST_ERROR:
             failed = (
                 *failed,
                 f"the draws of the tests leave an error of {each.coverage.error:.2f} nats, more "
-                f"than {SETTINGS.largest_error}: they hardly reach where the population has the "
+                f"than {LARGEST_ERROR}: they hardly reach where the population has the "
                 "tests' parameters",
             )
         against = "best" if each is best else "not distinguishable"
@@ -230,10 +236,8 @@ def single_tests(
     results: Mapping[str, AnyResult], class_name: str | None = None
 ) -> tuple[str, tuple[SingleTest, ...]]:
     """The name of the model class, and its posterior in every test."""
-    if len(results) < SETTINGS.fewest_tests:
-        raise ValueError(
-            f"hierarchy: at least {SETTINGS.fewest_tests} tests are needed, got {len(results)}"
-        )
+    if len(results) < FEWEST_TESTS:
+        raise ValueError(f"hierarchy: at least {FEWEST_TESTS} tests are needed, got {len(results)}")
     tests: list[SingleTest] = []
     for name, result in results.items():
         stored = as_stored(result)
@@ -256,7 +260,7 @@ def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest
     failed, values = stored.comparison.failed_data_checks, posterior.values
     independent = int(posterior.effective_sample_sizes.min())
     # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
-    some = evenly_spaced_indices(len(values), max(1, min(SETTINGS.most_draws, independent)))
+    some = evenly_spaced_indices(len(values), max(1, min(MOST_DRAWS, independent)))
     columns = zip(record.parameters, values[some].T, strict=True)
     z = np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
     if not np.isfinite(z).all():
@@ -360,8 +364,8 @@ def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[st
     of_means = float((standardised.mean(axis=0) ** 2).mean())
     share = of_means / float((standardised**2).mean())
     by_chance = betaincc(0.5 * m, 0.5 * m * (n - 1), share)
-    is_large = of_means > SETTINGS.smallest_repeated_error**2
-    if is_large and by_chance < SETTINGS.repeated_by_chance:
+    is_large = of_means > SMALLEST_REPEATED_ERROR**2
+    if is_large and by_chance < REPEATED_BY_CHANCE:
         means = zip(labels, errors.mean(axis=0), strict=True)
         listed = ", ".join(f"mode {label} {100 * mean:+.1f} %" for label, mean in means)
         yield (

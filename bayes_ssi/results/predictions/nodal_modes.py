@@ -1,12 +1,12 @@
 """Modes of a structure at all of its nodes, as other programs draw them."""
 
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.results.result_files import write_csv
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.solver_text import DIRECTIONS, INTERNAL
@@ -96,53 +96,49 @@ def node_numbers(modes: NodalModes) -> list[int]:
 def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
     """Nodes (15), lines and sides of faces (82), where coordinates are known, and modes (55).
 
-    The formats are those of the Structural Dynamics Research Laboratory, University of Cincinnati,
-    "Universal File Formats for Modal Analysis Testing"; numbers have six digits. Nodes that are not
-    numbered are numbered from 1, in their order.
+    Numbers have six digits. Nodes that are not numbered are numbered from 1, in their order.
+
+    Raises:
+        ValueError: the package that writes universal files is not installed.
     """
-    numbers = node_numbers(modes)
+    with optional_package("pyuff", extra="uff"):
+        import pyuff
+    numbers = np.array(node_numbers(modes))
     known = ~np.isnan(modes.positions).any(axis=1)
-    with path.open("x", encoding="ascii", errors="replace") as file:
-        if known.any():
-            lines_of_nodes = [
-                _whole(numbers[i], 0, 0, 0) + _real(*modes.positions[i].tolist())
-                for i in np.flatnonzero(known).tolist()
-            ]
-            file.write(_data_set(15, lines_of_nodes))
-        number = dict(zip(modes.nodes, numbers, strict=True))
-        edges = modes.geometry.edges if modes.geometry is not None else ()
-        most = 250 // 3  # a data set 82 holds 250 entries, of which a line takes two and a zero
-        for trace, start in enumerate(range(0, len(edges), most), 1):
-            # Zero moves to the next node without drawing.
-            lines = edges[start : start + most]
-            entries = [n for a, b in lines for n in (number[a], number[b], 0)][:-1]
-            rows = [_whole(*entries[i : i + 8]) for i in range(0, len(entries), 8)]
-            file.write(_data_set(82, [_whole(trace, len(entries), 1), f"lines {trace}", *rows]))
-        for mode in range(len(modes.frequencies_hz)):
-            file.write(_data_set(55, _mode_lines(numbers, modes, mode, title)))
-
-
-def _data_set(kind: int, lines: Iterable[str]) -> str:
-    return "\n".join(["    -1", f"{kind:6d}", *lines, "    -1", ""])
-
-
-def _whole(*numbers: int) -> str:
-    return "".join(f"{each:10d}" for each in numbers)
-
-
-def _real(*numbers: float) -> str:
-    return "".join(f"{each:13.5E}" for each in numbers)
-
-
-def _mode_lines(numbers: Sequence[int], modes: NodalModes, mode: int, title: str) -> Iterator[str]:
-    frequency = float(modes.frequencies_hz[mode])
-    yield title[:80] or "NONE"
-    yield from ["NONE"] * 3
-    yield f"Mode {mode + 1}, {frequency:.6g} Hz"
-    # Structural model, normal modes, six components, displacements, real; and their number.
-    yield _whole(1, 2, 3, 8, 2, len(DIRECTIONS))
-    yield _whole(2, 4, 1, mode + 1)
-    yield _real(frequency, 0.0, 0.0, 0.0)  # modal mass and damping are not stated
-    for number, shape in zip(numbers, modes.displacements[mode].tolist(), strict=True):
-        yield _whole(number)
-        yield _real(*shape)
+    sets = []
+    if known.any():
+        none = np.zeros(known.sum(), dtype=int)
+        positions = dict(zip("xyz", modes.positions[known].T, strict=True))
+        sets.append(
+            pyuff.prepare_15(
+                node_nums=numbers[known], def_cs=none, disp_cs=none, color=none, **positions
+            )
+        )
+    number = dict(zip(modes.nodes, numbers.tolist(), strict=True))
+    edges = modes.geometry.edges if modes.geometry is not None else ()
+    most = 250 // 3  # a data set 82 holds 250 entries, of which a line takes two and a zero
+    for trace, start in enumerate(range(0, len(edges), most), 1):
+        # Zero moves to the next node without drawing.
+        lines = edges[start : start + most]
+        entries = np.array([n for a, b in lines for n in (number[a], number[b], 0)][:-1])
+        sets.append(
+            pyuff.prepare_82(
+                trace_num=trace, n_nodes=len(entries), color=1, id=f"lines {trace}", nodes=entries
+            )
+        )
+    head = title.encode("ascii", "replace").decode()[:80] or "NONE"
+    for mode, (frequency, shape) in enumerate(
+        zip(modes.frequencies_hz.tolist(), modes.displacements, strict=True), 1
+    ):
+        sets.append(
+            pyuff.prepare_55(
+                # Structural model, normal modes, six components, displacements, real.
+                model_type=1, analysis_type=2, data_ch=3, spec_data_type=8, data_type=2,
+                id1=head, id2="NONE", id3="NONE", id4="NONE",
+                id5=f"Mode {mode}, {frequency:.6g} Hz",
+                load_case=1, mode_n=mode, freq=frequency,
+                modal_m=0.0, modal_damp_vis=0.0, modal_damp_his=0.0,  # not stated
+                node_nums=numbers, **{f"r{i}": row for i, row in enumerate(shape.T, 1)},
+            )
+        )  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(sets)

@@ -19,26 +19,19 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Requirement, Structure
 
-
-@dataclass(frozen=True)
-class PredictionSettings:
-    """Numbers that decide how predictions are computed and shown."""
-
-    n_draws: int = 1000  # of a prediction, by default
-    # Numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
-    array_size: int = 20_000_000
-    # Of an approximate structure at the draws, at most, and ``shape_error``.
-    frequency_error: float = 1e-4
-    shape_error: float = 0.01
-    # Of frequencies that an approximate structure gave, relative to the largest at the few draws
-    # where it is known, at most.
-    stored_error: float = 4.0
-    # Of transfer functions; of a thousand draws at more, they take minutes.
-    most_frequencies: int = 6000
-    most_places: int = 60  # in a table; where there are more, those with sensors are shown alone
-
-
-PREDICTION_SETTINGS = PredictionSettings()
+# Numbers that decide how predictions are computed and shown.
+DRAWS_OF_A_PREDICTION = 1000  # of a prediction, by default
+# Numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
+ARRAY_SIZE = 20_000_000
+# Of an approximate structure at the draws, at most, and ``shape_error``.
+FREQUENCY_ERROR = 1e-4
+SHAPE_ERROR = 0.01
+# Of frequencies that an approximate structure gave, relative to the largest at the few draws
+# where it is known, at most.
+STORED_ERROR = 4.0
+# Of transfer functions; of a thousand draws at more, they take minutes.
+MOST_FREQUENCIES = 6000
+MOST_PLACES = 60  # in a table; where there are more, those with sensors are shown alone
 
 
 class Band(NamedTuple):
@@ -126,7 +119,7 @@ class PosteriorDraws:
         larger than the mode shapes.
         """
         shapes_size = max(1, len(self.structure.degrees_of_freedom)) * self.structure.n_modes
-        rows = max(1, PREDICTION_SETTINGS.array_size // max(shapes_size, size_per_draw))
+        rows = max(1, ARRAY_SIZE // max(shapes_size, size_per_draw))
         # The matrices of a draw are small: threads inside BLAS would only wait for one another.
         with threadpool_limits(limits=1, user_api="blas"):
             return np.concatenate(
@@ -140,7 +133,7 @@ class PosteriorDraws:
 def thinned_draws(
     posterior: Posterior,
     model_class: ModelClass,
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
+    n_draws: int = DRAWS_OF_A_PREDICTION,
     configuration: str | None = None,
 ) -> PosteriorDraws:
     """Draws of a posterior, thinned evenly to ``n_draws``, with the class's structure."""
@@ -159,10 +152,10 @@ def thinned_draws(
     model_class.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
-    tolerance = max(1e-6, PREDICTION_SETTINGS.stored_error * posterior.frequency_error)
+    tolerance = max(1e-6, STORED_ERROR * posterior.frequency_error)
     if structure.is_approximate:
-        tolerance = PREDICTION_SETTINGS.frequency_error
-        required = Requirement(values, tolerance, PREDICTION_SETTINGS.shape_error)
+        tolerance = FREQUENCY_ERROR
+        required = Requirement(values, tolerance, SHAPE_ERROR)
         structure = structure.accurate_at(required)
     modes, stored_hz = posterior.configuration(test.name)
     some = slice(0, 8)  # enough to notice another structure, few enough to cost nothing
@@ -193,7 +186,7 @@ def predict_frequencies(
     model_class: ModelClass,
     state: Structure | str,
     modes: Mapping[str, int],
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
+    n_draws: int = DRAWS_OF_A_PREDICTION,
     seed: int = 0,
 ) -> Prediction:
     """Frequencies of the structure itself, in a state that was not tested or in a tested one.
@@ -258,7 +251,7 @@ def _residuals(
 ) -> FloatArray:
     """Prediction errors (n_draws, n_modes) of further modes, given those of the paired modes."""
     errors = model_class.correlated_errors
-    n_rows = max(1, PREDICTION_SETTINGS.array_size // (len(errors.modes) + len(further)) ** 2)
+    n_rows = max(1, ARRAY_SIZE // (len(errors.modes) + len(further)) ** 2)
     parts = []
     for start in range(0, len(values), n_rows):
         part = slice(start, start + n_rows)

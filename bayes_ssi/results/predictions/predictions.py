@@ -23,7 +23,8 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import (
-    PREDICTION_SETTINGS,
+    DRAWS_OF_A_PREDICTION,
+    MOST_PLACES,
     Band,
     PosteriorDraws,
     Prediction,
@@ -250,7 +251,7 @@ def predicted_modes(
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
     """The main structure's places to show: all, or, where they are many, those with sensors."""
-    places, most = predictions.main_places, PREDICTION_SETTINGS.most_places
+    places, most = predictions.main_places, MOST_PLACES
     if len(places) <= most:
         return places
     return tuple(place for place in places if place in data.sensors) or places[:most]
@@ -328,7 +329,7 @@ def _shares(probabilities: Sequence[float], total: int) -> list[int]:
 def load_predictions(
     directory: str | Path,
     study_file: str | Path | None = None,
-    n_draws: int = PREDICTION_SETTINGS.n_draws,
+    n_draws: int = DRAWS_OF_A_PREDICTION,
     configuration: str | None = None,
 ) -> StoredPredictions:
     """What a stored result of a ranking or a search can predict.

@@ -14,23 +14,27 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.record_files import read_ground_motion
-from bayes_ssi.results.predictions.posterior_draws import PREDICTION_SETTINGS, Band, Prediction
+from bayes_ssi.results.predictions.posterior_draws import (
+    ARRAY_SIZE,
+    MOST_FREQUENCIES,
+    Band,
+    Prediction,
+)
 from bayes_ssi.results.predictions.predictions import (
+    AVERAGE,
     PredictedMode,
     Predictions,
     StoredPredictions,
     predicted_modes,
     shown_places,
 )
-from bayes_ssi.results.result_files import read_record, write_csv
+from bayes_ssi.results.result_files import read_stored, write_csv
 from bayes_ssi.structures.response import (
     GROUND,
-    HEAVY_DAMPING,
-    UNITS,
     Damping,
     GroundMotion,
     Output,
@@ -38,8 +42,8 @@ from bayes_ssi.structures.response import (
     checked_frequencies,
     damping_ratios,
     ground_influence,
-    heavy_damping_warning,
 )
+from bayes_ssi.structures.structure import Structure
 
 RESPONSE_UNITS = {"displacement": "m", "acceleration": "m/s²", "drift": "m"}
 PER_GROUND = {"displacement": "s²", "acceleration": "-", "drift": "s²"}
@@ -48,12 +52,25 @@ PER_FORCE = {"displacement": "s²/mass", "acceleration": "1/mass", "drift": "s²
 
 @dataclass(frozen=True, eq=False)
 class ResponseRequest:
+    """Which responses are predicted.
+
+    Attributes:
+        output: the quantity, and its places.
+        damping: fraction of critical damping, of all modes or of each.
+        frequencies_hz: (F,), of transfer functions; none are computed if None.
+        force_at: where the force of the transfer functions acts; if None, their input is the
+            acceleration of the ground.
+        motions: of the ground, for time histories and their peaks.
+        level: probability of the bands.
+
+    Raises:
+        ValueError: a frequency, a damping ratio or the level is not usable, or two ground motions
+            have one name.
+    """
+
     output: Output
     damping: Damping
-    # (F,), frequencies of transfer functions; none are computed if None.
     frequencies_hz: FloatArray | None = None
-    # Where the force of the transfer functions acts; if None, their input is the ground
-    # acceleration.
     force_at: str | None = None
     motions: tuple[GroundMotion, ...] = ()
     level: float = 0.95
@@ -75,6 +92,7 @@ class ResponseRequest:
 
     @property
     def transfer_name(self) -> str:
+        """Output and input of the transfer functions."""
         by = "ground acceleration" if self.force_at is None else f"force at {self.force_at}"
         return f"{self.output.quantity} / {by}"
 
@@ -114,10 +132,22 @@ class ResponseBands:
                 yield (motion, unit, place, *interval)
 
 
+@checked
 def predict_responses(
-    predicted: StoredPredictions, name: str, request: ResponseRequest
+    predicted: StoredPredictions, name: str = AVERAGE, request: ResponseRequest | None = None
 ) -> ResponseBands:
-    """Those of the model class ``name``, or of the average over all for ``"average"``."""
+    """Modes and responses with credible bands: transfer functions, time histories, peaks.
+
+    Args:
+        predicted: what :func:`~bayes_ssi.results.predictions.predictions.load_predictions` gives.
+        name: model class, or hypothesis of a search; "average" for all by their probabilities.
+        request: the response, its place, damping and input; if None, transfer functions of the
+            acceleration at the top.
+
+    Raises:
+        ValueError: there is no such class, place or mode, or a damping ratio is not usable.
+    """
+    request = request or default_request(predicted)
     predictions = predicted.of(name)
     damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
 
@@ -125,7 +155,7 @@ def predict_responses(
         curves, peaks = [], []
         places = request.output.places
         # Solving for the modes again costs more than another place does.
-        at_once = max(1, PREDICTION_SETTINGS.array_size // (predictions.n_draws * n_points))
+        at_once = max(1, ARRAY_SIZE // (predictions.n_draws * n_points))
         for start in range(0, len(places), at_once):
             some = places[start : start + at_once]
             draws = compute(Output(request.output.quantity, some)).draws
@@ -198,113 +228,31 @@ def default_frequencies(
     lowest = max(low, min(mode.frequency_hz for mode in data.modes))
     # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
     needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
-    most = PREDICTION_SETTINGS.most_frequencies
+    most = MOST_FREQUENCIES
     return np.linspace(low, high, min(max(needed, 400), most))
 
 
-def requested(
-    predicted: StoredPredictions,
-    first: Predictions,
-    quantity: Quantity,
-    places: tuple[str, ...],
-    damping: str | None,
-    transfer: str | None,
-    band: tuple[float, float] | None,
-    records: tuple[Path, ...],
-    unit: str | None,
-    dt: float | None,
-    level: float,
-) -> tuple[ResponseRequest, list[str]]:
-    """The request from the options of ``bayes-ssi predict``, and remarks on it."""
-    for name, value in (("--unit", unit), ("--dt", dt)):
-        if value is not None and not records:
-            raise ValueError(f"{name}: applies to records, but no --record is given")
-    ratios, remark = _damping(predicted.data, damping)
-    lowest = damping_ratios(ratios, np.size(ratios)).min()
-    if not first.main_places and (places or records or transfer not in (None, "none")):
-        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
-    output = _output(quantity, places) if places else default_output(first, quantity)
-    remarks = [remark]
-    heaviest = float(np.max(ratios))
-    if heaviest > HEAVY_DAMPING:
-        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
-    frequencies = None
-    if transfer is None:
-        structures = [each.structure for each in first.classes]
-        unknown = [
-            each for each in structures if not first.main_places or ground_influence(each) is None
-        ]
-        transfer = "none" if unknown else GROUND
-        if unknown:
-            remarks.append(
-                "No transfer functions: how ground motion acts on the degrees of freedom of the "
-                f"{type(unknown[0]).__name__} is not known."
-            )
-    if transfer != "none":
-        frequencies = default_frequencies(predicted.data, lowest, band)
-        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
-        remarks.append(
-            f"Transfer functions: from {source}, {len(frequencies)} frequencies from "
-            f"{frequencies[0]:g} to {frequencies[-1]:g} Hz."
-        )
-        if len(frequencies) == PREDICTION_SETTINGS.most_frequencies:
-            remarks.append(
-                "(!) The frequencies may miss the top of a narrow peak; give a narrower --band."
-            )
-    elif band is not None:
-        raise ValueError("--band: applies to transfer functions, but --transfer is none")
-    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
-    remarks += [
-        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
-        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
-        for motion in motions
-    ]
-    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
-    remarks += [
-        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
-    ]
-    force_at = None if transfer in (GROUND, "none") else transfer
-    return ResponseRequest(output, ratios, frequencies, force_at, motions, level), remarks
+def structures_of_unknown_ground(predictions: Predictions) -> list[Structure]:
+    """Structures on which it is not known how the ground's motion acts."""
+    structures = [each.structure for each in predictions.classes]
+    return [s for s in structures if not predictions.main_places or ground_influence(s) is None]
 
 
-def _damping(data: ModalData, text: str | None) -> tuple[Damping, str]:
-    """The damping, and a sentence about it."""
-    if text is None:
-        default, source = default_damping(data)
-        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
-    try:
-        ratios = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(
-            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
-        ) from None
-    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
-    if len(ratios) == 1:
-        return ratios[0], f"Damping: {each} % in all modes, as given."
-    return ratios, f"Damping: {each} % mode by mode, as given."
-
-
-def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:
-    if quantity != "drift":
-        return Output(quantity, places)
-    for place in places:
-        if place.count(":") != 1:
-            raise ValueError(f"--at: a drift is given as LOWER:UPPER, got {place!r}")
-    pairs = [place.partition(":") for place in places]
-    return Output(quantity, tuple((lower, upper) for lower, _, upper in pairs))
+def default_request(
+    predicted: StoredPredictions, quantity: Quantity = "acceleration"
+) -> ResponseRequest:
+    """The quantity at the top, and its transfer functions where the ground's motion acts."""
+    predictions = predicted.of()
+    damping, _ = default_damping(predicted.data)
+    acts = not structures_of_unknown_ground(predictions)
+    frequencies = default_frequencies(predicted.data, damping) if acts else None
+    return ResponseRequest(default_output(predictions, quantity), damping, frequencies)
 
 
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
 # Tables that fit on a page; the others are curves, shown as figures.
 TABLES = ("frequencies.csv", "peaks.csv")
-
-
-@dataclass(frozen=True)
-class MotionRecord:
-    name: str
-    samples: int
-    dt_s: float
 
 
 @dataclass(frozen=True)
@@ -319,7 +267,7 @@ class PredictionsRecord:
     places: tuple[str, ...]
     damping: float | tuple[float, ...]
     transfer_functions: str | None  # their output and input; None where there are none
-    records: tuple[MotionRecord, ...]
+    records: tuple[Mapping[str, str | float], ...]  # name, samples and dt_s of ground motions
     versions: Mapping[str, str]
 
 
@@ -340,7 +288,8 @@ def predictions_record(
         damping=damping if isinstance(damping, (int, float)) else tuple(damping),
         transfer_functions=transfer,
         records=tuple(
-            MotionRecord(motion.name, len(motion), motion.dt) for motion in request.motions
+            {"name": motion.name, "samples": len(motion), "dt_s": motion.dt}
+            for motion in request.motions
         ),
         versions=versions(),
     )
@@ -366,7 +315,7 @@ def load_saved_predictions(result: Path) -> SavedPredictions | None:
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
     figures = tuple(sorted(directory.glob("figures/*.png")))
-    return SavedPredictions(read_record(PredictionsRecord, directory / MARKER), tables, figures)
+    return SavedPredictions(read_stored(PredictionsRecord, directory / MARKER), tables, figures)
 
 
 BAND = ("low", "median", "high")

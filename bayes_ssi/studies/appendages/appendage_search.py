@@ -11,77 +11,38 @@ first: places may change hands, even between the draws of one hypothesis.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
-from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.appendages.baselines import (
-    Baselines,
-    choose_baselines,
-    frequency_name,
-    mass_name,
-    tests_with_appendages,
+from bayes_ssi.studies.appendages.baselines import Baselines, tests_with_appendages
+from bayes_ssi.studies.appendages.candidates import (
+    FREQUENCIES_APART,
+    LEAST_SHARE_OF_A_GROUP,
+    VISIBLE_SHARE,
+    AppendagePlace,
 )
-from bayes_ssi.studies.appendages.candidates import CRITERIA, AppendagePlace, SearchSettings
 from bayes_ssi.studies.appendages.search_result import (
-    AppendagesRecord,
-    AppendageSummary,
     BaselineRecord,
     MatchedAppendage,
-    PlaceOfAppendage,
-    PlaceRecord,
     SearchRecord,
 )
-from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen, screen_all
+from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen_all
 from bayes_ssi.studies.search.family import Hypothesis
-from bayes_ssi.studies.search.family_search import FamilySearch, search_family
-from bayes_ssi.studies.search.search_record import (
-    SearchResult,
-    averaged_features,
-    records_by_probability,
+from bayes_ssi.studies.search.family_search import Draws, FamilySearch
+from bayes_ssi.studies.search.findings import (
+    FeatureDraws,
+    Finding,
+    HypothesisRecord,
+    feature_draws,
+    findings,
 )
-
-
-class AppendageDraws(NamedTuple):
-    """Posterior draws of one appendage, (n,) each; ``mass`` in the structure's unit."""
-
-    mass_ratio: FloatArray
-    mass: FloatArray
-    frequency_hz: FloatArray
-    weights: FloatArray
-
-    def summary(self, place: AppendagePlace) -> AppendageSummary:
-        numbers = (self.mass, self.mass_ratio, self.frequency_hz)
-        quantiles = (weighted_quantiles(each, self.weights) for each in numbers)
-        return AppendageSummary(place, *quantiles)
-
-
-# Name of a hypothesis → its appendages.
-DrawsOfAll = Mapping[str, Mapping[AppendagePlace, AppendageDraws]]
-
-
-def appendage_draws(
-    baselines: Baselines, found: FamilySearch[AppendagePlace]
-) -> dict[str, dict[AppendagePlace, AppendageDraws]]:
-    draws: dict[str, dict[AppendagePlace, AppendageDraws]] = {}
-    for hypothesis in found.hypotheses:
-        name = hypothesis.model_class.name
-        of_all, scale = found.draws[name], baselines.scales[hypothesis.key.baseline].mass
-        of_places = draws[name] = {}
-        for place in hypothesis.key.features:
-            ratio, frequency = map(of_all.column, (mass_name(place), frequency_name(place)))
-            of_places[place] = AppendageDraws(ratio, scale * ratio, frequency, of_all.weights)
-    return draws
 
 
 class RankedDraws(NamedTuple):
@@ -109,20 +70,20 @@ class Motions(NamedTuple):
 
 
 def matched_appendages(
-    draws: DrawsOfAll,
-    rows: Sequence[AppendagesRecord],
+    draws: FeatureDraws[AppendagePlace],
+    rows: Sequence[HypothesisRecord],
     baselines: Baselines,
     hypotheses: Sequence[Hypothesis[AppendagePlace]],
 ) -> tuple[MatchedAppendage, ...]:
     """The appendages of the most probable number of them, the lowest frequency first."""
     shares: dict[int, float] = {}
     for row in rows:
-        n = len(row.appendages)
+        n = len(row.features)
         shares[n] = shares.get(n, 0.0) + (row.probability if n else 0.0)
     number = max(shares, key=lambda n: shares[n])
     if not shares[number] > 0.0:
         return ()
-    chosen = [row for row in rows if len(row.appendages) == number and row.probability > 0.0]
+    chosen = [row for row in rows if len(row.features) == number and row.probability > 0.0]
     by_name = {each.model_class.name: each for each in hypotheses}
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
     of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
@@ -139,7 +100,7 @@ def matched_appendages(
 
 
 def ranked_draws(
-    draws: Sequence[Mapping[AppendagePlace, AppendageDraws]],
+    draws: Sequence[Mapping[AppendagePlace, Draws]],
     shares: Sequence[float],
     priors: Sequence[Prior],
     places: Sequence[AppendagePlace],
@@ -151,8 +112,11 @@ def ranked_draws(
     """
     blocks = []
     for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):
-        ratios, masses, frequencies, weights = map(np.stack, zip(*appendages.values(), strict=True))
-        weights = share * weights
+        masses, ratios, frequencies = (
+            np.stack([each.column(name) for each in appendages.values()])
+            for name in ("mass", "mass_ratio", "frequency_hz")
+        )
+        weights = share * np.stack([each.weights for each in appendages.values()])
         # The prior density of the logarithm of a mass, which weighs draws in a uniform one's place.
         density = ratios * np.exp(prior.log_density(ratios))
         by_data = np.divide(weights, density, out=np.zeros_like(weights), where=density > 0.0)
@@ -213,9 +177,9 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
     """The draws in groups of frequencies that are apart, the most probable group first."""
     order = np.argsort(draws.frequency_hz)
     hz, weights = draws.frequency_hz[order], draws.weights[order]
-    least = CRITERIA.share_of_a_group * weights.sum()
+    least = LEAST_SHARE_OF_A_GROUP * weights.sum()
     ends, begin = [], 0
-    for i in np.flatnonzero(hz[1:] > CRITERIA.apart * hz[:-1]).tolist():
+    for i in np.flatnonzero(hz[1:] > FREQUENCIES_APART * hz[:-1]).tolist():
         if min(weights[begin : i + 1].sum(), weights[i + 1 :].sum()) >= least:
             ends.append(float(hz[i]))
             begin = i + 1
@@ -224,17 +188,17 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
     return sorted(groups, key=lambda group: -group.weights.sum())
 
 
-def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[PlaceOfAppendage, ...]:
+def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Finding, ...]:
     """Where an appendage may be, the most probable place first."""
     found = []
     for number in np.unique(draws.place).tolist():
         there = draws.where(draws.place == number)
         if there.weights.sum() > 0.0:
             found.append(
-                PlaceOfAppendage(
-                    place=places[number],
-                    probability=float(there.weights.sum() / draws.weights.sum()),
-                    mass=weighted_quantiles(there.mass, there.weights),
+                Finding(
+                    places[number],
+                    float(there.weights.sum() / draws.weights.sum()),
+                    {"mass": weighted_quantiles(there.mass, there.weights)},
                     by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
@@ -255,7 +219,7 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Mo
     modes = structure.modes(at)
     at_sensors = structure.sensor_matrix(test.data.sensors).apply(modes.shapes)[0]
     largest = np.abs(at_sensors).max(axis=0, initial=0.0)
-    seen = np.flatnonzero(largest >= CRITERIA.visible * largest.max())
+    seen = np.flatnonzero(largest >= VISIBLE_SHARE * largest.max())
     if not len(seen) or not largest.any():
         return None
     of_places, begin = {}, 0
@@ -267,61 +231,18 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Mo
     return Motions(seen + 1, modes.frequencies_hz[0, seen], of_places, largest[seen])
 
 
-@checked
-def search(
-    baseline: ModelClass | Study,
-    search_settings: SearchSettings | None = None,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
-    *,
-    baselines: Sequence[str] | None = None,
-    candidates: Sequence[Candidate] | None = None,
-    present_in: Sequence[str] | None = None,
-) -> SearchResult[SearchRecord]:
-    """Search for hidden appendages on a baseline structure, or on each of several.
-
-    Args:
-        baseline: a class; its pairing is not used. Of a study, all classes are baselines on which
-            appendages can be hung, with its prior weights, but for those that carry an appendage
-            of their own where others do not.
-        search_settings: what an appendage may be.
-        seed: a hypothesis's result follows from it and the hypothesis's name.
-        settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
-        baselines: names of the study's classes that appendages are hung on; the others are
-            compared without any.
-        candidates: where appendages may hang; floors and storeys where a structure has them, else
-            all sensors, if None.
-        present_in: names of the configurations that have the appendages; if None, all whose
-            structures have the candidates' places.
-
-    Raises:
-        ValueError: appendages cannot be hung on any structure, a candidate is not on it or is
-            given twice, there is no class or configuration of such a name, or a hypothesis cannot
-            be sampled.
-    """
-    if isinstance(baseline, ModelClass):
-        baseline = Study(baseline.name, [baseline])
-    chosen = choose_baselines(baseline, baselines, candidates, present_in, search_settings)
-    return search_on(chosen, seed, settings or SamplingSettings(), run or Run())
-
-
-def search_on(
-    baselines: Baselines, seed: int, settings: SamplingSettings, run: Run
-) -> SearchResult[SearchRecord]:
-    with run.working():
-        found = search_family(baselines, seed, settings, run)
-        rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)
-    return SearchResult(found.ranking, _record(baselines, rivals, found))
-
-
-def _record(
-    baselines: Baselines, rivals: Sequence[Screened], found: FamilySearch[AppendagePlace]
+def appendage_findings(
+    baselines: Baselines, found: FamilySearch[AppendagePlace], seed: int, run: Run
 ) -> SearchRecord:
-    draws = appendage_draws(baselines, found)
-    rows = records_by_probability(found, draws, AppendagesRecord)
+    """What was found on the baselines, and the classes compared with them without appendages."""
+    rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)
+    draws = feature_draws(baselines, found)
+    common = findings(found, draws)
+    rows: tuple[HypothesisRecord, ...] = common["hypotheses"]
+    common["places"] = tuple(
+        replace(each, is_observed=each.place not in baselines.unobserved)
+        for each in common["places"]
+    )
     return SearchRecord(
         baselines=(
             *sorted(_searched(baselines, rows), key=lambda record: -record.probability),
@@ -333,24 +254,18 @@ def _record(
         left_out=dict(baselines.left_out),
         present_in=baselines.present_in,
         search_settings=baselines.options,
-        probability_of_any=sum(each.probability for each in rows if each.appendages),
-        places=tuple(
-            PlaceRecord(appendage, probability, place not in baselines.unobserved)
-            for place, probability, appendage in averaged_features(draws, found.probabilities)
-        ),
         geometry=baselines.geometry,
-        hypotheses=rows,
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
         mass_unit=baselines.study.mass_unit,
-        **found.findings,
+        **common,
     )
 
 
-def _searched(baselines: Baselines, rows: Sequence[AppendagesRecord]) -> Iterator[BaselineRecord]:
+def _searched(baselines: Baselines, rows: Sequence[HypothesisRecord]) -> Iterator[BaselineRecord]:
     """The baselines that appendages were hung on."""
     for name in baselines.study.names:
         on_it = [row for row in rows if row.baseline == name]
-        (without,) = [row for row in on_it if not row.appendages]
+        (without,) = [row for row in on_it if not row.features]
         yield BaselineRecord(
             name=name,
             classes=baselines.study.stands_for[name],

@@ -1,12 +1,13 @@
 """The hypotheses of a search: the baselines, which are a question, too, and what hangs on them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.families import LogUniform
@@ -16,7 +17,7 @@ from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
-    CRITERIA,
+    LEAST_IN_BAND,
     AppendagePlace,
     Candidate,
     SearchSettings,
@@ -147,7 +148,7 @@ def _frequency_prior(
         modes = [mode for test in tests for mode in test.data.modes]
         lowest = min((mode.frequency_hz for mode in modes), default=high)
         return LogUniform(0.5 * lowest, high)
-    if prior.probability_below(high) - prior.probability_below(low) < CRITERIA.least_in_band:
+    if prior.probability_below(high) - prior.probability_below(low) < LEAST_IN_BAND:
         raise ValueError(
             f"model class {baseline.name!r}: an appendage's frequency, {prior!r} Hz, lies outside "
             f"the band {low:g} to {high:g} Hz in which modes were identified"
@@ -189,6 +190,14 @@ class Baselines(Family[AppendagePlace]):
             baseline, features, self.options, name, present_in=self.present_in, scale=scale
         )
 
+    def quantities(
+        self, baseline: str, feature: AppendagePlace, column: Callable[[str], FloatArray]
+    ) -> dict[str, FloatArray]:
+        """The vibrating mass in the structure's unit and over the mass scale, and the frequency."""
+        ratio = column(mass_name(feature))
+        mass = self.scales[baseline].mass * ratio
+        return {"mass": mass, "mass_ratio": ratio, "frequency_hz": column(frequency_name(feature))}
+
     def places(self, baseline: str) -> Iterator[SinglePlace]:
         for place in self.features[baseline]:
             for end in place.candidate.ends:
@@ -228,7 +237,7 @@ def choose_baselines(
 ) -> Baselines:
     """The baselines of a search, and the appendages that are tried on them.
 
-    Arguments are those of :func:`~bayes_ssi.studies.appendages.appendage_search.search`. Classes
+    Arguments are those of :func:`~bayes_ssi.studies.questions.search`. Classes
     that carry an appendage of their own where others do not are hypotheses of the kind that the
     search makes: on these, none is hung unless they are named.
     """

@@ -19,7 +19,7 @@ from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.geometry import Candidate, Place, Point, motion_of, place_name
 from bayes_ssi.structures.structure import Structure
-from bayes_ssi.studies.search.family import SearchLimits
+from bayes_ssi.studies.search.family import FeaturePlace, SearchLimits
 
 
 @dataclass(frozen=True)
@@ -66,25 +66,19 @@ class SearchSettings(SearchLimits):
         return LogUniform(self.mass[0] / scale, self.mass[1] / scale)
 
 
-@dataclass(frozen=True)
-class SearchCriteria:
-    """What a search takes for seen, near or apart, and for too many."""
-
-    # A mode moves the sensors by at least this share of the one that moves them most, at unit modal
-    # mass.
-    visible: float = 0.05
-    # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
-    # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
-    takes_part: float = 0.01
-    least_in_band: float = 0.01  # share of the prior of an appendage's frequency
-    apart: float = 1.1  # frequencies with nothing between them over this factor are two answers,
-    share_of_a_group: float = 0.05  # if each has this share of the probability
-    # Modes closer than this, relative to their frequencies, may be one that is split.
-    near: float = 0.1
-    most_places: int = 30  # more are not screened in a few seconds, for a warning
-
-
-CRITERIA = SearchCriteria()
+# What a search takes for seen, near or apart, and for too many.
+# A mode moves the sensors by at least this share of the one that moves them most, at unit modal
+# mass.
+VISIBLE_SHARE = 0.05
+# A place moves in a mode by this share of what the sensors do; less, and an appendage of a
+# tenth of the modal mass moves its frequencies apart by less than 0.3 %.
+LEAST_PART = 0.01
+LEAST_IN_BAND = 0.01  # share of the prior of an appendage's frequency
+FREQUENCIES_APART = 1.1  # frequencies with nothing between them over this factor are two answers,
+LEAST_SHARE_OF_A_GROUP = 0.05  # if each has this share of the probability
+# Modes closer than this, relative to their frequencies, may be one that is split.
+FREQUENCIES_NEAR = 0.1
+MOST_PLACES_FOR_A_WARNING = 30  # more are not screened in a few seconds, for a warning
 
 
 def are_observed(
@@ -98,14 +92,12 @@ def are_observed(
     modes = structure.modes(values)
     at_sensors = structure.sensor_matrix(data.sensors).apply(modes.shapes)[0]
     seen = np.abs(at_sensors).max(axis=0, initial=0.0)
-    counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= CRITERIA.visible * seen.max())
+    counts = (modes.frequencies_hz[0] <= data.band_hz[1]) & (seen >= VISIBLE_SHARE * seen.max())
     ends = [end for candidate in candidates for end in candidate.ends]
     moved = structure.place_shapes(ends, values)
     if moved is None or not counts.any():
         return np.ones(len(candidates), dtype=bool)
-    takes_part = (np.abs(moved)[:, : len(seen)] >= CRITERIA.takes_part * seen)[:, counts].any(
-        axis=1
-    )
+    takes_part = (np.abs(moved)[:, : len(seen)] >= LEAST_PART * seen)[:, counts].any(axis=1)
     of_candidate = np.repeat(np.arange(len(candidates)), [len(each.ends) for each in candidates])
     return np.bincount(of_candidate, takes_part, minlength=len(candidates)) > 0
 
@@ -252,17 +244,12 @@ def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | N
 
 
 @dataclass(frozen=True)
-class AppendagePlace(ABC):
+class AppendagePlace(FeaturePlace, ABC):
     """One kind of appendage at one candidate."""
 
     candidate: Candidate
 
-    # Where a stored record names the kind.
-    record_tag = "kind"
     word: ClassVar[str]
-    title: ClassVar[str]
-    marker: ClassVar[str]
-    is_outside: ClassVar[bool]
 
     @classmethod
     @abstractmethod
@@ -274,13 +261,7 @@ class AppendagePlace(ABC):
         return f"{self.word} {self.candidate.name}"
 
     @property
-    @abstractmethod
-    def description(self) -> str:
-        """The appendage and its place in words."""
-
-    @property
     def height(self) -> float | None:
-        """Height in storeys above the ground; None where there are no floors."""
         return self.candidate.height
 
     @property
@@ -289,7 +270,6 @@ class AppendagePlace(ABC):
 
     @property
     def direction(self) -> Point | None:
-        """(x, y, z) of its motion, where it is known."""
         return self.candidate.direction
 
     @property
@@ -329,8 +309,6 @@ class InfillPlace(AppendagePlace):
     """An infill that moves out of its plane between two places, such as two floors."""
 
     word, title = "infill", "infill in a storey"
-    marker = "s"
-    is_outside = False
 
     @classmethod
     def fits(cls, candidate: Candidate) -> bool:

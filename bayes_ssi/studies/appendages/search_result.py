@@ -1,56 +1,15 @@
 """The findings of a search: places, appendages, baselines and averaged parameters."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
-from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.studies.appendages.baselines import MassScale, frequency_name, hypothesis, mass_name
-from bayes_ssi.studies.appendages.candidates import AppendagePlace, SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.ranking.comparison import RANKING
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.search_record import (
-    FamilyRecord,
-    HypothesisRecord,
-    credible,
-)
-
-
-@dataclass(frozen=True)
-class AppendageSummary:
-    """One appendage of one hypothesis: 5, 50 and 95 % quantiles."""
-
-    place: AppendagePlace
-    mass: tuple[float, float, float]  # that vibrates, in the structure's unit
-    mass_ratio: tuple[float, float, float]  # the same over the mass scale
-    frequency_hz: tuple[float, float, float]  # natural frequency on a fixed structure
-
-
-@dataclass(frozen=True)
-class PlaceRecord:
-    # What hangs there, if anything does, averaged over all hypotheses in which something does.
-    appendage: AppendageSummary
-    probability: float
-    # Whether the place takes part in a mode of the band that the sensors see; else the test says
-    # nothing about it.
-    is_observed: bool
-
-    @property
-    def place(self) -> AppendagePlace:
-        return self.appendage.place
-
-
-@dataclass(frozen=True)
-class PlaceOfAppendage:
-    """A place at which one of several appendages may be."""
-
-    place: AppendagePlace
-    probability: float  # that this appendage is there, if there are as many as are matched
-    # What vibrates, if it is there: 5, 50 and 95 % quantiles, in the structure's unit.
-    mass: tuple[float, float, float]
-    # The same probability if the prior of the mass were uniform in its logarithm, and so in that of
-    # the effective mass, which prefers no place to any other.
-    by_data: float
+from bayes_ssi.studies.search.findings import FamilyRecord, Finding, credible
 
 
 @dataclass(frozen=True)
@@ -69,28 +28,20 @@ class MatchedAppendage:
     effective_mass: tuple[float, float, float] | None
     effective_ratio: tuple[float, float, float] | None  # the same over the mode's modal mass
     mode: int  # number of that mode, from 1
-    places: tuple[PlaceOfAppendage, ...]  # where it may be, the most probable first
+    places: tuple[Finding, ...]  # where it may be, the most probable first
 
     @property
-    def places_by_data(self) -> tuple[PlaceOfAppendage, ...]:
+    def places_by_data(self) -> tuple[Finding, ...]:
         """The fewest places that the data leave with 95 %, whatever the prior of the mass."""
-        ordered = sorted(self.places, key=lambda place: -place.by_data)
-        return credible(ordered, [place.by_data for place in ordered])
+        by_data = {each.place: each.by_data or 0.0 for each in self.places}
+        ordered = sorted(self.places, key=lambda each: -by_data[each.place])
+        return credible(ordered, [by_data[each.place] for each in ordered])
 
     @property
-    def against_by_prior(self) -> tuple[PlaceOfAppendage, ...]:
+    def against_by_prior(self) -> tuple[Finding, ...]:
         """Places that the data leave, and only the prior of the mass makes improbable."""
         left = credible(self.places, [place.probability for place in self.places])
         return tuple(place for place in self.places_by_data if place not in left)
-
-
-@dataclass(frozen=True)
-class AppendagesRecord(HypothesisRecord):
-    appendages: tuple[AppendageSummary, ...]
-
-    @property
-    def features(self) -> tuple[AppendageSummary, ...]:
-        return self.appendages
 
 
 @dataclass(frozen=True)
@@ -121,9 +72,6 @@ class SearchRecord(FamilyRecord):
     left_out: Mapping[str, str]  # class of the study on which no appendage was hung → why
     present_in: tuple[str, ...] | None  # configurations that have the appendages; None if all have
     search_settings: SearchSettings
-    probability_of_any: float  # that there is at least one appendage
-    places: tuple[PlaceRecord, ...]
-    hypotheses: tuple[AppendagesRecord, ...]
     # Those of the most probable number of them, matched by frequency over all hypotheses with that
     # number; none where all of these have probability zero.
     matched: tuple[MatchedAppendage, ...] = ()
@@ -151,26 +99,32 @@ class SearchRecord(FamilyRecord):
         return max(self.baselines, key=lambda each: each.log_evidence)
 
     @property
-    def most_probable_with_appendages(self) -> AppendagesRecord:
-        return next(each for each in self.hypotheses if each.appendages)
+    def shown(self) -> tuple[tuple[Finding, ...], ...]:
+        """Of several appendages, those of the most probable number; else of all hypotheses."""
+        if len(self.matched) < 2:
+            return super().shown
+        return tuple(
+            tuple(
+                replace(place, amounts={**place.amounts, "frequency_hz": each.frequency_hz})
+                for place in each.places
+            )
+            for each in self.matched
+        )
 
     def parameters_of_features(self, name: str) -> list[str]:
-        places = [each.place for each in self.hypothesis(name).appendages]
+        places: list[Any] = [each.place for each in self.hypothesis(name).features]
         return [named(place) for place in places for named in (mass_name, frequency_name)]
 
     def model_class(self, study: Study, name: str) -> ModelClass:
         row = self.hypothesis(name)
+        places: list[Any] = [each.place for each in row.features]
         baseline = {each.name: each for each in self.baselines}[row.baseline]
         (original,) = study.only(baseline.classes[:1]).model_classes
         return hypothesis(
             original.with_any_pairing(row.baseline),
-            [each.place for each in row.appendages],
+            places,
             self.search_settings,
             name,
             present_in=self.present_in,
             scale=baseline.mass_scale,
         )
-
-    def _line(self) -> str:
-        places = counted(len(self.places), "place")
-        return f"of {places}: an appendage with probability {self.probability_of_any:.4f}"

@@ -1,6 +1,6 @@
 """Hypotheses of change: a structure some of whose parameters are less after than before."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,10 +21,11 @@ from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.structure import Requirement, Structure
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.family import (
+    BASIS_DRAWS,
     Draws,
     Family,
+    FeaturePlace,
     Hypothesis,
     SearchLimits,
     compact,
@@ -83,7 +84,7 @@ class ChangeSettings(SearchLimits):
 
 
 @dataclass(frozen=True)
-class ChangePlace:
+class ChangePlace(FeaturePlace):
     """Parameters of a class of which a change at one place takes a share."""
 
     name: str  # unique among the places
@@ -92,9 +93,7 @@ class ChangePlace:
     is_common: bool = False  # whether this is a common factor of all places, which is no change
     height: float | None = None  # in storeys above the ground; None where it is not known
 
-    # How drawings show it: in its storey.
-    title, marker, is_outside = "change", "s", False
-    direction = coordinates = None
+    title = "change"  # drawn in its storey
 
     @property
     def description(self) -> str:
@@ -175,6 +174,15 @@ class Changes(Family[ChangePlace]):
                 for loss, names in place.losses.items():
                     yield from (Loss(name, Parameter(loss, prior), amount) for name in names)
 
+    def quantities(
+        self,
+        baseline: str,  # noqa: ARG002 - of all families
+        feature: ChangePlace,
+        column: Callable[[str], FloatArray],
+    ) -> dict[str, FloatArray]:
+        """The shares of parameters that are lost."""
+        return {loss: column(loss) for loss in feature.losses}
+
     # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
 
     @property
@@ -199,7 +207,7 @@ class Changes(Family[ChangePlace]):
     def _with_losses(self, baseline: str, draws: Draws) -> list[tuple[ModelClass, FloatArray]]:
         """A change at every place, and draws of it: of the baseline's parameters as given."""
         chosen = self[baseline]
-        own = draws(chosen.parameter_names, EFFORTS.basis_draws)
+        own = draws(chosen.parameter_names, BASIS_DRAWS)
         rng, at = np.random.default_rng(0), []
         for place in self.features[baseline]:
             made = self.hypothesis(chosen, (place,), place.name)
@@ -214,7 +222,7 @@ class Changes(Family[ChangePlace]):
 
     def accurate(self, best: Hypothesis[ChangePlace]) -> ModelClass:
         chosen = self.reaching[best.key.baseline]
-        z = best.screened.posterior_draws(best.model_class.parameter_names, EFFORTS.basis_draws)
+        z = best.screened.posterior_draws(best.model_class.parameter_names, BASIS_DRAWS)
         made = self.hypothesis(chosen, best.key.features, best.model_class.name)
         return _sharing_a_basis(chosen, [(made, z)], RefinementSettings())
 
@@ -271,7 +279,7 @@ def choose_changes(
 ) -> Changes:
     """The hypotheses of change between two tests of a study, or two groups of them.
 
-    Arguments are those of :func:`~bayes_ssi.studies.changes.change_search.changes`.
+    Arguments are those of :func:`~bayes_ssi.studies.questions.changes`.
     """
     options = options or ChangeSettings()
     before, after = tuple(dict.fromkeys(before)), tuple(dict.fromkeys(after))

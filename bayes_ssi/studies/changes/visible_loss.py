@@ -7,7 +7,7 @@ line through its root says where nine in ten are above the odds that count as sh
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -27,26 +27,19 @@ from bayes_ssi.studies.changes.changes_family import ChangePlace, Changes
 from bayes_ssi.studies.search.approximate_evidence import each_in_workers
 from bayes_ssi.studies.search.family import Hypothesis
 
-
-@dataclass(frozen=True)
-class VisibilitySettings:
-    """When a loss counts as shown, and how many tests are simulated."""
-
-    shown: float = 0.9  # probability from which on a change counts as shown
-    odds: float = 9.0  # the same of one place, against none
-    share: float = 0.9  # of the tests that show it
-    # Losses of the first simulations, which find where odds pass the wanted ones, and the range of
-    # those that follow, relative to it.
-    first: tuple[float, ...] = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
-    around: tuple[float, float] = (0.7, 1.6)
-    # In each of two rounds: over seeds the loss scatters by 2 to 7 %; by 16 % with one round.
-    n_simulated: int = 18
-    second: tuple[float, float] = (0.8, 1.25)  # of the second round, relative to the first answer
-    most_lost: float = 0.98  # in simulations; what is left still stands
-    largest: float = 0.95  # losses beyond are no answer
-
-
-VISIBILITY = VisibilitySettings()
+# When a loss counts as shown, and how many tests are simulated.
+SHOWN = 0.9  # probability from which on a change counts as shown
+ODDS_SHOWN = 9.0  # the same of one place, against none
+SHARE_OF_TESTS = 0.9  # of the tests that show it
+# Losses of the first simulations, which find where odds pass the wanted ones, and the range of
+# those that follow, relative to it.
+FIRST_LOSSES = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
+LOSSES_AROUND = (0.7, 1.6)
+# In each of two rounds: over seeds the loss scatters by 2 to 7 %; by 16 % with one round.
+N_SIMULATED = 18
+SECOND_ROUND = (0.8, 1.25)  # of the second round, relative to the first answer
+MOST_LOST = 0.98  # in simulations; what is left still stands
+LARGEST_LOSS = 0.95  # losses beyond are no answer
 
 
 class Visibility(NamedTuple):
@@ -79,9 +72,9 @@ class Visibility(NamedTuple):
         """The smallest loss that would be shown as surely as wanted; None if none would."""
         if self.slope <= 0.0:
             return None
-        wanted = self.needed + float(ndtri(VISIBILITY.share)) * self.scatter
+        wanted = self.needed + float(ndtri(SHARE_OF_TESTS)) * self.scatter
         found = (wanted - self.level) / self.slope
-        return found if found <= VISIBILITY.largest else None
+        return found if found <= LARGEST_LOSS else None
 
 
 def visibilities(
@@ -93,13 +86,13 @@ def visibilities(
         nothing: the hypothesis that nothing changed.
     """
     baseline, unchanged, screened = nothing.key.baseline, nothing.model_class, nothing.screened
-    n = len(VISIBILITY.first) + 2 * VISIBILITY.n_simulated
+    n = len(FIRST_LOSSES) + 2 * N_SIMULATED
     rng = np.random.default_rng(seed_of("posterior of nothing changed", seed))
     z = rng.permutation(screened.z[systematic_indices(screened.weights, n, rng)])
     places = [each for each in family.features[baseline] if not each.is_common]
     classes = [family.hypothesis(unchanged, (place,), place.name) for place in places]
     one, none = (family.prior_weight(baseline, number) for number in (1, 0))
-    needed = math.log(VISIBILITY.odds * none / one)
+    needed = math.log(ODDS_SHOWN * none / one)
     of_place = partial(_visibility, unchanged=unchanged, z=z, needed=needed, seed=seed)
     what = f"{n * len(places)} tests simulated"
     run.report("smallest visible losses", what, 0.0)
@@ -121,21 +114,21 @@ def _visibility(
             found.append(log_bayes_factor(changed, unchanged, z[i], loss, rng, covariances))
         return np.array(found)
 
-    first = np.array(VISIBILITY.first)
+    first = np.array(FIRST_LOSSES)
     rough = log_odds(first, 0)
     above = np.flatnonzero(rough > needed)
     last = int(above[0]) if len(above) else len(first) - 1
     passed = math.sqrt(first[last] * first[max(last - 1, 0)])
     floor = float(rough.min()) - 1.0
-    low, high = VISIBILITY.around
+    low, high = LOSSES_AROUND
     losses, odds = np.empty(0), np.empty(0)
     for _ in range(2):
-        near = np.geomspace(low * passed, high * passed, VISIBILITY.n_simulated)
-        near = np.minimum(near, VISIBILITY.most_lost)
+        near = np.geomspace(low * passed, high * passed, N_SIMULATED)
+        near = np.minimum(near, MOST_LOST)
         odds = np.append(odds, log_odds(near, len(first) + len(losses)))
         losses = np.append(losses, near)
         visibility = Visibility.fitted(losses, odds, needed, floor)
-        (low, high), passed = VISIBILITY.second, visibility.smallest or VISIBILITY.largest
+        (low, high), passed = SECOND_ROUND, visibility.smallest or LARGEST_LOSS
     return visibility
 
 

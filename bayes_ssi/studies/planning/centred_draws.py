@@ -22,7 +22,18 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.plan_record import (
+    BATCH,
+    DIFFERENCE_OF_Z,
+    DRAWS_OF_A_START,
+    FIRST_ERRORS,
+    MOST_STEP,
+    N_POOL,
+    N_STARTS,
+    NARROWING,
+    TAIL_OF_DRAWS,
+    WIDTH_OF_DRAWS,
+)
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes, SimulatedTests
 
 
@@ -67,24 +78,24 @@ def centred_draws(
 
     The first layout is the empty one: its weights are those that :class:`CentredDraws` keep.
     """
-    pool_z = planned.draw(PLANNING.n_pool, rng)
+    pool_z = planned.draw(N_POOL, rng)
     pool = planned.modes(pool_z[None])
-    of_pairs = len(layouts) * max(n_draws, PLANNING.n_pool) * tests.frequencies_hz.shape[1]
+    of_pairs = len(layouts) * max(n_draws, N_POOL) * tests.frequencies_hz.shape[1]
     of_shapes = n_draws * len(planned.candidates)
     per_test = max(of_pairs, of_shapes) * pool.frequencies_hz.shape[2]
-    step, parts = max(1, PLANNING.batch // per_test), []
+    step, parts = max(1, BATCH // per_test), []
     for first in range(0, len(tests.shapes), step):
         seen = Seen.of(tests.rows(slice(first, first + step)), layouts)
         ratios, unpaired = log_ratios(planned, seen, pool, 1.0)
         # The best pairs, whether they exclude one another or not.
         matched = unpaired + np.maximum(ratios.max(axis=4), 0.0).sum(axis=3)
-        z = pool_z[_resampled(matched, PLANNING.n_starts, rng)]
-        for added in PLANNING.narrowing:
+        z = pool_z[_resampled(matched, N_STARTS, rng)]
+        for added in NARROWING:
             z, precisions = _searched(planned, seen, z, added, rng)
         if planned.n_structural < z.shape[2]:  # the sizes of errors are inferred
             log_weights, draws = _draws(planned, seen, z, precisions, n_draws, rng)
             # These draws know which sizes explain the test; those of the pool do not.
-            n_starts = max(PLANNING.n_starts, n_draws // PLANNING.draws_of_a_start)
+            n_starts = max(N_STARTS, n_draws // DRAWS_OF_A_START)
             again = _resampled(log_weights, n_starts, rng)
             z = np.take_along_axis(draws.z, again[..., None], axis=1)
             z, precisions = _searched(planned, seen, z, 0.0, rng)
@@ -115,7 +126,7 @@ def log_ratios(
         shapes left out.
     """
     frequencies, shape_of_modes, variances = modes
-    variances = variances + np.square(np.multiply(added, PLANNING.first_errors))
+    variances = variances + np.square(np.multiply(added, FIRST_ERRORS))
     identification, band_hz = planned.model_class.identification, planned.configuration.data.band_hz
     missed = identification.log_missed(frequencies, variances[..., :1], band_hz)
     log_spurious = math.log(identification.expected_spurious_modes / (band_hz[1] - band_hz[0]))
@@ -182,7 +193,7 @@ def _searched(
         z after it; and the precisions (n, R, n_parameters, n_parameters) of parameters there.
     """
     n, r, n_all = z.shape
-    d, h = planned.n_structural, PLANNING.difference
+    d, h = planned.n_structural, DIFFERENCE_OF_Z
     shifted = np.repeat(z[:, :, None], d + 1, axis=2)
     shifted[:, :, np.arange(1, d + 1), np.arange(d)] += h
     modes = planned.modes(shifted)
@@ -192,7 +203,7 @@ def _searched(
     chosen, _ = _sampled_pairings(ratios, layout, rng)
 
     index, used = np.maximum(chosen, 0)[:, :, None], (chosen >= 0)[:, :, None]
-    sd = np.sqrt(at.variances + np.square(np.multiply(added, PLANNING.first_errors)))[:, :, None]
+    sd = np.sqrt(at.variances + np.square(np.multiply(added, FIRST_ERRORS)))[:, :, None]
     logs = np.take_along_axis(np.log(modes.frequencies_hz), index, axis=3)
     of_frequencies = (logs - np.log(seen.frequencies_hz)[:, None, None]) / sd[..., :1]
     shapes = np.take_along_axis(modes.shapes, index[:, :, :, None], axis=4)
@@ -206,10 +217,10 @@ def _searched(
     residuals = residuals.reshape(n, r, d + 1, -1)
     slopes = np.zeros((n, r, n_all, residuals.shape[3]))
     slopes[:, :, :d] = (residuals[:, :, 1:] - residuals[:, :, :1]) / h
-    precisions = slopes @ slopes.swapaxes(-1, -2) + planned.precision / PLANNING.width**2
+    precisions = slopes @ slopes.swapaxes(-1, -2) + planned.precision / WIDTH_OF_DRAWS**2
     step = -np.linalg.solve(precisions, slopes @ residuals[:, :, 0, :, None])[..., 0]
     longest = np.abs(step).max(axis=2, keepdims=True)
-    return z + step * np.minimum(1.0, PLANNING.most_step / np.maximum(longest, 1e-9)), precisions
+    return z + step * np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-9)), precisions
 
 
 def _draws(
@@ -226,7 +237,7 @@ def _draws(
     """
     n, r, d = centres.shape
     factors = np.linalg.inv(np.linalg.cholesky(precisions)).swapaxes(-1, -2)
-    tails = np.full(r, PLANNING.tail)
+    tails = np.full(r, TAIL_OF_DRAWS)
     z, log_density = np.empty((n, k, d)), np.empty((n, k))
     for row, (means, own) in enumerate(zip(centres, factors, strict=True)):
         mixture = StudentMixture(np.full(r, 1.0 / r), means, own, tails)

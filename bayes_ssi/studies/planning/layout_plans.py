@@ -27,8 +27,18 @@ from bayes_ssi.studies.planning.layout_values import (
 )
 from bayes_ssi.studies.planning.plan_record import (
     CLASS,
+    ENOUGH_OF_THE_GAIN,
+    LEAST_DRAWS,
+    LEAST_PROBABILITY,
+    LEAST_VARIATION,
+    MOST_BIAS,
+    MOST_CANDIDATES,
+    MOST_KEPT,
+    MOST_THIN,
+    N_SEARCHED,
+    N_SHOWN,
     PARAMETERS,
-    PLANNING,
+    SMALLER_ERRORS,
     Change,
     Layout,
     Plan,
@@ -125,7 +135,7 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
             if posterior.data_digest != classes[name].data_digest:
                 raise ValueError(f"plan: the result of model class {name!r} is of other data")
         weights = {row.name: row.probability for row in after.comparison.classes}
-        study = study.only([n for n in weights if weights[n] >= PLANNING.least_probability])
+        study = study.only([n for n in weights if weights[n] >= LEAST_PROBABILITY])
     total = sum(weights[name] for name in study.names)
     return [
         PlannedClass(each, each.configurations[0], (), weights[each.name] / total,
@@ -183,7 +193,7 @@ def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
         own = [sensor.label for sensor in structure.sensors]
         every = [*own, *structure.appendages] if own else structure.degrees_of_freedom
         labels |= dict.fromkeys(every)
-    if len(labels) > PLANNING.most_candidates:
+    if len(labels) > MOST_CANDIDATES:
         labels = dict.fromkeys(classes[0].configuration.data.sensors)
 
     def has(structure: Structure, label: str) -> bool:
@@ -241,10 +251,9 @@ def _quantity(planned: PlannedClass, z: FloatArray, aim: Aim) -> FloatArray:
 def _check_variation(before: FloatArray, name: str) -> None:
     """Refuse quantities (B, q) whose covariance is singular: about them information has no end."""
     sds = before.std(axis=0)
-    varies = sds > PLANNING.least_variation * np.abs(before).max(axis=0, initial=0.0)
+    varies = sds > LEAST_VARIATION * np.abs(before).max(axis=0, initial=0.0)
     if not varies.all() or (
-        len(sds) > 1
-        and np.linalg.eigvalsh(np.corrcoef(before, rowvar=False))[0] < PLANNING.least_variation
+        len(sds) > 1 and np.linalg.eigvalsh(np.corrcoef(before, rowvar=False))[0] < LEAST_VARIATION
     ):
         raise ValueError(
             f"plan: the {len(sds)} values that the aim predicts do not vary, or follow from one "
@@ -270,7 +279,7 @@ class _Planning:
         n_tests, n_draws = self.settings.n_tests, self.settings.n_draws
         n_candidates = len(classes[0].candidates)
         per_draw = sum(c.structure.n_modes for c in classes) * n_candidates
-        if n_tests * n_draws * per_draw > PLANNING.most_kept:
+        if n_tests * n_draws * per_draw > MOST_KEPT:
             raise ValueError(
                 f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
                 f"{n_candidates} candidates do not fit into memory; take fewer of one of them"
@@ -325,7 +334,7 @@ class _Planning:
 
     def plan(self, study: str, configuration: str) -> Plan:
         """The plan, without alternatives."""
-        part = self._whole.part(*PLANNING.n_searched)
+        part = self._whole.part(*N_SEARCHED)
         of_part = self._worths(part)
         search = LayoutSearch(
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
@@ -339,11 +348,11 @@ class _Planning:
         exhaustive = search.is_exhaustive(self.n_sensors)
         other = numbered[-1] if exhaustive else search.exchanged(habit)
         tried = [layout for layout in search.tried if len(layout) == self.n_sensors]
-        some = sorted(tried, key=search.tried.__getitem__)[-PLANNING.n_shown :] or numbered[-1:]
+        some = sorted(tried, key=search.tried.__getitem__)[-N_SHOWN:] or numbered[-1:]
         some.sort(key=self._gain, reverse=True)
         best = numbered[-1] = some[0]
         by_number = tuple(map(self._layout, numbered))
-        enough = PLANNING.enough * max(layout.gain for layout in by_number)
+        enough = ENOUGH_OF_THE_GAIN * max(layout.gain for layout in by_number)
         first = self.classes[0]
         measured = first.configuration.data.sensors
         compared = {
@@ -391,7 +400,7 @@ class _Planning:
             if i not in best:
                 changed[f"with {names[i]}"] = self._worth(tuple(sorted((*best, i))))
         # The same tests but for their errors, with draws for this layout alone.
-        smaller = [replace(c, error_factor=PLANNING.smaller) for c in self.classes]
+        smaller = [replace(c, error_factor=SMALLER_ERRORS) for c in self.classes]
         known = self.classes[0].identification_errors.any()
         which = "errors of identification" if known else "all errors"
         changed[f"{which} half as large"] = self._worths(self._simulated(smaller, [best]))(best)
@@ -400,11 +409,11 @@ class _Planning:
 
 
 def _failed_checks(draws: FloatArray, bias: float) -> Iterator[str]:
-    thin = float((draws < PLANNING.least_draws).mean())
-    if thin > PLANNING.most_thin:
+    thin = float((draws < LEAST_DRAWS).mean())
+    if thin > MOST_THIN:
         yield (
             f"in {100.0 * thin:.0f} % of the simulated tests evidences rest on fewer than "
-            f"{PLANNING.least_draws:g} effective draws; simulate with more draws"
+            f"{LEAST_DRAWS:g} effective draws; simulate with more draws"
         )
-    if not abs(bias) <= PLANNING.most_bias:
+    if not abs(bias) <= MOST_BIAS:
         yield f"few draws bias the gain by about {bias:+.3f} nats; simulate with more draws"

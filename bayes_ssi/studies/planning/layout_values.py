@@ -18,7 +18,7 @@ from scipy.special import digamma, logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.studies.planning.centred_draws import CentredDraws, centred_draws
-from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.plan_record import LEAST_THAT_COUNTS, MOST_EXHAUSTIVE, N_OF_A_SIZE
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
 
 Sensors = tuple[int, ...]  # candidates, from 0, in ascending order
@@ -30,7 +30,7 @@ def served_layouts(fixed: Sensors, free: Sensors, n_sensors: int, seed: int) -> 
     layouts = {tuple(sorted((*fixed, *free))): None}
     for size in (2, n_sensors):
         more = max(0, size - len(fixed))
-        for turn in range(PLANNING.n_of_a_size):
+        for turn in range(N_OF_A_SIZE):
             some = np.roll(order, -turn * more)[:more].tolist()
             layouts[tuple(sorted((*fixed, *some)))] = None
     return list(layouts)
@@ -149,7 +149,7 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     own = plan.true_class, np.arange(len(plan.true_class))
     # The mean log of an average is below the log of its mean by half of its relative variance.
     bias = 0.5 * (after**2 * spread).sum(axis=0) - 0.5 * spread[own]
-    counts = (after > PLANNING.counts) | (np.arange(len(after))[:, None] == plan.true_class)
+    counts = (after > LEAST_THAT_COUNTS) | (np.arange(len(after))[:, None] == plan.true_class)
     fewest = np.where(counts, draws, np.inf).min(axis=0)
     named = (log_joint.argmax(axis=0) == plan.true_class).astype(float)
     return Worth(log_evidences[own] - log_total, named, bias, fewest)
@@ -199,7 +199,7 @@ class LayoutSearch:
     tried: dict[Sensors, float] = field(default_factory=dict)
 
     def is_exhaustive(self, number: int) -> bool:
-        return comb(len(self.free), number - len(self.fixed)) <= PLANNING.most_exhaustive
+        return comb(len(self.free), number - len(self.fixed)) <= MOST_EXHAUSTIVE
 
     def best(self, number: int, start: Sensors) -> Sensors:
         """The best layout of ``number`` sensors; a greedy search begins with those of ``start``."""

@@ -30,7 +30,12 @@ from bayes_ssi.parameters.prior import log_standard_normal_density
 from bayes_ssi.structures.geometry import Candidate, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Requirement, Structure
-from bayes_ssi.studies.planning.plan_record import PLANNING
+from bayes_ssi.studies.planning.plan_record import (
+    APPROXIMATION_SHARE,
+    BATCH,
+    N_FOR_ACCURACY,
+    N_FOR_MOMENTS,
+)
 
 
 class SeenModes(NamedTuple):
@@ -61,8 +66,8 @@ class PlannedClass:
         """With an approximate structure accurate enough where it will be used."""
         if not self.structure.is_approximate:
             return self
-        z = self.drawn_before[:: PLANNING.n_for_moments // PLANNING.n_for_accuracy]
-        errors = np.sqrt(np.median(self.error_variances(z), axis=0)) * PLANNING.approximation
+        z = self.drawn_before[:: N_FOR_MOMENTS // N_FOR_ACCURACY]
+        errors = np.sqrt(np.median(self.error_variances(z), axis=0)) * APPROXIMATION_SHARE
         required = Requirement(self.structural_values(z), *errors.tolist())
         return self.with_structure(self.structure.accurate_at(required))
 
@@ -112,7 +117,7 @@ class PlannedClass:
         structure = self.structure
         matrix = structure.sensor_matrix(terms)
         per_row = len(structure.degrees_of_freedom) * structure.n_modes
-        step = max(1, PLANNING.batch // per_row)
+        step = max(1, BATCH // per_row)
         rows, parts = z.reshape(-1, z.shape[-1]), []
         for first in range(0, len(rows), step):
             some = rows[first : first + step]
@@ -163,7 +168,7 @@ class PlannedClass:
     @cached_property
     def drawn_before(self) -> FloatArray:
         """Draws (n_for_moments, n_parameters) before the test, always the same."""
-        return self.draw(PLANNING.n_for_moments, np.random.default_rng(0))
+        return self.draw(N_FOR_MOMENTS, np.random.default_rng(0))
 
 
 def terms_of(candidates: tuple[Candidate, ...]) -> tuple[list[str], FloatArray]:

@@ -1,7 +1,7 @@
 """Ranking of model classes by their evidence on the same data."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -96,6 +96,7 @@ class Check:
     kind: str
     words: str  # a sentence
     fails: bool = True  # whether the answer is not to be trusted until this is understood
+    model_class: str = ""  # name of the class that it concerns; empty where that is all of them
 
 
 def words_of(checks: Iterable[Check], *kinds: str) -> tuple[str, ...]:
@@ -215,14 +216,13 @@ class Comparison(Displayed):
         )
         return (*words_of(common), *of_classes)
 
-    def with_common(self, kind: str, words: Iterable[str]) -> "Comparison":
-        """This comparison with failed checks of one kind that concern all classes, and no others.
-
-        They replace those of the kind; checks of the data come first.
-        """
-        others = [each for each in self.common_checks if each.kind != kind]
-        new = [Check(kind, each) for each in words]
-        return replace(self, common_checks=tuple(new + others if kind == "data" else others + new))
+    def with_checks(self, checks: Iterable[Check]) -> "Comparison":
+        """This comparison with these failed checks and remarks in place of those that it has."""
+        of: dict[str, list[Check]] = {}
+        for check in checks:
+            of.setdefault(check.model_class, []).append(check)
+        rows = tuple(replace(row, checks=tuple(of.get(row.name, ()))) for row in self.classes)
+        return replace(self, classes=rows, common_checks=tuple(of.get("", ())))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -246,7 +246,7 @@ def compare(
     """Rank model classes by evidence.
 
     A probable class whose posterior lies at the edge of a setting fails a check: what the setting
-    does to the ranking is not known here, but in :func:`~bayes_ssi.studies.ranking.study.rank`.
+    does to the ranking is not known here, but in :func:`~bayes_ssi.studies.questions.rank`.
     Failed checks of sampling a class that would remain improbable with an evidence 10 nats higher
     are remarks.
 
@@ -258,6 +258,17 @@ def compare(
         ValueError: there is nothing to compare, two classes have one name, the data differ, or a
             prior weight is missing, unknown or not positive.
     """
+    comparison = by_evidence(posteriors, prior_weights)
+    checkers = (misfit_of_best, failed_sampling, at_edges)
+    return comparison.with_checks(
+        check for checker in checkers for check in checker(comparison, posteriors)
+    )
+
+
+def by_evidence(
+    posteriors: Sequence[Posterior], prior_weights: Mapping[str, float] | None
+) -> Comparison:
+    """The comparison before any check; arguments and errors are those of :func:`compare`."""
     if not posteriors:
         raise ValueError("compare: no posterior to compare")
     names = [posterior.name for posterior in posteriors]
@@ -272,7 +283,8 @@ def compare(
     priors = {name: weight / total for name, weight in weights.items()}
     # By the logarithm, which also ranks classes whose probabilities are rounded to zero.
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
-    rows = [_row(each, ranked, priors[each.name], probabilities[each.name]) for each in ranked]
+    best = ranked[0]
+    rows = [_row(each, best, priors[each.name], probabilities[each.name]) for each in ranked]
     return Comparison(tuple(rows), ranked[0].data_digest, unseen=_unseen(ranked, weights))
 
 
@@ -310,18 +322,8 @@ def class_probabilities(
     return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
 
 
-def _row(
-    posterior: Posterior, ranked: Sequence[Posterior], prior: float, probability: float
-) -> RankedClass:
-    best, fit = ranked[0], posterior.adequacy
-    evidence, top = posterior.evidence, best.evidence
-    misfit = _misfit_of_best(ranked) if posterior is best else ""
-    checks = [Check("misfit", misfit)] if misfit else []
-    matters = can_matter(probability)
-    harmless = "" if matters else "; the class is too improbable for this to change the answer"
-    checks += [Check("sampling", words + harmless, matters) for words in posterior.failed_checks]
-    if probability >= RANKING.probable:
-        checks += [Check("edge", edge.statement) for edge in posterior.edges]
+def _row(posterior: Posterior, best: Posterior, prior: float, probability: float) -> RankedClass:
+    evidence, top, fit = posterior.evidence, best.evidence, posterior.adequacy
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
     distinguishable = posterior is not best and is_distinguishable(difference, error)
@@ -348,7 +350,6 @@ def _row(
         n_parameters=len(posterior.parameter_names),
         misfit_p_value=fit.overall.p_value if fit else None,
         misfit_sds=fit.overall.sds if fit else None,
-        checks=tuple(checks),
     )
 
 
@@ -357,16 +358,36 @@ def can_matter(probability: float, too_low_by: float = RANKING.wrong_by) -> bool
     return probability > 0.0 and math.log(probability) + too_low_by >= math.log(RANKING.probable)
 
 
-def _misfit_of_best(ranked: Sequence[Posterior]) -> str:
-    """What of the data the best class does not explain, and likely causes; empty if nothing."""
-    best = ranked[0].adequacy
+def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
+    """What of the data the best class does not explain, and likely causes."""
+    fits = {each.name: each.adequacy for each in posteriors}
+    ranked = [row.name for row in comparison.classes]
+    best = fits[ranked[0]]
     if best is None or best.is_adequate:
-        return ""
-    adequate = [p.name for p in ranked if p.adequacy is not None and p.adequacy.is_adequate]
+        return
+    adequate = [name for name in ranked if (fit := fits[name]) is not None and fit.is_adequate]
     others = "No other class explains them" if len(ranked) > 1 else ""
     if adequate:
         others = f"Only less probable classes explain them ({', '.join(map(repr, adequate))})"
-    return inadequacy_in_words(best, others)
+    yield Check("misfit", inadequacy_in_words(best, others), model_class=ranked[0])
+
+
+def failed_sampling(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
+    """Failed checks of the sampling of classes; remarks where they can change no answer."""
+    probabilities = {row.name: row.probability for row in comparison.classes}
+    for each in posteriors:
+        matters = can_matter(probabilities[each.name])
+        harmless = "" if matters else "; the class is too improbable for this to change the answer"
+        for words in each.failed_checks:
+            yield Check("sampling", words + harmless, matters, each.name)
+
+
+def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
+    """Edges of settings at which posteriors of probable classes lie."""
+    probabilities = {row.name: row.probability for row in comparison.classes}
+    for each in posteriors:
+        if probabilities[each.name] >= RANKING.probable:
+            yield from (Check("edge", edge.statement, True, each.name) for edge in each.edges)
 
 
 def _require_same_data(posteriors: Sequence[Posterior]) -> None:

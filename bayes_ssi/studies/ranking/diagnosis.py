@@ -37,6 +37,8 @@ from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
+from bayes_ssi.studies.ranking.class_sampling import is_cheap
+from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
 
 Change = Callable[[ModalData], ModalData]
 
@@ -249,6 +251,37 @@ def diagnose(
         hints = convincing(list(common_factor(model_class)))
     hints.sort(key=lambda hint: -hint.gain)
     return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(CRITICISM.limit))
+
+
+def with_hints(
+    model_classes: Sequence[ModelClass],
+    posteriors: Sequence[Posterior],
+    comparison: Comparison,
+    workers: Workers | None,
+) -> tuple[Posterior, ...]:
+    """The posteriors, that of the best class with hints why it does not explain the data.
+
+    Where no repair makes it explain them, the next classes are tried: a mistake may make a wrong
+    class the best.
+    """
+    classes = {each.name: each for each in model_classes}
+    by_name = {each.name: each for each in posteriors}
+    hints: tuple[Hint, ...] = ()
+    for row in comparison.classes[: RANKING.most_diagnosed]:
+        candidate, posterior = classes[row.name], by_name[row.name]
+        if posterior.adequacy is None:
+            break
+        hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
+        if hints and row is not comparison.best:
+            then = f"; then {row.name!r} explains the data"
+            hints = tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
+        if hints or posterior.adequacy.is_adequate:
+            break
+    best = by_name[comparison.best.name]
+    if not hints or best.adequacy is None:
+        return tuple(posteriors)
+    hinted = replace(best, adequacy=replace(best.adequacy, hints=hints))
+    return tuple(hinted if each is best else each for each in posteriors)
 
 
 @dataclass(frozen=True, eq=False)

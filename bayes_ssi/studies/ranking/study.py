@@ -4,8 +4,8 @@ import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from functools import cached_property
-from importlib import import_module
 from importlib.machinery import ModuleSpec
 from itertools import takewhile
 from pathlib import Path
@@ -14,25 +14,21 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked, require, require_known
+from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.error_places import own_lines
+from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.foundations.text_files import require_printable
-from bayes_ssi.inference.criticism.adequacy import Hint
-from bayes_ssi.inference.model_class.configuration import choose_configuration, failed_data_checks
+from bayes_ssi.inference.model_class.class_record import class_record
+from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.inference.workers.workers import STUDY_MODULE, Workers
+from bayes_ssi.inference.workers.workers import STUDY_MODULE
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
-from bayes_ssi.studies.ranking.comparison import RANKING, Comparison, checked_weights, compare
-from bayes_ssi.studies.ranking.diagnosis import diagnose
-from bayes_ssi.studies.ranking.setting_checks import with_settings_checked
-
-# The module of stored results, above this one.
-STORED = "bayes_ssi.results.stored_result"
+from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights
+from bayes_ssi.studies.ranking.result_record import IN_THE_FILE_OF_DRAWS, ResultRecord
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,66 +225,31 @@ class Ranking(RankedStudy):
         return {each.name: each.data for each in self.study.model_classes[0].configurations}
 
     @cached_property
-    def record(self) -> Any:
+    def record(self) -> ResultRecord:
         """What a result directory would hold of it, but for the draws and the data."""
-        return import_module(STORED).as_stored(self).record
+        study = self.study
+        return ResultRecord(
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            study=study.name,
+            description=study.description,
+            seed=self.seed,
+            settings=self.settings,
+            prior_weights=study.prior_weights,
+            data_digest=self.comparison.data_digest,
+            versions=versions(),
+            model_classes=tuple(map(class_record, study.model_classes)),
+            stands_for=study.stands_for,
+            posteriors=tuple(
+                to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
+                # For other programs.
+                | {"summary": to_record(posterior.summary)}
+                for posterior in self.posteriors
+            ),
+            mass_unit=study.mass_unit,
+        )
 
     def _line(self) -> str:
         return f"of {self.study.name!r}: {self.comparison._line()}"
-
-
-def compare_and_diagnose(
-    study: Study,
-    posteriors: Sequence[Posterior],
-    seed: int,
-    settings: SamplingSettings,
-    run: Run,
-) -> Ranking:
-    """The ranking of sampled classes; if the best one does not explain the data, with hints why."""
-    comparison = compare(posteriors, study.prior_weights)
-    hints = _hints(study, posteriors, comparison, run.workers)
-    if hints:
-        posteriors = [
-            replace(each, adequacy=replace(each.adequacy, hints=hints))
-            if each.name == comparison.best.name and each.adequacy
-            else each
-            for each in posteriors
-        ]
-        comparison = compare(posteriors, study.prior_weights)
-    comparison = with_settings_checked(
-        study.model_classes,
-        posteriors,
-        comparison,
-        lambda changed: sample_all(changed, seed, settings, Run(run.workers)),
-    )
-    ranking = Ranking(study, tuple(posteriors), comparison, seed, settings)
-    failed = failed_data_checks(ranking.tests)
-    return replace(ranking, comparison=comparison.with_common("data", failed))
-
-
-def _hints(
-    study: Study,
-    posteriors: Sequence[Posterior],
-    comparison: Comparison,
-    workers: Workers | None,
-) -> tuple[Hint, ...]:
-    """Hints at mistakes without which the best class would explain the data, or far better.
-
-    Where it does not explain them, and no repair makes it do so, the next ones are tried: a mistake
-    may make a wrong class the best.
-    """
-    classes = dict(zip(study.names, zip(study.model_classes, posteriors, strict=True), strict=True))
-    for place, row in enumerate(comparison.classes[: RANKING.most_diagnosed]):
-        candidate, posterior = classes[row.name]
-        if posterior.adequacy is None:
-            break
-        hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
-        if hints:
-            then = f"; then {row.name!r} explains the data" if place else ""
-            return tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
-        if posterior.adequacy.is_adequate:
-            break
-    return ()
 
 
 # Packages that studies import, and the extras of this one that install them.
@@ -381,14 +342,9 @@ class AveragedParameter(Summary):
 
     n_classes: int  # that infer it
     probability: float  # of these classes together
-
-
-@dataclass(frozen=True)
-class AveragedAndNaive(AveragedParameter):
-    """A parameter of the baseline, averaged over all hypotheses by their probability."""
-
-    naive_mean: float  # under the most probable hypothesis of no appendage that infers it
-    naive_sd: float
+    # Of a search: under the most probable hypothesis without any feature that infers it.
+    naive_mean: float | None = None
+    naive_sd: float | None = None
 
 
 def averaged_parameters(
@@ -411,7 +367,7 @@ def averaged_parameters(
 
 
 def averaged_parameter(
-    name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float]
+    name: str, posteriors: Sequence[Posterior], probabilities: Sequence[float], **further: float
 ) -> AveragedParameter:
     total = sum(probabilities)
     draws, weights = [], []
@@ -421,5 +377,5 @@ def averaged_parameter(
         weights.append(np.full(len(own), probability / total / len(own)))
     x, w = np.concatenate(draws), np.concatenate(weights)
     return AveragedParameter.weighted(
-        name, x, w, n_classes=len(posteriors), probability=min(total, 1.0)
+        name, x, w, n_classes=len(posteriors), probability=min(total, 1.0), **further
     )

@@ -37,6 +37,8 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Effort:
+    """How much is computed of one hypothesis, before it is sampled or in its place."""
+
     n_draws: int  # draws that scan the prior of what the hypothesis adds
     # From the best of these, and of the prior's; without any, importance draws are of the simpler
     # hypothesis alone.
@@ -49,7 +51,26 @@ class Effort:
 
 @dataclass(frozen=True)
 class Efforts:
-    """The ladder of efforts below sampling, the cheapest first, and what goes on."""
+    """The ladder of efforts, the cheapest first, and which hypotheses go on to the next.
+
+    ========  =======================================  ==================  ========================
+    effort    what is computed                         error; evaluations  who goes on to the next
+    ========  =======================================  ==================  ========================
+    look      the greatest likelihood, of hypotheses   only a bound; 200   the highest, until those
+              that differ in places all together                           left have a thousandth
+    scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
+              hypothesis and the feature's prior
+    quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
+              and 300 importance draws about them      nat; 1,000          probability of all
+    full      the same, by searches repeated until     0.1 nats; a tenth   those on which the answer
+              they agree, with draws as it takes       of sampling         rests (``to_sample``)
+    sampling  a posterior, checked                     as it is wanted     none
+    ========  =======================================  ==================  ========================
+
+    Up to 30 hypotheses with at most one feature begin with the full effort; those that can be
+    computed together with a look; more than 300 with several features with a scan; others with the
+    quick one.
+    """
 
     # Frequencies in steps of 2 %, from the best of which ascents end within a few nats of the
     # greatest likelihood, while evidences are eight and more below it.
@@ -70,23 +91,11 @@ class Efforts:
     share_for_full: float = 3e-3
     most_several: int = 300  # hypotheses with several features that are tried quickly, in a minute
     share_left_out: float = 1e-3  # of what the others have, for all together that a look leaves out
-    looked_at_together: int = 32  # more hypotheses in a batch are no faster
-    rows_in_cache: int = 256  # more rows of a batch leave the processor's cache
     least_expected: float = 1e-3  # probability of a hypothesis with several features that is tried
     most_expected: int = 300  # number of these
     # An approximate log evidence is too low by so many standard errors at most.
     errors_too_low: float = 3.0
     least_error: float = 0.05  # some hundred draws show no smaller ones
-    basis_draws: int = 200  # draws whose modes make the bases of reduced structures
-    # Of the data's own errors, for the basis that hypotheses share; full solutions at draws correct
-    # the evidence, or enlarge it once.
-    error_share: float = 0.5
-    # Sampling takes as long as screening five hypotheses; with more, errors of a tenth of a nat,
-    # which are independent, change sums little.
-    most_sampled: int = 12
-    # Baselines included, where each takes some 20 full solutions of a finite-element model.
-    most_with_full_solutions: int = 6
-    credible: float = 0.95  # share of the probability of all places that the named ones hold
 
 
 EFFORTS = Efforts()

@@ -2,9 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,14 +18,63 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
 )
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.structures.geometry import SinglePlace
+from bayes_ssi.structures.geometry import Point, SinglePlace
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened
+from bayes_ssi.studies.search.approximate_evidence import Screened
 
-Feature = TypeVar("Feature", bound=Hashable)
+
+class FeaturePlace:
+    """Where a hypothesis puts a feature, and what it is there; its kinds are frozen dataclasses."""
+
+    record_tag = "kind"  # where a stored record names the kind
+    # How drawings show it: a legend, a marker, and whether it is outside of the building.
+    title: ClassVar[str]
+    marker: ClassVar[str] = "s"
+    is_outside: ClassVar[bool] = False
+
+    if TYPE_CHECKING:  # a property or a field, which must not hide one another
+
+        @property
+        def name(self) -> str:
+            """Unique among the places."""
+
+    @property
+    def description(self) -> str:
+        """The feature and its place in words."""
+        return f"{self.title} {self.name}"
+
+    @property
+    def is_common(self) -> bool:
+        """Whether it is what all places have in common, which counts as no feature."""
+        return False
+
+    @property
+    def height(self) -> float | None:
+        """In storeys above the ground, where that is known."""
+        return None
+
+    @property
+    def coordinates(self) -> Point | None:
+        return None
+
+    @property
+    def direction(self) -> Point | None:
+        """(x, y, z) of its motion, where it is known."""
+        return None
+
+
+Feature = TypeVar("Feature", bound=FeaturePlace)
 # Names of parameters and n → draws (n, d) of these, in standard-normal coordinates.
 Draws = Callable[[Sequence[str], int], FloatArray]
+
+
+BASIS_DRAWS = 200  # draws whose modes make the bases of reduced structures
+# Sampling takes as long as screening five hypotheses; with more, errors of a tenth of a nat, which
+# are independent, change sums little.
+MOST_SAMPLED = 12
+# Baselines included, where each takes some 20 full solutions of a finite-element model.
+MOST_WITH_FULL_SOLUTIONS = 6
 
 
 class Key(NamedTuple, Generic[Feature]):
@@ -121,9 +170,9 @@ class Family(ABC, Generic[Feature]):
     def most_sampled(self) -> int | None:
         most = self.options.most_sampled
         if most is None and any(map(is_approximate, self.classes)):
-            return EFFORTS.most_with_full_solutions
+            return MOST_WITH_FULL_SOLUTIONS
         if most is None and self.options.most_unsampled > 0.0:
-            return EFFORTS.most_sampled
+            return MOST_SAMPLED
         return most
 
     @property
@@ -140,6 +189,12 @@ class Family(ABC, Generic[Feature]):
         self, baseline: ModelClass, features: Sequence[Feature], name: str
     ) -> ModelClass:
         """A baseline, or an approximation of it, with features added."""
+
+    @abstractmethod
+    def quantities(
+        self, baseline: str, feature: Feature, column: Callable[[str], FloatArray]
+    ) -> Mapping[str, FloatArray]:
+        """How much there is of a feature, (n,) of each quantity, from draws of parameters."""
 
     def places(self, baseline: str) -> Iterable[SinglePlace]:  # noqa: ARG002 - for subclasses
         """Where on the structures of a baseline features put elements."""
@@ -180,7 +235,7 @@ class Family(ABC, Generic[Feature]):
         chosen = self[best.key.baseline]
         if not is_approximate(chosen):
             return chosen
-        draws = best.screened.posterior_draws(chosen.parameter_names, EFFORTS.basis_draws)
+        draws = best.screened.posterior_draws(chosen.parameter_names, BASIS_DRAWS)
         return more_accurate(chosen, chosen.values(draws), RefinementSettings())
 
     def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[Feature]) -> ModelClass:
@@ -205,7 +260,7 @@ def _with_reduced(
 ) -> ModelClass:
     if not is_approximate(baseline):
         return baseline
-    z = draws(baseline.parameter_names, EFFORTS.basis_draws)
+    z = draws(baseline.parameter_names, BASIS_DRAWS)
     columns = [own for _, _, own in baseline.parts(baseline.values(z))]
     return baseline.with_structures(
         lambda structure, i: change(structure, columns[i][:, : len(structure.parameters)])

@@ -17,18 +17,19 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import (
-    AveragedAndNaive,
+    AveragedParameter,
     Ranking,
     Study,
     averaged_parameter,
-    compare_and_diagnose,
 )
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Screened, ToScreen
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
@@ -45,14 +46,18 @@ class Level(NamedTuple, Generic[Feature]):
 
 
 class Draws(NamedTuple):
-    """Draws of a hypothesis: values (n, d) of its parameters, and weights that add up to one."""
+    """Draws of quantities, such as a hypothesis's parameters."""
 
-    names: tuple[str, ...]
-    values: FloatArray
-    weights: FloatArray
+    names: tuple[str, ...]  # of the quantities
+    values: FloatArray  # (n, d)
+    weights: FloatArray  # (n,), which add up to one
 
     def column(self, name: str) -> FloatArray:
         return self.values[:, self.names.index(name)]
+
+    @property
+    def quantiles(self) -> dict[str, Quantiles]:
+        return {name: weighted_quantiles(self.column(name), self.weights) for name in self.names}
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,22 +113,21 @@ class FamilySearch(Generic[Feature]):
             "expected_not_tried": float(expit(not_tried - log_total)),
         }
 
-    def averaged_parameters(self) -> Iterator[AveragedAndNaive]:
+    def averaged_parameters(self) -> Iterator[AveragedParameter]:
         """The baselines' parameters averaged over hypotheses that were sampled."""
         without = {each.model_class.name for each in self.hypotheses if not each.key.features}
-        ranked = [(self.posteriors[row.name], row.probability)
+        shares = [(self.posteriors[row.name], row.probability)
                   for row in self.ranking.comparison.classes]  # fmt: skip
-        naive = [posterior for posterior, _ in ranked if posterior.name in without]
+        naive = [posterior for posterior, _ in shares if posterior.name in without]
         for name in dict.fromkeys(name for each in naive for name in each.parameter_names):
-            inferring = [each for each in ranked if name in each[0].parameter_names]
+            inferring = [each for each in shares if name in each[0].parameter_names]
             if not any(probability > 0.0 for _, probability in inferring):
                 continue
-            averaged = averaged_parameter(name, *map(list, zip(*inferring, strict=True)))
             first = next(each for each in naive if name in each.parameter_names)
             values = first.values[:, first.parameter_names.index(name)]
-            yield AveragedAndNaive(
-                **vars(averaged), naive_mean=float(values.mean()), naive_sd=float(values.std())
-            )
+            simplest = {"naive_mean": float(values.mean()), "naive_sd": float(values.std())}
+            posteriors, probabilities = zip(*inferring, strict=True)
+            yield averaged_parameter(name, posteriors, probabilities, **simplest)
 
 
 def search_family(
@@ -135,7 +139,7 @@ def search_family(
     classes, posteriors = zip(*sampled.values(), strict=True)
     weights = {made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()}
     study = Study(family.title, classes, prior_weights=weights, mass_unit=family.study.mass_unit)
-    ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
+    ranking = ranked(study, posteriors, seed, settings, run)
     return FamilySearch(ranking, tuple(hypotheses.values()), tuple(levels))
 
 
@@ -268,7 +272,10 @@ def _sampled(
     # Screening has searched, too, and has found where posteriors lie.
     settings = replace(settings, searches=math.ceil(settings.searches / 2))
     known_regions = RefinementSettings(
-        error_share=EFFORTS.error_share, most_searches=0, most_rounds=2
+        # Full solutions at draws correct the evidence, or enlarge the shared basis once.
+        error_share=0.5,
+        most_searches=0,
+        most_rounds=2,
     )
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
     sampled: dict[Key[Feature], tuple[ModelClass, Posterior]] = {}

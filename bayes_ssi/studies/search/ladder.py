@@ -1,9 +1,7 @@
 """The ladder of efforts: all hypotheses with little effort, and those that matter with more.
 
-Hypotheses on finite-element models that can be computed together begin with a look, too many others
-with a scan, a moderate number with a quick effort, and few with full effort. From each effort the
-best go on to the next, until those left cannot matter. Sampling is the last: the answer is to rest
-hardly on the others.
+:class:`~bayes_ssi.studies.search.approximate_evidence.Efforts` has the table of efforts. From each
+the best go on to the next, until those left cannot matter.
 
 A look shows the greatest likelihood, which no evidence exceeds: a hypothesis whose greatest
 likelihood is far below the evidence of another needs no more. It is climbed to from a scan of the
@@ -43,6 +41,9 @@ from bayes_ssi.studies.search.approximate_evidence import (
     scan_draws,
     screen_all,
 )
+
+LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
+ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 
 class Look(NamedTuple):
@@ -85,7 +86,7 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, L
     for i, hypothesis in enumerate(hypotheses):
         if (common := _in_common(hypothesis)) is not None:
             groups.setdefault(common, []).append(i)
-    most = EFFORTS.looked_at_together
+    most = LOOKED_AT_TOGETHER
     parts = [
         group[start : start + most]
         for group in groups.values()
@@ -166,7 +167,7 @@ def _joint_log_likelihood(classes: Sequence[ModelClass]) -> Callable[[FloatArray
         ]
         return first.log_density_of_modes(values, modes)
 
-    n = EFFORTS.rows_in_cache
+    n = ROWS_IN_CACHE
     return lambda z: np.concatenate([of_rows(z[i : i + n]) for i in range(0, len(z), n)])
 
 

@@ -1,26 +1,38 @@
-"""What the settings do to a ranking, where posteriors lie at their edges: moved, and ranked again.
+"""The ranking of sampled classes, and its checks: what may be wrong with the answer, or does not
+change it.
 
-The end of the band, a prior at whose edge a posterior lies, and the probabilities of missed and
-spurious modes are the analyst's choice. Each is moved as far as one may be wrong about it, and the
-ranking and the parameters are compared with those before. Only a setting that changes the answer
-fails a check; any other is a remark at most.
+Each checker goes from a ranking to failed checks and remarks. The end of the band, a prior at whose
+edge a posterior lies, and the probabilities of missed and spurious modes are the analyst's choice:
+each is moved as far as one may be wrong about it, and the ranking and the parameters are compared
+with those before. Only a setting that changes the answer fails a check; any other is a remark at
+most.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 from bayes_ssi.inference.criticism.misfit import AtEdge
+from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.comparison import (
     RANKING,
     Check,
     Comparison,
     RankedClass,
+    at_edges,
+    by_evidence,
     class_probabilities,
+    failed_sampling,
+    misfit_of_best,
 )
+from bayes_ssi.studies.ranking.diagnosis import with_hints
+from bayes_ssi.studies.ranking.study import Ranking, Study
 from bayes_ssi.studies.ranking.variations import (
     SampledClasses,
     Variation,
@@ -33,64 +45,70 @@ from bayes_ssi.studies.ranking.variations import (
     with_wider_priors,
 )
 
+# From a ranking, and workers for what it takes to check it.
+Checker = Callable[[Ranking, Run], Iterable[Check]]
 
-def with_settings_checked(
-    model_classes: Sequence[ModelClass],
-    posteriors: Sequence[Posterior],
-    comparison: Comparison,
-    sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]],
-) -> Comparison:
-    """The comparison, in which settings fail a check only where they change the answer.
 
-    Classes whose draws do not cover a moved setting are sampled again, by ``sample``.
+def failed_data(ranking: Ranking, _: Run) -> Iterator[Check]:
+    """Failed checks of the data, such as of how the modes were identified."""
+    yield from (Check("data", words) for words in failed_data_checks(ranking.tests))
+
+
+def misfit_and_sampling(ranking: Ranking, _: Run) -> Iterator[Check]:
+    yield from misfit_of_best(ranking.comparison, ranking.posteriors)
+    yield from failed_sampling(ranking.comparison, ranking.posteriors)
+
+
+def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
+    """What settings do to the ranking, where posteriors lie at their edges.
+
+    Classes whose draws do not cover a moved setting are sampled again.
     """
+    comparison, posteriors = ranking.comparison, ranking.posteriors
     if any(posterior.sensor_shapes is None for posterior in posteriors):
-        return comparison
+        yield from at_edges(comparison, posteriors)
+        return
+
+    def sample(changed: Sequence[ModelClass]) -> Sequence[Posterior]:
+        return sample_all(changed, ranking.seed, ranking.settings, Run(run.workers))
+
     by_name = {posterior.name: posterior for posterior in posteriors}
     relevant = [
         by_name[row.name] for row in comparison.classes if row.probability >= RANKING.negligible
     ]
-    study = _MovableStudy(comparison, SampledClasses.of(model_classes, relevant, sample))
-    rows = [_with_edges_checked(row, study) for row in comparison.classes]
-    probable = [by_name[row.name] for row in comparison.classes if _is_probable(row)]
-    if len({sum(len(test.pairing) for test in each.configurations) for each in probable}) > 1:
+    sampled = SampledClasses.of(ranking.study.model_classes, relevant, sample)
+    study = _MovableStudy(comparison, sampled)
+    probable = [row for row in comparison.classes if row.probability >= RANKING.probable]
+    for row in probable:
+        yield from (study.at_edge(edge, row) for edge in by_name[row.name].edges)
+    tests = (by_name[row.name].configurations for row in probable)
+    if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
         for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
             moves = [
                 Variation(f"half as many {subject} modes", partial(vary, 1.0 / RANKING.varied_by)),
                 Variation(f"twice as many {subject} modes", partial(vary, RANKING.varied_by)),
             ]
             what = "the classes differ in how many modes are missed or spurious"
-            rows[0] = _with_check(rows[0], "setting", what, study.effect(moves, comparison.best))
-    return replace(comparison, classes=tuple(rows))
+            yield study.moved("setting", what, moves, comparison.best)
 
 
-def _is_probable(row: RankedClass) -> bool:
-    return row.probability >= RANKING.probable
+CHECKERS: tuple[Checker, ...] = (failed_data, misfit_and_sampling, settings_moved)
 
 
-def _with_edges_checked(row: RankedClass, study: "_MovableStudy") -> RankedClass:
-    row = replace(row, checks=tuple(check for check in row.checks if check.kind != "edge"))
-    if _is_probable(row):
-        for edge in study.sampled.posteriors[row.name].edges:
-            effect = study.hidden_beyond(edge, row.name)
-            if effect is None:
-                moves = _moves_of(edge, study.sampled.classes[row.name])
-                effect = study.effect(moves, row)
-            row = _with_check(row, "edge", edge.statement, effect)
-    return row
-
-
-@dataclass(frozen=True)
-class Effect:
-    """What a moved setting does, in words; whether it changes the answer."""
-
-    words: str
-    fails: bool = True
-
-
-def _with_check(row: RankedClass, kind: str, what: str, effect: Effect) -> RankedClass:
-    check = Check(kind, f"{what}; {effect.words}", effect.fails)
-    return replace(row, checks=(*row.checks, check))
+def ranked(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+    checkers: Sequence[Checker] = CHECKERS,
+) -> Ranking:
+    """The ranking of sampled classes, checked; with hints if the best does not explain the data."""
+    comparison = by_evidence(posteriors, study.prior_weights)
+    hinted = with_hints(study.model_classes, posteriors, comparison, run.workers)
+    ranking = Ranking(study, hinted, comparison, seed, settings)
+    checks = [check for checker in checkers for check in checker(ranking, run)]
+    return replace(ranking, comparison=comparison.with_checks(checks))
 
 
 @dataclass(frozen=True)
@@ -102,14 +120,25 @@ class _MovableStudy:
     # By the name of a move, which says what is moved and how far: classes at one edge share them.
     answers: dict[str, dict[str, Varied]] = field(default_factory=dict)
 
-    def effect(self, moves: Sequence[Variation], row: RankedClass) -> Effect:
+    def at_edge(self, edge: AtEdge, row: RankedClass) -> Check:
+        """What an edge at which the posterior of a class lies does to the ranking."""
+        if unseen := self._hidden_beyond(edge, row.name):
+            return Check("edge", f"{edge.statement}; {unseen}", model_class=row.name)
+        moves = _moves_of(edge, self.sampled.classes[row.name])
+        return self.moved("edge", edge.statement, moves, row)
+
+    def moved(self, kind: str, what: str, moves: Sequence[Variation], row: RankedClass) -> Check:
         """What the moves do to the ranking, and to the parameters of the class of a row."""
+
+        def check(effect: str, fails: bool = True) -> Check:
+            return Check(kind, f"{what}; {effect}", fails, row.name)
+
         largest_change, largest_shift = 0.0, 0.0
         before = {each.name: each.probability for each in self.comparison.classes}
         for move in moves:
             answers = self._answers(move)
             if problem := self._problem(answers):
-                return Effect(f"what {move.name} would change is not known: {problem}")
+                return check(f"what {move.name} would change is not known: {problem}")
             after = self._probabilities(answers)
             changes = {name: after[name] - before[name] for name in before}
             most = max(changes, key=lambda name: abs(changes[name]))
@@ -118,34 +147,34 @@ class _MovableStudy:
             # A class that is more probable by less than a bare mention is level with the other.
             level = math.exp(RANKING.bare_mention) * after[self.comparison.best.name]
             if after[best] > level:
-                return Effect(f"with {move.name}, {best!r} is the most probable class")
+                return check(f"with {move.name}, {best!r} is the most probable class")
             if abs(changes[most]) > RANKING.probability_moved:
                 words = f"from {after[most] - changes[most]:.2f} to {after[most]:.2f}"
-                return Effect(f"with {move.name}, the probability of {most!r} goes {words}")
+                return check(f"with {move.name}, the probability of {most!r} goes {words}")
             if shift > RANKING.parameter_moved and row.probability > RANKING.probability_moved:
                 words = f"{parameter!r} moves by {shift:.1f} of its standard deviation"
-                return Effect(f"with {move.name}, {words}")
+                return check(f"with {move.name}, {words}")
             largest_change = max(largest_change, abs(changes[most]))
             largest_shift = max(largest_shift, shift)
         names = " or ".join(move.name for move in moves)
-        return Effect(
+        return check(
             f"with {names}, no probability changes by more than {_up(largest_change)}, and no "
             f"parameter of the structure by more than {_up(largest_shift)} of its standard "
             "deviation",
             fails=False,
         )
 
-    def hidden_beyond(self, edge: AtEdge, name: str) -> Effect | None:
-        """An effect that no draw can show, beyond the bound of a prior; None where all can."""
+    def _hidden_beyond(self, edge: AtEdge, name: str) -> str:
+        """An effect that no draw can show, beyond the bound of a prior; empty where all can."""
         if edge.parameter is None:
-            return None
+            return ""
         posterior = self.sampled.posteriors[name]
         column = posterior.parameter_names.index(edge.parameter)
         bound = self.sampled.classes[name].parameters[column].prior.support[edge.end]
         # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
         if bound == 0.0 or not reaches_bound(posterior.values[:, column], bound, edge.end):
-            return None
-        return Effect(
+            return ""
+        return (
             f"what a prior beyond {bound:g} would change is not known, because nothing was sampled "
             "there"
         )
@@ -166,7 +195,7 @@ class _MovableStudy:
 
     def _problem(self, answers: Mapping[str, Varied]) -> str:
         for row in self.comparison.classes:
-            if _is_probable(row) and answers[row.name].problem:
+            if row.probability >= RANKING.probable and answers[row.name].problem:
                 return f"{row.name!r}: {answers[row.name].problem}"
         return ""
 

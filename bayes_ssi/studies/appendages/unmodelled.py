@@ -1,4 +1,4 @@
-"""Ranking, and whether a mode looks as if an appendage that no class models had split it.
+"""Whether a mode looks as if an appendage that no class models had split it: a check of rankings.
 
 A resonant appendage makes two modes of one. Evidence ranks the classes that are there: one that
 takes either of the two for the mode, and the other for spurious, fits perfectly with stiffnesses
@@ -7,28 +7,33 @@ screening of a search.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.appendages.candidates import CRITERIA
-from bayes_ssi.studies.ranking.class_sampling import is_cheap, sample_all
-from bayes_ssi.studies.ranking.study import Ranking, Study, compare_and_diagnose
+from bayes_ssi.studies.appendages.candidates import FREQUENCIES_NEAR, MOST_PLACES_FOR_A_WARNING
+from bayes_ssi.studies.ranking.class_sampling import is_cheap
+from bayes_ssi.studies.ranking.comparison import Check
+from bayes_ssi.studies.ranking.study import Ranking, Study
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen_all
 
-ASK = "; ask with bayes-ssi search STUDY"
+ASK = "; ask with a search for appendages"
 
 
-def unmodelled_appendage(study: Study, ranking: Ranking, seed: int, run: Run) -> str:
+def missing_appendage(ranking: Ranking, run: Run) -> Iterator[Check]:
     """Why the answer may be that of an analyst who misses an appendage, if it may."""
+    if words := unmodelled_appendage(ranking, run):
+        yield Check("appendage", words)
+
+
+def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
+    study = ranking.study
     if any(
         test.structure.appendages for each in study.model_classes for test in each.configurations
     ):
@@ -51,9 +56,9 @@ def unmodelled_appendage(study: Study, ranking: Ranking, seed: int, run: Run) ->
         baselines = choose_baselines(Study(study.name, [best]))
     except ValueError:  # nothing can be hung on it
         return looks and f"{looks}, and no class models one"
-    if not is_cheap(best) or len(baselines.features[best.name]) > CRITERIA.most_places:
+    if not is_cheap(best) or len(baselines.features[best.name]) > MOST_PLACES_FOR_A_WARNING:
         return looks and f"{looks}, and no class models one{ASK}"
-    nats, where = _screened(baselines, best, seed, run)
+    nats, where = _screened(baselines, best, ranking.seed, run)
     if nats <= 0.0:
         return ""
     left = ", ".join(label_in(name, repr(one)) for _, name, labels in spurious for one in labels)
@@ -73,7 +78,7 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
         gap = high.frequency_hz / low.frequency_hz - 1.0
         mac = alike.get((low.label, high.label))
         if not {low.label, high.label}.intersection(spurious) or (
-            mac is None and gap > CRITERIA.near
+            mac is None and gap > FREQUENCIES_NEAR
         ):
             continue
         shapes = "" if mac is None else f", MAC {mac:.2f}"
@@ -95,36 +100,3 @@ def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tu
 
 def _times(nats: float) -> str:
     return f"{math.exp(nats):.2g} times" if nats < 10.0 else f"e^{nats:.0f} times"
-
-
-@checked
-def rank(
-    study: Study,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
-) -> Ranking:
-    """Sample every model class of a study and rank them by evidence.
-
-    Args:
-        study: the candidates.
-        seed: a class's result follows from it and the class's name, regardless of other classes.
-        settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
-
-    Raises:
-        ValueError: the classes explain different data, a class's likelihood is zero everywhere,
-            the model cannot be evaluated by the workers, or the checkpoint is of another run.
-    """
-    study.require_same_data()
-    settings = settings or SamplingSettings()
-    run = run or Run()
-    with run.working():
-        posteriors = sample_all(study.model_classes, seed, settings, run)
-        ranking = compare_and_diagnose(study, posteriors, seed, settings, run)
-        missing = unmodelled_appendage(study, ranking, seed, run)
-    if not missing:
-        return ranking
-    comparison = ranking.comparison.with_common("appendage", [missing])
-    return replace(ranking, comparison=comparison)
