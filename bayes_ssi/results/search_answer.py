@@ -14,7 +14,7 @@ from bayes_ssi.results.wording import (
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
-from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
+from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
 
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
@@ -70,7 +70,7 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
         f"{each.name!r}, with probability {probability_in_words(each.probability)}: without any "
         f"appendage, {best.name!r} beats it by {best.log_evidence - each.log_evidence:.1f} nats"
         for each in search.beaten
-        if each.probability >= RANKING.probable
+        if each.probability >= PROBABLE
     )
 
 
@@ -222,7 +222,7 @@ def _percent(share: Quantiles) -> str:
 def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     """Where it changed and by how much, what would have been seen, and what it rests on."""
     own = [each for each in record.places if not each.place.is_common]
-    if record.probability_of_any >= RANKING.probable:
+    if record.probability_of_any >= PROBABLE:
         yield from _places(record)
     if record.has_visible:
         yield from _visible([each for each in own if each.is_observed])
@@ -270,7 +270,7 @@ def _places(record: FamilyRecord) -> Iterator[str]:
     others = [
         f"{each.place.name} ({probability_in_words(each.probability)})"
         for each in record.places_by_probability
-        if each.probability >= RANKING.probable and not each.place.is_common and each not in changed
+        if each.probability >= PROBABLE and not each.place.is_common and each not in changed
     ]
     if others:
         yield f"The other places that may have changed are {shortened(others)}."

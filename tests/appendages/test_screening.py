@@ -102,7 +102,7 @@ def test_only_what_matters_is_sampled_and_all_is_reported(bare, fake_sampling):
     assert result.record.n_unsampled == 5
     assert sum(row.probability for row in rows) == pytest.approx(1.0)
     assert sum(row.prior_probability for row in rows) == pytest.approx(1.0)
-    assert all(each.frequency_hz[0] < each.frequency_hz[2]
+    assert all(each.amounts["frequency_hz"][0] < each.amounts["frequency_hz"][2]
                for row in rows for each in row.features)  # fmt: skip
 
 

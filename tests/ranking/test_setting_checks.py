@@ -9,7 +9,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.studies.ranking.comparison import RANKING
+from bayes_ssi.studies.ranking.checks import BAND_MOVED
 
 COARSE = bs.SamplingSettings(log_evidence_error=0.03)
 ERROR = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
@@ -58,9 +58,7 @@ def shift_by_quadrature(n_storeys, factor, moved):
 def test_the_end_of_the_band_by_what_it_does_to_a_parameter(n_storeys):
     """One frequency determines k less than four do, and the end of the band shifts it by more."""
     comparison = ranked(building(n_storeys, 1.0))
-    shifts = [
-        shift_by_quadrature(n_storeys, 1.0, 1.0 + s * RANKING.band_moved) for s in (-1.0, 1.0)
-    ]
+    shifts = [shift_by_quadrature(n_storeys, 1.0, 1.0 + s * BAND_MOVED) for s in (-1.0, 1.0)]
     assert comparison.failed_checks == ()
     (remark,) = comparison.remarks
     assert "edge of the band" in remark
@@ -80,7 +78,7 @@ def test_the_end_of_the_band_that_turns_a_ranking_fails():
     comparison = ranked(two, one, weights={"two storeys": 1.0, "one mass": weight})
     assert comparison.best.name == "one mass"
     (failed,) = (text for text in comparison.failed_checks if "edge of the band" in text)
-    end = (1.0 - RANKING.band_moved) * two.data.band_hz[1]
+    end = (1.0 - BAND_MOVED) * two.data.band_hz[1]
     assert failed.startswith("'two storeys': model mode 2 is paired with nothing")
     assert f"with the band ending at {end:.3g} Hz, 'two storeys' is the most probable" in failed
 

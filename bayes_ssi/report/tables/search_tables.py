@@ -17,7 +17,7 @@ from bayes_ssi.report.tables.layout import (
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.ranking.comparison import RANKING, Comparison, probability_text
+from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison, probability_text
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 APPROXIMATELY = "≈ "
@@ -113,7 +113,7 @@ def appendage_place_table(record: SearchRecord) -> Table:
 def several_table(record: SearchRecord) -> Iterator[Table]:
     """The appendages of the probable hypotheses with several of them, if there are any."""
     rows = [row for row in _shown(record) if len(row.features) > 1]
-    rows = [row for row in rows if row.probability >= RANKING.probable]
+    rows = [row for row in rows if row.probability >= PROBABLE]
     if not rows:
         return
     cells = [

@@ -49,7 +49,8 @@ from bayes_ssi.results.hierarchy.populations import (
 )
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 from bayes_ssi.studies.ranking.comparison import (
-    RANKING,
+    PROBABLE,
+    STANDARD_ERRORS,
     bayes_factor_scale,
     class_probabilities,
     is_distinguishable,
@@ -204,7 +205,7 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
         error = 0.0 if each is best else math.hypot(each.error, best.error)
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
-        has_chance = difference + RANKING.standard_errors * error > math.log(RANKING.probable)
+        has_chance = difference + STANDARD_ERRORS * error > math.log(PROBABLE)
         if has_chance and each.coverage.error > LARGEST_ERROR:
             failed = (
                 *failed,

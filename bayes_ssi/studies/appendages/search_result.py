@@ -7,7 +7,7 @@ from typing import Any
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.studies.appendages.baselines import MassScale, frequency_name, hypothesis, mass_name
 from bayes_ssi.studies.appendages.candidates import SearchSettings
-from bayes_ssi.studies.ranking.comparison import RANKING
+from bayes_ssi.studies.ranking.comparison import VERY_STRONG
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.findings import FamilyRecord, Finding, credible
 
@@ -91,7 +91,7 @@ class SearchRecord(FamilyRecord):
             each
             for each in self.baselines
             if each.prior_probability > 0.0
-            and self.best_without_appendages.log_evidence - each.log_evidence > RANKING.very_strong
+            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
         )
 
     @property

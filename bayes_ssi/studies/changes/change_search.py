@@ -24,7 +24,7 @@ from bayes_ssi.studies.changes.changes_family import (
     choose_changes,
 )
 from bayes_ssi.studies.changes.visible_loss import SHOWN, visibilities
-from bayes_ssi.studies.ranking.comparison import RANKING
+from bayes_ssi.studies.ranking.comparison import BARE_MENTION
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import FeaturePlace
 from bayes_ssi.studies.search.family_search import FamilySearch
@@ -118,7 +118,7 @@ def _alike(rows: Sequence[HypothesisRecord]) -> dict[FeaturePlace, tuple[str, ..
     best = next((each for each in rows if each.claims_any), None)
     if best is None or best.probability == 0.0:
         return {}
-    least = math.exp(-RANKING.bare_mention) * best.probability
+    least = math.exp(-BARE_MENTION) * best.probability
     ours = {change.place for change in best.features}
     alike: dict[FeaturePlace, tuple[str, ...]] = {}
     for row in rows:

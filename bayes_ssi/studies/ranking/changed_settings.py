@@ -23,7 +23,8 @@ from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.ranking.comparison import (
-    RANKING,
+    STANDARD_ERRORS,
+    WRONG_BY,
     can_matter,
     checked_weights,
     class_probabilities,
@@ -366,12 +367,11 @@ def sensitivity(sampled: SampledClasses, prior_weights: Mapping[str, float] | No
         changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
         after = class_probabilities(changed, prior_weights)
         unsaid = [name for name, each in answers.items() if each.problem]
-        errors = {name: RANKING.standard_errors * answers[name].log_ratio.error for name in unsaid}
+        errors = {name: STANDARD_ERRORS * answers[name].log_ratio.error for name in unsaid}
         problem = "; ".join(
             f"{name!r}: {answers[name].problem}"
             for name in unsaid
-            if can_matter(shares[name])
-            or can_matter(after[name], min(errors[name], RANKING.wrong_by))
+            if can_matter(shares[name]) or can_matter(after[name], min(errors[name], WRONG_BY))
         )
         rows.append(
             SensitivityRow(variation.name, {} if problem else after, problem, tuple(unsaid))

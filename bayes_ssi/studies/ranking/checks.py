@@ -21,7 +21,8 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.comparison import (
-    RANKING,
+    BARE_MENTION,
+    PROBABLE,
     Check,
     Comparison,
     RankedClass,
@@ -44,6 +45,15 @@ from bayes_ssi.studies.ranking.variations import (
     with_spurious,
     with_wider_priors,
 )
+
+NEGLIGIBLE = 1e-4  # the least probability that is shown; less changes by no setting
+# Factor by which widths of priors, and probabilities of missed and spurious modes, may be wrong.
+VARIED_BY = 2.0
+# Filters roll off and identification gets worse over about this much of a band.
+BAND_MOVED = 0.05
+# A setting that moves a class's probability by more fails a check, and so does one that moves a
+# parameter of the structure by more of its standard deviations: the error it is quoted with.
+PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
 
 # From a ranking, and workers for what it takes to check it.
 Checker = Callable[[Ranking, Run], Iterable[Check]]
@@ -73,20 +83,18 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
         return sample_all(changed, ranking.seed, ranking.settings, Run(run.workers))
 
     by_name = {posterior.name: posterior for posterior in posteriors}
-    relevant = [
-        by_name[row.name] for row in comparison.classes if row.probability >= RANKING.negligible
-    ]
+    relevant = [by_name[row.name] for row in comparison.classes if row.probability >= NEGLIGIBLE]
     sampled = SampledClasses.of(ranking.study.model_classes, relevant, sample)
     study = _MovableStudy(comparison, sampled)
-    probable = [row for row in comparison.classes if row.probability >= RANKING.probable]
+    probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
         yield from (study.at_edge(edge, row) for edge in by_name[row.name].edges)
     tests = (by_name[row.name].configurations for row in probable)
     if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
         for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
             moves = [
-                Variation(f"half as many {subject} modes", partial(vary, 1.0 / RANKING.varied_by)),
-                Variation(f"twice as many {subject} modes", partial(vary, RANKING.varied_by)),
+                Variation(f"half as many {subject} modes", partial(vary, 1.0 / VARIED_BY)),
+                Variation(f"twice as many {subject} modes", partial(vary, VARIED_BY)),
             ]
             what = "the classes differ in how many modes are missed or spurious"
             yield study.moved("setting", what, moves, comparison.best)
@@ -145,13 +153,13 @@ class _MovableStudy:
             best = max(after, key=lambda name: after[name])
             shift, parameter = self._largest_shift(row.name, answers[row.name])
             # A class that is more probable by less than a bare mention is level with the other.
-            level = math.exp(RANKING.bare_mention) * after[self.comparison.best.name]
+            level = math.exp(BARE_MENTION) * after[self.comparison.best.name]
             if after[best] > level:
                 return check(f"with {move.name}, {best!r} is the most probable class")
-            if abs(changes[most]) > RANKING.probability_moved:
+            if abs(changes[most]) > PROBABILITY_MOVED:
                 words = f"from {after[most] - changes[most]:.2f} to {after[most]:.2f}"
                 return check(f"with {move.name}, the probability of {most!r} goes {words}")
-            if shift > RANKING.parameter_moved and row.probability > RANKING.probability_moved:
+            if shift > PARAMETER_MOVED and row.probability > PROBABILITY_MOVED:
                 words = f"{parameter!r} moves by {shift:.1f} of its standard deviation"
                 return check(f"with {move.name}, {words}")
             largest_change = max(largest_change, abs(changes[most]))
@@ -183,9 +191,7 @@ class _MovableStudy:
         """The classes under a move, probable ones sampled again where draws do not cover it."""
         # One that is less probable than this can hardly lose so much, and there may be dozens.
         probable = {
-            row.name
-            for row in self.comparison.classes
-            if row.probability > RANKING.probability_moved
+            row.name for row in self.comparison.classes if row.probability > PROBABILITY_MOVED
         }
         if move.name not in self.answers:
             self.answers[move.name] = self.sampled.varied(
@@ -195,7 +201,7 @@ class _MovableStudy:
 
     def _problem(self, answers: Mapping[str, Varied]) -> str:
         for row in self.comparison.classes:
-            if row.probability >= RANKING.probable and answers[row.name].problem:
+            if row.probability >= PROBABLE and answers[row.name].problem:
                 return f"{row.name!r}: {answers[row.name].problem}"
         return ""
 
@@ -230,14 +236,14 @@ def _up(number: float) -> str:
 def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
     """A wider prior, or the end of the band moved in and out."""
     if edge.parameter is not None:
-        factor = RANKING.varied_by
+        factor = VARIED_BY
         name = f"a prior of {edge.parameter!r} that is {factor:g} times as wide"
         return [Variation(name, partial(with_wider_priors, factor, names={edge.parameter}))]
     test = model_class.configuration(edge.configuration)
     identified = test.data.frequencies_hz
     where = f" of configuration {test.name!r}" if test.name else ""
     moves = []
-    for factor in (1.0 - RANKING.band_moved, 1.0 + RANKING.band_moved):
+    for factor in (1.0 - BAND_MOVED, 1.0 + BAND_MOVED):
         ends = list(test.data.band_hz)
         ends[edge.end] *= factor
         # The identified modes stay inside.

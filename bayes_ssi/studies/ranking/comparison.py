@@ -23,54 +23,18 @@ SCALE = (
 )
 
 
-@dataclass(frozen=True)
-class RankingSettings:
-    """When model classes, and rankings under other settings, count as different."""
-
-    # Of a difference from the best class beyond which it is distinguishable: about 95 % of a normal
-    # distribution lie within two.
-    standard_errors: float = 2.0
-    # A class less probable than this is not flagged for lying at the edge of its priors: having to
-    # do so is what makes it improbable.
-    probable: float = 0.01
-    negligible: float = 1e-4  # the least probability that is shown; less changes by no setting
-    most_diagnosed: int = 3  # classes whose misfit is diagnosed, the most probable first
-    # Factor by which widths of priors, and probabilities of missed and spurious modes, may be
-    # wrong.
-    varied_by: float = 2.0
-    # Filters roll off and identification gets worse over about this much of a band.
-    band_moved: float = 0.05
-    # A setting that moves a class's probability by more fails a check.
-    probability_moved: float = 0.1
-    # So does one that moves a parameter of the structure by more of its standard deviations, which
-    # is the error it is quoted with.
-    parameter_moved: float = 1.0
-    # Weights of no more than this multiple of the mean have no tail to judge.
-    untailed_weight: float = 3.0
-    # Of a posterior within its standard deviation of a bound, where it has half as much beyond: one
-    # hundredth of the evidence, or 0.01 nats, is not seen.
-    share_at_bound: float = 0.02
-
-    @property
-    def bare_mention(self) -> float:
-        """A smaller difference in ln B is not worth more than a bare mention on the scale."""
-        return 0.5 * SCALE[0][0]
-
-    @property
-    def very_strong(self) -> float:
-        """From this difference in ln B on, evidence is very strong on the scale."""
-        return 0.5 * SCALE[-2][0]
-
-    @property
-    def wrong_by(self) -> float:
-        """How much too low an evidence may be whose check failed, which does not say by how much.
-
-        An improbable class that not even that would bring back changes no answer.
-        """
-        return 2.0 * self.very_strong
-
-
-RANKING = RankingSettings()
+# A smaller difference in ln B is not worth more than a bare mention on the scale; from the other
+# on, evidence is very strong.
+BARE_MENTION, VERY_STRONG = 0.5 * SCALE[0][0], 0.5 * SCALE[-2][0]
+# How much too low an evidence may be whose check failed, which does not say by how much: an
+# improbable class that not even that would bring back changes no answer.
+WRONG_BY = 2.0 * VERY_STRONG
+# Of a difference from the best class beyond which it is distinguishable: about 95 % of a normal
+# distribution lie within two.
+STANDARD_ERRORS = 2.0
+# A class less probable than this is not flagged for lying at the edge of its priors: having to do
+# so is what makes it improbable.
+PROBABLE = 0.01
 
 
 def bayes_factor_scale(log_bayes_factor: float) -> str:
@@ -84,7 +48,7 @@ def bayes_factor_scale(log_bayes_factor: float) -> str:
 def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
     """Whether it is more than a bare mention on the scale and than two of its standard errors."""
     size = abs(log_bayes_factor)
-    return size >= RANKING.bare_mention and size > RANKING.standard_errors * error
+    return size >= BARE_MENTION and size > STANDARD_ERRORS * error
 
 
 @dataclass(frozen=True)
@@ -353,9 +317,9 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
     )
 
 
-def can_matter(probability: float, too_low_by: float = RANKING.wrong_by) -> bool:
+def can_matter(probability: float, too_low_by: float = WRONG_BY) -> bool:
     """Whether a class would be probable if its log evidence were too low by this."""
-    return probability > 0.0 and math.log(probability) + too_low_by >= math.log(RANKING.probable)
+    return probability > 0.0 and math.log(probability) + too_low_by >= math.log(PROBABLE)
 
 
 def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
@@ -386,7 +350,7 @@ def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterato
     """Edges of settings at which posteriors of probable classes lie."""
     probabilities = {row.name: row.probability for row in comparison.classes}
     for each in posteriors:
-        if probabilities[each.name] >= RANKING.probable:
+        if probabilities[each.name] >= PROBABLE:
             yield from (Check("edge", edge.statement, True, each.name) for edge in each.edges)
 
 

@@ -38,10 +38,11 @@ from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
-from bayes_ssi.studies.ranking.comparison import RANKING, Comparison
+from bayes_ssi.studies.ranking.comparison import Comparison
 
 Change = Callable[[ModalData], ModalData]
 
+MOST_DIAGNOSED = 3  # classes whose misfit is diagnosed, the most probable first
 # A scanning instrument has no channels to exchange, and pairs grow with the square of the number.
 MOST_CHANNELS = 50
 # What brings frequencies in other units, or converted once too often, to Hz.
@@ -267,7 +268,7 @@ def with_hints(
     classes = {each.name: each for each in model_classes}
     by_name = {each.name: each for each in posteriors}
     hints: tuple[Hint, ...] = ()
-    for row in comparison.classes[: RANKING.most_diagnosed]:
+    for row in comparison.classes[:MOST_DIAGNOSED]:
         candidate, posterior = classes[row.name], by_name[row.name]
         if posterior.adequacy is None:
             break

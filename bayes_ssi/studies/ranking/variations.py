@@ -24,7 +24,12 @@ from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.ranking.comparison import RANKING
+
+# Weights of no more than this multiple of the mean have no tail to judge.
+UNTAILED_WEIGHT = 3.0
+# Of a posterior within its standard deviation of a bound, where it has half as much beyond: one
+# hundredth of the evidence, or 0.01 nats, is not seen.
+SHARE_AT_BOUND = 0.02
 
 
 @dataclass(frozen=True)
@@ -201,7 +206,7 @@ def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> 
         return no_answer("no draw is possible in the changed class")
     ratios = np.exp(log_weights - top)
     mean, n = float(ratios.mean()), _n_independent(posterior, n_draws)
-    untailed = ratios.max() <= RANKING.untailed_weight * mean
+    untailed = ratios.max() <= UNTAILED_WEIGHT * mean
     k = -math.inf if untailed else pareto_k(log_weights)
     # The mean of a power law beyond the largest weight w, which one in n exceeds, is w / (1 - k).
     unseen = float(ratios.max()) / (n * (1.0 - k)) if k < 1.0 else math.inf
@@ -278,4 +283,4 @@ def reaches_bound(x: FloatArray, bound: float, end: int, weights: FloatArray | N
     w = np.full(len(x), 1.0 / len(x)) if weights is None else weights
     sd = math.sqrt(float((w * (x - (w * x).sum()) ** 2).sum()))
     near = x < bound + sd if end == 0 else x > bound - sd
-    return float(w[near].sum()) > RANKING.share_at_bound
+    return float(w[near].sum()) > SHARE_AT_BOUND
