@@ -85,7 +85,6 @@ from bayes_ssi.studies.changes.changes_family import ChangeSettings as ChangeSet
 from bayes_ssi.studies.planning.layout_plans import plan as plan
 from bayes_ssi.studies.planning.plan_record import Layout as Layout
 from bayes_ssi.studies.planning.plan_record import Plan as Plan
-from bayes_ssi.studies.planning.plan_record import PlanSettings as PlanSettings
 from bayes_ssi.studies.questions import changes as changes
 from bayes_ssi.studies.questions import rank as rank
 from bayes_ssi.studies.questions import search as search

@@ -108,7 +108,7 @@ def plan(
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.studies.appendages.candidates import read_candidates
     from bayes_ssi.studies.planning.layout_plans import plan as plan_study
-    from bayes_ssi.studies.planning.plan_record import SAVED, PlanSettings
+    from bayes_ssi.studies.planning.plan_record import SAVED
 
     loaded = load(study, names)
     prediction = vars(sys.modules[f"{STUDY_MODULE}{study.stem}"]).get(aim)
@@ -122,7 +122,8 @@ def plan(
             candidates=None if candidates_file is None else read_candidates(candidates_file),
             added_masses=named_values("--added-mass", masses, "PLACE=MASS", r"(.+)=([^=]*)", float),
             after=None if after is None else load_result(after),
-            settings=PlanSettings(tests, draws),
+            n_tests=tests,
+            n_draws=draws,
             progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
             **options,
         )

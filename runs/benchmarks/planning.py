@@ -376,11 +376,11 @@ def steel(given):
 
     study = bs.Study("steel frame", [c.with_structures(with_brace) for c in study.model_classes])
     corners = [sensor.label for sensor in of_study["SENSORS"]]
-    settings = bs.PlanSettings(given.tests, given.inner)
+    amount = {"n_tests": given.tests, "n_draws": given.inner}
     for configuration in ("BC", "SC"):
         started = perf_counter()
         plan = bs.plan(study, 8, candidates=[*corners, "braces"], fixed=corners,
-                       configurations=[configuration], settings=settings)  # fmt: skip
+                       configurations=[configuration], **amount)  # fmt: skip
         print(f"{configuration}, 8 sensors at the corners ({perf_counter() - started:.0f} s): gain "
               f"{plan.best.gain:.3f} ± {plan.best.error:.3f} of {plan.greatest:.3f}, right class "
               f"named {plan.best.naming:.3f}; effective draws {plan.effective_draws:.0f}, bias "

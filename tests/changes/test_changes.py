@@ -211,12 +211,12 @@ TWO = model_class(a=SAME, b=SAME)
         (TWO.with_any_pairing("any"), ["a"], ["b"], {}, "has pairing 'any', for which tests"),
         (
             TWO, ["a"], ["b"],
-            {"settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0})},
+            {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0})},
             "covariate: no value of test 'b'",
         ),
         (
             TWO, ["a"], ["b"],
-            {"settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0, "b": 1.0})},
+            {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0, "b": 1.0})},
             "it is the same in all tests",
         ),
     ],

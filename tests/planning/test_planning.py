@@ -25,7 +25,7 @@ from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distanc
 
 BAND = (0.0, 6.0)
 FLOORS = ("floor 1", "floor 2", "floor 3")
-SETTINGS = bs.PlanSettings(n_tests=200, n_draws=100)
+FEW = {"n_tests": 200, "n_draws": 100}
 
 
 def building(n, factors, stiffness=200.0):
@@ -190,7 +190,7 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
     structure = building(1, (k,), stiffness=100.0)
     data = any_data(("floor 1",))
     study = bs.Study("one", [model_class("one", structure, 0.03, data, identification=sure)])
-    plan = bs.plan(study, 1, aim="k", settings=bs.PlanSettings(400, 200))
+    plan = bs.plan(study, 1, aim="k", n_tests=400, n_draws=200)
     sd = math.sqrt(math.log(1.0 + 0.3**2))
     exact = 0.5 * math.log(1.0 + (0.5 * sd / 0.03) ** 2)
     assert plan.best.gain == pytest.approx(exact, abs=0.02)
@@ -199,9 +199,9 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
 
 
 def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
-    whole = bs.plan(two_classes, 2, settings=SETTINGS)
+    whole = bs.plan(two_classes, 2, **FEW)
     monkeypatch.setattr("bayes_ssi.studies.planning.layout_values.MOST_EXHAUSTIVE", 0)
-    greedy = bs.plan(two_classes, 2, settings=SETTINGS)
+    greedy = bs.plan(two_classes, 2, **FEW)
     assert whole.is_exhaustive
     assert not greedy.is_exhaustive
     assert greedy.best == whole.best
@@ -215,7 +215,7 @@ def test_effective_independence_keeps_what_tells_shapes_apart():
 
 
 def test_a_layout_gives_the_form_of_its_modes(two_classes, tmp_path):
-    layout = bs.plan(two_classes, 2, settings=SETTINGS).best
+    layout = bs.plan(two_classes, 2, **FEW).best
     form = tmp_path / "modes.csv"
     layout.write_template(form)
     rows = list(csv.reader(form.read_text("utf-8").splitlines()))
@@ -244,8 +244,8 @@ def test_what_a_next_test_adds_is_less_than_a_first_one():
     data = bs.ModalData(modes, BAND, FLOORS)
     study = bs.Study("one", [model_class("one", building(3, (k, k, k)), data=data)])
     ranking = bs.rank(study, settings=bs.SamplingSettings(particles=100, searches=1))
-    first = bs.plan(study, 3, aim="k", settings=SETTINGS).best
-    next_one = bs.plan(study, 3, aim="k", settings=SETTINGS, after=ranking).best
+    first = bs.plan(study, 3, aim="k", **FEW).best
+    next_one = bs.plan(study, 3, aim="k", **FEW, after=ranking).best
     # As many modes again, as precise: twice the precision, but for modes that may be missed.
     assert next_one.gain == pytest.approx(0.5 * math.log(2.0), abs=0.05)
     assert first.gain > next_one.gain + 1.0
@@ -262,7 +262,7 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_input_is_named(two_classes, message):
-    given = {"n_sensors": 2, "settings": SETTINGS, **BAD[message]}
+    given = {"n_sensors": 2, **FEW, **BAD[message]}
     with pytest.raises(ValueError, match=message):
         bs.plan(two_classes, **given)
 
@@ -281,7 +281,7 @@ def frequencies(structure, values):
 )
 def test_an_aim_without_an_end_of_information_is_refused(two_classes, what, aim):
     with pytest.raises(ValueError, match=rf"the {what} values that the aim predicts .* 'alike'"):
-        bs.plan(two_classes.only(["alike"]), 2, aim=aim, settings=SETTINGS)
+        bs.plan(two_classes.only(["alike"]), 2, aim=aim, **FEW)
 
 
 def test_one_class_has_no_rival(two_classes):
@@ -291,7 +291,7 @@ def test_one_class_has_no_rival(two_classes):
 
 def test_what_does_not_fit_into_memory_is_refused(two_classes):
     with pytest.raises(ValueError, match="do not fit into memory"):
-        bs.plan(two_classes, 2, settings=bs.PlanSettings(1_000_000, 1000))
+        bs.plan(two_classes, 2, n_tests=1_000_000, n_draws=1000)
 
 
 def test_classes_with_correlated_errors_are_refused():
@@ -302,7 +302,7 @@ def test_classes_with_correlated_errors_are_refused():
 
 
 def test_layouts_are_drawn_by_height_and_in_space(two_classes):
-    plan = bs.plan(two_classes, 2, settings=SETTINGS)
+    plan = bs.plan(two_classes, 2, **FEW)
     with figures_for_files():
         drawn = plot_layout(plan)
         assert {text.get_text() for text in drawn.texts} == set(FLOORS)
@@ -311,6 +311,6 @@ def test_layouts_are_drawn_by_height_and_in_space(two_classes):
             bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))
             for i, name in enumerate(FLOORS)
         ]
-        in_space = bs.plan(two_classes, 2, candidates=places, settings=SETTINGS)
+        in_space = bs.plan(two_classes, 2, candidates=places, **FEW)
         assert in_space.best == plan.best
         assert plot_layout(in_space).name == "3d"

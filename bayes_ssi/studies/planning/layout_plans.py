@@ -42,7 +42,6 @@ from bayes_ssi.studies.planning.plan_record import (
     Change,
     Layout,
     Plan,
-    PlanSettings,
 )
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
@@ -64,7 +63,8 @@ def plan(
     configurations: Sequence[str] | None = None,
     added_masses: Mapping[str, float] | None = None,
     after: Any = None,
-    settings: PlanSettings | None = None,
+    n_tests: int = 1000,
+    n_draws: int = 200,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
@@ -89,22 +89,25 @@ def plan(
             of freedom → mass.
         after: a ranking or stored result of the study: the planned test is the next one. Before any
             test, with the prior, if None.
-        settings: how many tests to simulate, and how precisely.
+        n_tests: simulated tests of all classes together; the error of a gain falls with its root.
+        n_draws: of each class about each test, whose average is the class's evidence for it.
         seed: of all that is random.
         progress: called with a configuration's name, and the completed share of its work.
 
     Raises:
         ValueError: there are fewer candidates than sensors, a candidate, class, parameter or
-            configuration does not exist, the aim is the class and there is only one, or the result
-            is not one of this study.
+            configuration does not exist, the aim is the class and there is only one, the result
+            is not one of this study, or fewer than 50 tests or draws are asked for.
     """
+    if min(n_tests, n_draws) < 50:
+        raise ValueError(f"plan: at least 50 tests and draws, got {n_tests} and {n_draws}")
     known = _known_classes(study, after)
     plans = {}
     for name, classes in _alternatives(known, configurations, added_masses or {}).items():
         classes = _with_candidates(classes, candidates)
         _check_aim(classes, aim)
         places = _places(classes[0].candidates, n_sensors, fixed, excluded)
-        request = _Planning(classes, n_sensors, aim, *places, settings or PlanSettings(), seed)
+        request = _Planning(classes, n_sensors, aim, *places, n_tests, n_draws, seed)
         report = progress or (lambda _name, _done: None)
         report(name, 0.1)
         plans[name] = request.plan(study.name, name)
@@ -270,13 +273,14 @@ class _Planning:
     aim: Aim
     fixed: Sensors
     free: Sensors
-    settings: PlanSettings
+    n_tests: int
+    n_draws: int
     seed: int
 
     def _simulated(
         self, classes: Sequence[PlannedClass], layouts: Sequence[Sensors]
     ) -> SimulatedPlan:
-        n_tests, n_draws = self.settings.n_tests, self.settings.n_draws
+        n_tests, n_draws = self.n_tests, self.n_draws
         n_candidates = len(classes[0].candidates)
         per_draw = sum(c.structure.n_modes for c in classes) * n_candidates
         if n_tests * n_draws * per_draw > MOST_KEPT:

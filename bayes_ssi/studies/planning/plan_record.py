@@ -1,4 +1,4 @@
-"""How much a plan computes, what it says, and the form that a test's modes go into."""
+"""What a plan says, and the form that a test's modes go into."""
 
 import csv
 from collections.abc import Mapping
@@ -13,26 +13,6 @@ from bayes_ssi.structures.geometry import Candidate, Geometry
 CLASS, PARAMETERS = "class", "parameters"
 # Where a result's report finds the plan of the next test.
 SAVED = Path("plan", "plan.json")
-
-
-@dataclass(frozen=True)
-class PlanSettings:
-    """How much a plan computes.
-
-    Attributes:
-        n_tests: simulated tests of all classes together; the error of a gain falls with its root.
-        n_draws: of each class about each test, whose average is the class's evidence for it.
-
-    Raises:
-        ValueError: one of them is below 50.
-    """
-
-    n_tests: int = 1000
-    n_draws: int = 200
-
-    def __post_init__(self) -> None:
-        if min(self.n_tests, self.n_draws) < 50:
-            raise ValueError(f"PlanSettings: both numbers must be at least 50, got {self!r}")
 
 
 # What users do not choose.
