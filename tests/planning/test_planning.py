@@ -256,6 +256,7 @@ BAD = {
     "no degree of freedom 'roof'": {"candidates": ["floor 1", "roof"]},
     "fixed: no candidate 'roof'": {"fixed": ["roof"]},
     "no aim 'k9'": {"aim": "k9"},
+    "at least 50 tests and draws, got 10 and 100": {"n_tests": 10},
     "one configuration, without a name; got 'bare'": {"configurations": ["bare"]},
 }
 
