@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, GREY, style
 from bayes_ssi.structures.response import Output, transfer_functions
 
 HERE = Path(__file__).parent
@@ -53,9 +53,9 @@ def main() -> None:
                     f"{FREQUENCIES[peak]:.2f}",
                 )
             table.add_section()
-            ax.fill_between(FREQUENCIES, 0.1, curves["as masses"], color=STYLE.grey, alpha=0.45,
+            ax.fill_between(FREQUENCIES, 0.1, curves["as masses"], color=GREY, alpha=0.45,
                             linewidth=0, label="incorrect: elements as masses only")  # fmt: skip
-            ax.plot(FREQUENCIES, curves["correct"], color=STYLE.blue, linewidth=1.4,
+            ax.plot(FREQUENCIES, curves["correct"], color=BLUE, linewidth=1.4,
                     label="correct: elements with their springs")  # fmt: skip
             ax.set_title(f"({case}) {cases['configurations'][case]}: {cases['titles'][case]}",
                          fontsize=8)  # fmt: skip

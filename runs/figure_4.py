@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayes_ssi.plots.class_plots import plot_mac
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 from bayes_ssi.structures.modal import mac
 
 HERE = Path(__file__).parent
@@ -57,14 +57,14 @@ def main() -> None:
             ax.axvline(0.0, color="black", linewidth=0.6)
             (line,) = ax.plot(np.r_[0.0, shapes_mass[:, other]], levels, "-", color="black",
                               linewidth=1.2, label="incorrect: infill as mass only")  # fmt: skip
-            (marks,) = ax.plot(np.r_[0.0, shapes[:n, i]], levels, ":o", color=STYLE.blue,
+            (marks,) = ax.plot(np.r_[0.0, shapes[:n, i]], levels, ":o", color=BLUE,
                                label="correct, at the floors")  # fmt: skip
             component = shapes[n, i]
             (mark,) = ax.plot(np.clip(component, -1.0, 1.0), heights["infill 1-2"], "s",
-                              color=STYLE.vermilion, markeredgecolor="black",
+                              color=VERMILION, markeredgecolor="black",
                               label="correct, infill (its component next to it)")  # fmt: skip
             ax.annotate(f"{component:.1f}", (np.clip(component, -0.85, 0.85), 1.32), fontsize=8,
-                        color=STYLE.vermilion, ha="center", va="top")  # fmt: skip
+                        color=VERMILION, ha="center", va="top")  # fmt: skip
             ax.set_xlim(-1.15, 1.15)
             ax.set_yticks(levels, ["ground", "1", "2", "3"] if i == 0 else [])
             ax.set_title(f"{label}: {f[i]:.3f} Hz\n(mass: {f_mass[other]:.3f})", fontsize=9)

@@ -26,7 +26,7 @@ from scipy.constants import g
 from scipy.integrate import cumulative_trapezoid
 
 from bayes_ssi.measurements.records.record_files import read_ground_motion
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, GREY, style
 from bayes_ssi.structures.response import UNITS, GroundMotion, Output, time_histories
 
 HERE = Path(__file__).parent
@@ -102,9 +102,9 @@ def main() -> None:
                 f"{np.abs(wrong).max():.3f}",
                 f"{np.sqrt(np.mean(right**2) / np.mean(wrong**2)):.2f}",
             )
-            ax.plot(motion.times, wrong, color=STYLE.grey, alpha=0.8, linewidth=0.9,
+            ax.plot(motion.times, wrong, color=GREY, alpha=0.8, linewidth=0.9,
                     label="incorrect: elements as masses only")  # fmt: skip
-            ax.plot(motion.times, right, color=STYLE.blue, linewidth=0.8,
+            ax.plot(motion.times, right, color=BLUE, linewidth=0.8,
                     label="correct: elements with their springs")  # fmt: skip
             ax.set_xlim(0.0, min(SHOWN_S, motion.times[-1]))
             ax.set_ylabel("acceleration of floor 3 (g)")

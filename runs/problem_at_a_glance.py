@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.inference.calibration.least_squares import DeterministicFit
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, GREY, ORANGE, VERMILION, style
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "model_classes" / "shear_building.py"
@@ -55,13 +55,11 @@ def draw_modes(ax: Axes, model_class: bs.ModelClass) -> None:
         *floors, infill = LARGEST_DISPLACEMENT * shape / np.abs(shape).max() * np.sign(shape[-1])
         heights = np.arange(len(floors) + 1)
         x = centre + np.array([0.0, *floors])
-        ax.plot([centre, centre], [0, heights[-1]], color=STYLE.grey, linestyle=":", linewidth=1)
+        ax.plot([centre, centre], [0, heights[-1]], color=GREY, linestyle=":", linewidth=1)
         ax.plot(x, heights, color="black", marker="o", markersize=6)
-        ax.plot(centre + infill, INFILL_HEIGHT, color=STYLE.orange, marker="s", markersize=9)
+        ax.plot(centre + infill, INFILL_HEIGHT, color=ORANGE, marker="s", markersize=9)
         for floor in (1, 2):
-            ax.plot(
-                [x[floor], centre + infill], [floor, INFILL_HEIGHT], color=STYLE.orange, linewidth=1
-            )
+            ax.plot([x[floor], centre + infill], [floor, INFILL_HEIGHT], color=ORANGE, linewidth=1)
         ax.plot([centre - 0.6, centre + 0.6], [0, 0], color="black", linewidth=3)
         ax.text(centre, -0.25, f"mode {label}\n{modes.frequencies_hz[0, mode]:.2f} Hz",
                 ha="center", va="top")  # fmt: skip
@@ -76,22 +74,22 @@ def draw_fits(
 ) -> None:
     """Identified frequencies, and those of the wrong fit and of the right class."""
     for mode in classes[RIGHT].data.modes:
-        ax.axvline(mode.frequency_hz, color=STYLE.grey, linestyle=":", linewidth=1, zorder=0)
+        ax.axvline(mode.frequency_hz, color=GREY, linestyle=":", linewidth=1, zorder=0)
         # The pair stands close together.
         side = {"2a": "right", "2b": "left"}.get(mode.label, "center")
         ax.text(mode.frequency_hz, 2.3, mode.label, ha=side, va="bottom")
     identified = [mode.frequency_hz for mode in classes[RIGHT].data.modes]
     ax.plot(identified, [2] * len(identified), "k|", markersize=14, markeredgewidth=2)
     fitted = [each.model_hz for each in wrong.modes]
-    ax.plot(fitted, [1] * len(fitted), "X", color=STYLE.vermilion, markersize=8)
+    ax.plot(fitted, [1] * len(fitted), "X", color=VERMILION, markersize=8)
     unexplained = classes[RIGHT].data.modes[1].frequency_hz
     ax.annotate("2a left over", (unexplained, 1), (unexplained - 0.15, 1), ha="right", va="center",
-                color=STYLE.vermilion)  # fmt: skip
+                color=VERMILION)  # fmt: skip
     medians = np.median(right.frequencies_hz, axis=(0, 1))
-    ax.plot(medians, np.zeros(len(medians)), "o", color=STYLE.blue, markersize=7)
+    ax.plot(medians, np.zeros(len(medians)), "o", color=BLUE, markersize=7)
     ax.set_yticks((2, 1, 0), ("identified", "infill as mass,\n2b is “mode 2”", "infill\nvibrates"))
-    ax.get_yticklabels()[1].set_color(STYLE.vermilion)
-    ax.get_yticklabels()[2].set_color(STYLE.blue)
+    ax.get_yticklabels()[1].set_color(VERMILION)
+    ax.get_yticklabels()[2].set_color(BLUE)
     ax.tick_params(left=False)
     ax.spines["left"].set_visible(False)
     ax.set_xlim(0.5, 4.4)
@@ -108,12 +106,12 @@ def draw_stiffnesses(ax: Axes, wrong: DeterministicFit, right: bs.Posterior) -> 
     low, median, high = 100.0 * (
         np.quantile(right.draws[..., columns], (0.05, 0.5, 0.95), axis=(0, 1)) - 1.0
     )
-    ax.axvline(0.0, color=STYLE.grey, linestyle=":", linewidth=1, zorder=0)
-    ax.plot(errors, y, "X", color=STYLE.vermilion, markersize=8)
+    ax.axvline(0.0, color=GREY, linestyle=":", linewidth=1, zorder=0)
+    ax.plot(errors, y, "X", color=VERMILION, markersize=8)
     for error, place in zip(errors, y, strict=True):
         ax.annotate(f"{error:+.0f} %", (error, place), (0, 8), textcoords="offset points",
-                    ha="center", color=STYLE.vermilion)  # fmt: skip
-    ax.errorbar(median, y, xerr=(median - low, high - median), fmt="o", color=STYLE.blue, capsize=3)
+                    ha="center", color=VERMILION)  # fmt: skip
+    ax.errorbar(median, y, xerr=(median - low, high - median), fmt="o", color=BLUE, capsize=3)
     ax.set_yticks(y, ("storey 1", "storey 2", "storey 3"))
     ax.set_xlim(-50, 50)
     ax.set_ylim(-0.5, 2.6)

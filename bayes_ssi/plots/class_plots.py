@@ -22,7 +22,11 @@ from bayes_ssi.inference.posterior.model_at_draws import INTERVAL_LEVEL, Updated
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
-    STYLE,
+    BLUE,
+    FIGURE_WIDTH,
+    GREY,
+    SMALL_TEXT,
+    VERMILION,
     axes_of,
     figure_of,
     hover,
@@ -35,6 +39,8 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.predictions import PredictedMode
+
+MOST_NAMED_TESTS = 12  # whose names fit next to one another
 
 
 def plot_frequency_change(
@@ -91,8 +97,8 @@ def _draw_change(
     ax: Axes, y: int, before: float, after: Sequence[float], level: float, *texts: str
 ) -> None:
     """A circle before updating, joined to a square with its interval (low, median, high) after."""
-    ax.plot([before, after[1]], [y, y], color=STYLE.grey, linewidth=0.8)
-    (circle,) = ax.plot(before, y, "o", color=STYLE.vermilion, markerfacecolor="white",
+    ax.plot([before, after[1]], [y, y], color=GREY, linewidth=0.8)
+    (circle,) = ax.plot(before, y, "o", color=VERMILION, markerfacecolor="white",
                         markersize=6, label=None if y else "before: prior medians")  # fmt: skip
     hover(circle, texts[0])
     interval_after(ax, y, after, f"after: posterior, {100 * level:g} %", texts[1])
@@ -175,7 +181,7 @@ def _annotate(
     image = ax.imshow(matrix, cmap=colours, vmin=least, vmax=most, aspect="auto")
     for (i, k), value in np.ndenumerate(matrix):
         if np.isfinite(value):
-            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=STYLE.small,
+            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=SMALL_TEXT,
                     color="white" if abs(value) > 0.6 * most else "black")  # fmt: skip
     ax.set_xticks(range(len(columns)), columns)
     ax.set_yticks(range(len(rows)), rows)
@@ -195,11 +201,11 @@ def plot_parameters(posterior: Posterior, ax: Axes | None = None) -> Axes:
     """
     rows = posterior.summary
     ax = rows_of(ax, [row.name for row in rows], 1.3)
-    ax.axvline(0.0, color=STYLE.grey, linewidth=0.8, linestyle=":")
+    ax.axvline(0.0, color=GREY, linewidth=0.8, linestyle=":")
     for y, row in enumerate(rows):
         low, median, high = posterior.prior_quantiles[y]
         after = (row.quantile_05, row.median, row.quantile_95)
-        bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=STYLE.grey, alpha=0.25,
+        bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=GREY, alpha=0.25,
                       label=None if y else "prior, 90 %")  # fmt: skip
         hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g})")
         scaled = [
@@ -248,10 +254,10 @@ def plot_corner(
         # Constrained layout replaces corner's own.
         warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         corner.corner(
-            values, bins=30, range=[shown] * n, fig=figure, color=STYLE.blue, quantiles=LEVELS,
+            values, bins=30, range=[shown] * n, fig=figure, color=BLUE, quantiles=LEVELS,
             smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
-            truths=[truths.get(name) for name in names], truth_color=STYLE.vermilion,
+            truths=[truths.get(name) for name in names], truth_color=VERMILION,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     # Panels above the diagonal are empty; the layout need not look for what they hold.
@@ -260,18 +266,18 @@ def plot_corner(
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
-        label = wrapped(name, 1.3, STYLE.small)
+        label = wrapped(name, 1.3, SMALL_TEXT)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
-        panels[i, i].set_title(title, fontsize=STYLE.small, loc="center", parse_math=False)
-        panels[-1, i].set_xlabel(label, fontsize=STYLE.small, parse_math=False)
+        panels[i, i].set_title(title, fontsize=SMALL_TEXT, loc="center", parse_math=False)
+        panels[-1, i].set_xlabel(label, fontsize=SMALL_TEXT, parse_math=False)
         if i:
-            panels[i, 0].set_ylabel(label, fontsize=STYLE.small, parse_math=False)
+            panels[i, 0].set_ylabel(label, fontsize=SMALL_TEXT, parse_math=False)
     for ax in panels.flat:
         # Three numbers at most, none of them at a corner, where those of two panels would meet.
         for axis in (ax.xaxis, ax.yaxis):
             if isinstance(axis.get_major_locator(), MaxNLocator):
                 axis.set_major_locator(MaxNLocator(3, prune="both", min_n_ticks=1))
-        ax.tick_params(labelsize=STYLE.small, labelrotation=0)
+        ax.tick_params(labelsize=SMALL_TEXT, labelrotation=0)
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
@@ -284,7 +290,7 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
     interval. Light: the 90 % interval of the next test, averaged over all populations.
     """
     k = len(hierarchy.names)
-    figure = figure_of(figure, (STYLE.width, 1.0 + 2.1 * k))
+    figure = figure_of(figure, (FIGURE_WIDTH, 1.0 + 2.1 * k))
     panels = figure.subplots(k, 1, squeeze=False, sharex=True)[:, 0]
     tests, scale = hierarchy.tests, hierarchy.covariate
     at = np.arange(len(tests), dtype=float)
@@ -301,18 +307,18 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
     nexts = np.stack([np.quantile(drawn[:, columns], LEVELS, axis=0) for _, drawn in draws])
     for i, (ax, parameter) in enumerate(zip(panels, hierarchy.of_population, strict=True)):
         low, _, high = nexts[:, :, i].T
-        ax.fill_between(grid, low, high, color=STYLE.blue, alpha=0.15, linewidth=0,
+        ax.fill_between(grid, low, high, color=BLUE, alpha=0.15, linewidth=0,
                         label="next test, 90 % interval")  # fmt: skip
         low, middle, high = centres[:, :, i].T
-        ax.fill_between(grid, low, high, color=STYLE.blue, alpha=0.4, linewidth=0,
+        ax.fill_between(grid, low, high, color=BLUE, alpha=0.4, linewidth=0,
                         label="centre of the population, 90 % interval")  # fmt: skip
-        ax.plot(grid, middle, color=STYLE.blue)
+        ax.plot(grid, middle, color=BLUE)
         _draw_tests(ax, hierarchy, at, i)
         ax.set_ylabel(f"{parameter.name} ({parameter.unit})" if parameter.unit else parameter.name)
         without_math(ax.yaxis.label)
     panels[-1].set_xlabel("test" if scale is None else scale.name)
     without_math(panels[-1].xaxis.label)
-    if scale is None and len(tests) <= STYLE.most_named_tests:
+    if scale is None and len(tests) <= MOST_NAMED_TESTS:
         panels[-1].set_xticks(at, [test.name for test in tests], rotation=30, ha="right")
         without_math(*panels[-1].get_xticklabels())
     title = f"{hierarchy.model_class!r}: {hierarchy.best.name}"
@@ -326,7 +332,7 @@ def _draw_tests(ax: Axes, hierarchy: Hierarchy, at: FloatArray, i: int) -> None:
         low, median, high = test.intervals[i]
         label = None if test is not hierarchy.tests[0] else "each test by itself, 90 % interval"
         point = ax.errorbar(
-            x, median, [[median - low], [high - median]], fmt="o", color=STYLE.vermilion,
+            x, median, [[median - low], [high - median]], fmt="o", color=VERMILION,
             markersize=3, linewidth=0.8, label=label,
         )  # fmt: skip
         hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")

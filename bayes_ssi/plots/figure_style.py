@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,45 +19,24 @@ from bayes_ssi.foundations.arrays import FloatArray
 NamedFigure = tuple[str, "Axes | Figure"]
 
 
-@dataclass(frozen=True)
-class FigureStyle:
-    """Colours, sizes of figures in inches and of text in points, and how much a figure can show.
-
-    Colours are Okabe and Ito's: colour-blind readers can tell them apart and, by their lightness,
-    so can readers in greyscale.
-    """
-
-    blue: str = "#0072B2"
-    orange: str = "#E69F00"
-    green: str = "#009E73"
-    vermilion: str = "#D55E00"
-    grey: str = "#7F7F7F"
-    # Of most figures. Two fit next to one another on the page of a report, and on a telephone, 360
-    # pixels of 1/96 in wide without the margins, the smallest text still has 7 points.
-    width: float = 4.3
-    text: float = 9.0  # of axes and legends
-    small: float = 8.0  # of ticks and notes
-    row_names: float = 1.65  # most that the names of rows may take
-    row_line: float = 0.14  # height of a line of such a name
-    panel: float = 1.13  # width of a panel of a mode shape
-    # Next to one another, as many as a width holds; of many modes, twice that.
-    panels_across: int = 3
-    sds_of_90_percent: float = 1.645  # standard deviations to either side that hold 90 %
-    most_classes: int = 12  # model classes that one figure can show legibly
-    # Whose labels fit a panel; with more, panels grow no taller and labels smaller.
-    most_rows: int = 40
-    most_floors: int = 40  # of a building; taller figures would not fit a page
-    # Places with a bar of their own, as many as fit on the first screen of a report.
-    most_bars: int = 12
-    most_named_tests: int = 12  # whose names fit next to one another
-    most_vectors: int = 300  # lines or markers above which they are one picture within a drawing
-    # Of the highest probability; less cannot be told from zero by its colour.
-    least_share: float = 0.01
-
-
-STYLE = FigureStyle()
+# Colours are Okabe and Ito's: colour-blind readers can tell them apart and, by their lightness, so
+# can readers in greyscale.
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+GREY = "#7F7F7F"
+# Of most figures, in inches. Two fit next to one another on the page of a report, and on a
+# telephone, 360 pixels of 1/96 in wide without the margins, the smallest text still has 7 points.
+FIGURE_WIDTH = 4.3
+TEXT_SIZE, SMALL_TEXT = 9.0, 8.0  # points, of axes and legends, and of ticks and notes
+ROW_NAMES = 1.65  # inches, most that the names of rows may take
+ROW_LINE = 0.14  # inches, height of a line of such a name
+PANEL_WIDTH = 1.13  # inches, of a panel of a mode shape
+# Next to one another, as many as a width holds; of many modes, twice that.
+PANELS_ACROSS = 3
+SDS_OF_90_PERCENT = 1.645  # standard deviations to either side that hold 90 %
+MOST_CLASSES = 12  # model classes that one figure can show legibly
+MOST_VECTORS = 300  # lines or markers above which they are one picture within a drawing
 # Where colours repeat, markers and lines differ.
-COLOURS = (STYLE.blue, STYLE.orange, STYLE.green, STYLE.vermilion, STYLE.grey)
+COLOURS = (BLUE, ORANGE, GREEN, VERMILION, GREY)
 MARKERS = "osD^v"
 LINES = ("-", "--", "-.", ":")
 # Prefix of the SVG id of a point with a hover text.
@@ -77,9 +55,9 @@ RC: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "savefig.dpi": 150,
-    "font.size": STYLE.text,
-    "xtick.labelsize": STYLE.small,
-    "ytick.labelsize": STYLE.small,
+    "font.size": TEXT_SIZE,
+    "xtick.labelsize": SMALL_TEXT,
+    "ytick.labelsize": SMALL_TEXT,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 10,
@@ -171,9 +149,9 @@ def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
 
     ``extra`` are the inches of a new figure that are not for rows.
     """
-    shown = [wrapped(name, STYLE.row_names, STYLE.small) for name in names]
+    shown = [wrapped(name, ROW_NAMES, SMALL_TEXT) for name in names]
     lines = max((name.count("\n") + 1 for name in shown), default=1)
-    ax = axes_of(ax, (STYLE.width, extra + STYLE.row_line * (1 + lines) * len(names)))
+    ax = axes_of(ax, (FIGURE_WIDTH, extra + ROW_LINE * (1 + lines) * len(names)))
     ax.set_yticks(range(len(names)), shown)
     without_math(*ax.get_yticklabels())
     ax.set_ylim(len(names) - 0.5, -0.5)
@@ -186,17 +164,17 @@ def interval_after(
     """A square with its interval after updating, low, median and high, in a named row."""
     low, median, high = interval
     square = ax.errorbar(median, y, xerr=[[median - low], [high - median]], fmt="s",
-                         color=STYLE.blue, markersize=5, capsize=3,
+                         color=BLUE, markersize=5, capsize=3,
                          label=None if y else label)  # fmt: skip
     hover(square, text)
 
 
-def letters_across(inches: float, points: float = STYLE.text) -> float:
+def letters_across(inches: float, points: float = TEXT_SIZE) -> float:
     """Number of letters that fit a width: on average, a letter is 0.6 of its font size wide."""
     return inches * 72.0 / (0.6 * points)
 
 
-def wrapped(text: str, inches: float, points: float = STYLE.text) -> str:
+def wrapped(text: str, inches: float, points: float = TEXT_SIZE) -> str:
     """A text in lines that fit a width; its own line breaks are kept."""
     letters = max(1, int(letters_across(inches, points)))
     return "\n".join(textwrap.fill(line, letters) for line in text.split("\n"))
@@ -205,7 +183,7 @@ def wrapped(text: str, inches: float, points: float = STYLE.text) -> str:
 def title_of(ax: Axes, text: str) -> None:
     """A title above axes, in lines no wider than they are."""
     width = whole_figure(ax).get_figwidth() * ax.get_position().width
-    ax.set_title(wrapped(text, width, STYLE.small), fontsize=STYLE.text, parse_math=False)
+    ax.set_title(wrapped(text, width, SMALL_TEXT), fontsize=TEXT_SIZE, parse_math=False)
 
 
 def width_of_modes(n_modes: int) -> float:
@@ -213,18 +191,18 @@ def width_of_modes(n_modes: int) -> float:
 
     The frequency of a mode, written below the axis, takes 0.66 in.
     """
-    return max(STYLE.width, 0.7 + 0.66 * n_modes)
+    return max(FIGURE_WIDTH, 0.7 + 0.66 * n_modes)
 
 
 def panels_across(n_panels: int) -> int:
     """Number of panels of mode shapes next to one another, with rows of about the same length."""
-    most = STYLE.panels_across * (1 if n_panels <= 2 * STYLE.panels_across else 2)
+    most = PANELS_ACROSS * (1 if n_panels <= 2 * PANELS_ACROSS else 2)
     return -(-n_panels // -(-n_panels // most))
 
 
 def width_of_panels(across: int) -> float:
     """Inches: the width of a figure with so many panels next to one another."""
-    return STYLE.width + STYLE.panel * max(0, across - STYLE.panels_across)
+    return FIGURE_WIDTH + PANEL_WIDTH * max(0, across - PANELS_ACROSS)
 
 
 def panels_of(
@@ -256,13 +234,13 @@ def legend_below(ax: Axes, columns: int) -> None:
 def legend_of_figure(figure: Any, axes: Iterable[Axes], columns: int = 3) -> None:
     """The legend of all axes below their figure, in fewer columns where names are long."""
     drawn = _labelled(axes)
-    room = int(letters_across(figure.get_figwidth(), STYLE.small))
+    room = int(letters_across(figure.get_figwidth(), SMALL_TEXT))
     line = 6  # letters that the line of an entry and the space after it take
     columns = max(1, min(columns, room // (max(map(len, drawn), default=1) + line)))
     names = [textwrap.fill(name, room // columns - line) for name in drawn]
     outside = "outside " if figure.get_layout_engine() else ""  # else there is room below already
     legend = figure.legend(
-        [*drawn.values()], names, loc=f"{outside}lower center", ncols=columns, fontsize=STYLE.small
+        [*drawn.values()], names, loc=f"{outside}lower center", ncols=columns, fontsize=SMALL_TEXT
     )
     without_math(*legend.get_texts())
 

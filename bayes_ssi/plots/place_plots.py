@@ -14,7 +14,15 @@ from matplotlib.colors import Normalize
 from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.plots.figure_style import (
-    STYLE,
+    BLUE,
+    FIGURE_WIDTH,
+    GREY,
+    MOST_VECTORS,
+    ORANGE,
+    SDS_OF_90_PERCENT,
+    SMALL_TEXT,
+    TEXT_SIZE,
+    VERMILION,
     axes_of,
     hover,
     legend_below,
@@ -30,6 +38,12 @@ from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.findings import FamilyRecord
 
+MOST_FLOORS = 40  # of a building; taller figures would not fit a page
+# Places with a bar of their own, as many as fit on the first screen of a report.
+MOST_BARS = 12
+# Of the highest probability; less cannot be told from zero by its colour.
+LEAST_SHARE = 0.01
+
 
 def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """Places in space, their probabilities in colour, and directions as arrows.
@@ -41,7 +55,7 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     located: list[Any] = [each for each in search.places if each.place.coordinates]
     located.sort(key=lambda each: each.probability)
     best = located[-1]
-    least = STYLE.least_share * best.probability
+    least = LEAST_SHARE * best.probability
     shown = [each for each in located if each.probability >= least]
     nodes = geometry.nodes.values() if geometry else ()
     at = [each.place.coordinates for each in located]
@@ -59,16 +73,16 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     drawn = axes_in_space(ax, "" if ax is None else title, points, reach, geometry, below=1.15)
     bar = None
     if ax is None:
-        figure, title = drawn.figure, wrapped(title, STYLE.width)
-        figure.suptitle(title, x=0.02, ha="left", fontsize=STYLE.text, parse_math=False)
+        figure, title = drawn.figure, wrapped(title, FIGURE_WIDTH)
+        figure.suptitle(title, x=0.02, ha="left", fontsize=TEXT_SIZE, parse_math=False)
         height = figure.get_figheight()
         bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
     scale = _colour_scale(best.probability)
     dots = sorted({*at} - {each.place.coordinates for each in shown})
     if dots:
-        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=STYLE.grey,
+        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=GREY,
                       linewidths=0.4, depthshade=False, label="improbable place",
-                      rasterized=len(dots) > STYLE.most_vectors)  # fmt: skip
+                      rasterized=len(dots) > MOST_VECTORS)  # fmt: skip
     for each, arrow in zip(shown, arrows, strict=True):
         place, colours = each.place, [scale.to_rgba(each.probability)]
         if place.direction:
@@ -78,7 +92,7 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
             artist = drawn.scatter(*place.coordinates, s=36.0, marker=place.marker, color=colours,
                                    edgecolors="black", linewidths=0.4, depthshade=False,
                                    label=place.title)  # fmt: skip
-        if len(shown) <= STYLE.most_vectors:
+        if len(shown) <= MOST_VECTORS:
             hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
         else:
             artist.set_rasterized(True)
@@ -103,13 +117,13 @@ def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axe
     columns, width = _columns(each.place for each in places)
     # In the least height of a floor, probabilities of floors still keep apart.
     tall = n_floors * min(0.7, max(0.2, 4.0 / n_floors))
-    ax = axes_of(ax, (max(STYLE.width, 1.0 + 0.75 * len(columns)), 1.6 + tall))
+    ax = axes_of(ax, (max(FIGURE_WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
     ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
     for side in (0.0, width):
-        ax.plot([side, side], [0, n_floors], color=STYLE.grey, linewidth=1.5)
+        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
     for floor in range(1, n_floors + 1):
         ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
-        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=STYLE.small)
+        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=SMALL_TEXT)
     # A change is there or not; an appendage that is there may be anywhere.
     is_change = isinstance(search, ChangeRecord)
     scale = _colour_scale(1.0 if is_change else max(each.probability for each in places))
@@ -117,7 +131,7 @@ def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axe
         place, text = each.place, probability_text(each.probability)
         x = columns[_kind(place)]
         if place.is_outside:
-            ax.plot([width, x], [y, y], color=STYLE.grey, linewidth=0.8, linestyle=":")
+            ax.plot([width, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
         point = ax.scatter(
             x, y, s=55.0, marker=place.marker, zorder=3, color=[scale.to_rgba(each.probability)],
             edgecolors="black", linewidths=0.6,
@@ -125,15 +139,13 @@ def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axe
         hover(point, f"{place.name}: probability {text}")
         # Above the line that joins a column further out to its floor.
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-        ax.text(x + 0.17, y, text, va="center", fontsize=STYLE.small, bbox=box)
+        ax.text(x + 0.17, y, text, va="center", fontsize=SMALL_TEXT, bbox=box)
     ax.set_xlim(-1.1, max(width, *columns.values()) + 0.7)
     ax.set_ylim(-0.3, n_floors + 0.6)
     ax.axis("off")
     for (_, direction), x in columns.items():
         if direction:
-            ax.text(
-                x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=STYLE.small
-            )
+            ax.text(x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=SMALL_TEXT)
     for kind in dict.fromkeys(kind for kind, _ in columns):
         ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
                 markerfacecolor="none", label=kind.title)  # fmt: skip
@@ -161,11 +173,11 @@ def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float
 def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """The probabilities of the most probable places, and of all others together."""
     places = search.places_by_probability
-    first, others = places[: STYLE.most_bars], places[STYLE.most_bars :]
-    bars = [(each.place.name, each.probability, STYLE.blue) for each in first]
+    first, others = places[:MOST_BARS], places[MOST_BARS:]
+    bars = [(each.place.name, each.probability, BLUE) for each in first]
     if others:
         together = sum(each.probability for each in others)
-        bars.append((f"{len(others)} others together", together, STYLE.grey))
+        bars.append((f"{len(others)} others together", together, GREY))
     names = [name for name, _, _ in bars]
     ax = rows_of(ax, names, extra=0.7)
     for row, (name, probability, colour) in enumerate(bars):
@@ -173,7 +185,7 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
         (bar,) = ax.barh(row, probability, height=0.6, color=colour)
         hover(bar, f"{name}: probability {text}")
         ax.annotate(text, (probability, row), xytext=(3, 0), textcoords="offset points",
-                    va="center", fontsize=STYLE.small)  # fmt: skip
+                    va="center", fontsize=SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
     ax.set_xlabel(f"probability of {search.a_feature}")
@@ -195,7 +207,7 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     heights = [each.place.height for each in places]
     drawn = {(_kind(each.place), each.place.height) for each in places}
     if len(drawn) == len(places) and all(
-        height is not None and height <= STYLE.most_floors for height in heights
+        height is not None and height <= MOST_FLOORS for height in heights
     ):
         return plot_places_on_building(search, ax)
     if any(each.place.coordinates is not None for each in search.places):
@@ -218,8 +230,8 @@ def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> Non
     if cax is None:
         room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
     bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
-    bar.set_label(f"probability of {what}", fontsize=STYLE.small)
-    bar.ax.tick_params(labelsize=STYLE.small)
+    bar.set_label(f"probability of {what}", fontsize=SMALL_TEXT)
+    bar.ax.tick_params(labelsize=SMALL_TEXT)
 
 
 CHOSEN, OTHER = "sensor of the best layout", "other candidate"
@@ -235,17 +247,17 @@ def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
         return _layout_in_space(plan, ax)
     # Without heights one above the other.
     heights = [i if c.height is None else c.height for i, c in enumerate(plan.candidates, 1)]
-    ax = axes_of(ax, (STYLE.width, 1.2 + 0.35 * len({*heights})))
-    ax.plot([0.0, 0.0], [0.0, max(heights)], color=STYLE.grey, linewidth=1.5)
+    ax = axes_of(ax, (FIGURE_WIDTH, 1.2 + 0.35 * len({*heights})))
+    ax.plot([0.0, 0.0], [0.0, max(heights)], color=GREY, linewidth=1.5)
     ax.plot([-0.5, 0.5], [0.0, 0.0], color="black", linewidth=2.0)
     beside: dict[float, int] = {}
     for candidate, height in zip(plan.candidates, heights, strict=True):
         place = beside[height] = beside.get(height, -1) + 1
         chosen = candidate.name in plan.best.sensors
         ax.plot(0.9 * place, height, linestyle="none", marker="o", markersize=8.0,
-                color=STYLE.vermilion if chosen else "white", markeredgecolor="black",
+                color=VERMILION if chosen else "white", markeredgecolor="black",
                 label=CHOSEN if chosen else OTHER)  # fmt: skip
-        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=STYLE.small)
+        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=SMALL_TEXT)
     ax.set_xlim(-0.6, 0.9 * max(beside.values()) + 1.2)
     ax.margins(y=0.1)
     ax.axis("off")
@@ -262,7 +274,7 @@ def _layout_in_space(plan: Plan, ax: Any) -> Any:
     ax = axes_in_space(ax, title, points, length, plan.geometry, below=0.6)
     for each, at in located:
         chosen = each.name in plan.best.sensors
-        colour, label = (STYLE.vermilion, CHOSEN) if chosen else (STYLE.grey, OTHER)
+        colour, label = (VERMILION, CHOSEN) if chosen else (GREY, OTHER)
         if each.direction and chosen:
             along = np.multiply(length, each.direction)
             ax.quiver(*at, *along, color=colour, linewidth=1.6,
@@ -275,14 +287,14 @@ def _layout_in_space(plan: Plan, ax: Any) -> Any:
 
 def plot_gains(plan: Plan, ax: Axes | None = None) -> Axes:
     """The gain of the best layout against its number of sensors, with 90 % intervals."""
-    ax = axes_of(ax, (STYLE.width, 2.6))
+    ax = axes_of(ax, (FIGURE_WIDTH, 2.6))
     numbers = [len(layout.sensors) for layout in plan.by_number]
     gains = [layout.gain for layout in plan.by_number]
-    errors = [STYLE.sds_of_90_percent * layout.error for layout in plan.by_number]
-    ax.errorbar(numbers, gains, yerr=errors, color=STYLE.blue, marker="o", label="best layout")
+    errors = [SDS_OF_90_PERCENT * layout.error for layout in plan.by_number]
+    ax.errorbar(numbers, gains, yerr=errors, color=BLUE, marker="o", label="best layout")
     if plan.greatest is not None:
-        ax.axhline(plan.greatest, color=STYLE.grey, linestyle="--", label="settles it")
-    ax.axvline(plan.knee, color=STYLE.orange, linestyle=":", label="knee")
+        ax.axhline(plan.greatest, color=GREY, linestyle="--", label="settles it")
+    ax.axvline(plan.knee, color=ORANGE, linestyle=":", label="knee")
     ax.set_xticks(numbers)
     ax.set_xlabel("number of sensors")
     ax.set_ylabel(f"information about {plan.aim} (nats)")

@@ -14,8 +14,10 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
 from bayes_ssi.plots.figure_style import (
     COLOURS,
+    FIGURE_WIDTH,
+    GREY,
     LINES,
-    STYLE,
+    TEXT_SIZE,
     NamedFigure,
     axes_of,
     figure_of,
@@ -71,7 +73,7 @@ def plot_time_history(
     Arguments are as in :func:`plot_transfer_functions`, over ``times`` (s).
     """
     ax = _draw(ax, times, bands, reference, 0.7, ("time (s)", quantity), legend)
-    ax.axhline(0.0, color=STYLE.grey, linewidth=0.5)
+    ax.axhline(0.0, color=GREY, linewidth=0.5)
     return ax
 
 
@@ -86,7 +88,7 @@ def _draw(
 ) -> Axes:
     if len(bands) > len(LINES):
         raise ValueError(f"a figure holds at most {len(LINES)} bands, got {len(bands)}")
-    ax = axes_of(ax, (STYLE.width, 3.2))
+    ax = axes_of(ax, (FIGURE_WIDTH, 3.2))
     for (name, band), colour, line in zip(bands.items(), COLOURS, LINES, strict=False):
         ax.fill_between(x, band.low, band.high, color=colour, alpha=0.35, linewidth=0)
         ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
@@ -142,7 +144,7 @@ def _by_place(
     places: Sequence[str], bands: Mapping[str, Band], plot: Callable[..., Axes], title: str
 ) -> Figure:
     """A panel for each place, one below the other, with one legend."""
-    figure = figure_of(None, (STYLE.width, 1.0 + 2.2 * len(places)))
+    figure = figure_of(None, (FIGURE_WIDTH, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot({name: Band(*(part[i] for part in band)) for name, band in bands.items()}, ax,
@@ -168,7 +170,7 @@ def _mode_figures(predictions: Predictions, data: ModalData, level: float) -> It
         figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
         title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
         title = wrapped(title, figure.get_figwidth())
-        figure.suptitle(title, fontsize=STYLE.text, x=0.02, ha="left", parse_math=False)
+        figure.suptitle(title, fontsize=TEXT_SIZE, x=0.02, ha="left", parse_math=False)
         yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:

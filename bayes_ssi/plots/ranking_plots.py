@@ -13,9 +13,12 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.figure_style import (
+    BLUE,
     COLOURS,
+    GREY,
     MARKERS,
-    STYLE,
+    MOST_CLASSES,
+    VERMILION,
     NamedFigure,
     axes_of,
     hover,
@@ -59,11 +62,11 @@ def plot_evidence(
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
-    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=STYLE.blue, alpha=0.25,
+    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
             label="information gained")  # fmt: skip
-    ax.plot(fit, y, "|", color=STYLE.blue, markersize=11, label="fit: mean log-likelihood")
+    ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
     for i, row in enumerate(rows):
-        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=STYLE.vermilion,
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=VERMILION,
                             capsize=3,
                             label=None if i else "log evidence ± 1 standard error")  # fmt: skip
         hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
@@ -96,9 +99,7 @@ def plot_frequencies(
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
             half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
-            ax.fill_between(
-                [i - 0.42, i + 0.42], -half, half, color=STYLE.grey, alpha=0.3, linewidth=0
-            )
+            ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
         colour = COLOURS[k % len(COLOURS)]
@@ -163,7 +164,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     looks = list(zip(others, COLOURS[:4], MARKERS, strict=False))
     for y, row in enumerate(rows):
         if row.best != first:
-            ax.axhspan(y - 0.5, y + 0.5, color=STYLE.vermilion, alpha=0.12, linewidth=0)
+            ax.axhspan(y - 0.5, y + 0.5, color=VERMILION, alpha=0.12, linewidth=0)
         for name, colour, marker in looks:
             probability, of_first = row.probabilities[name], row.probabilities[first]
             if probability <= 0.0 or of_first <= 0.0 or name in row.unsaid:
@@ -205,7 +206,7 @@ def result_figures(
 ) -> Iterator[NamedFigure]:
     """The figures of a result, of its best classes."""
     yield "corner", plot_corner(ranked[0])
-    most = STYLE.most_classes
+    most = MOST_CLASSES
     for i, (configuration, modes) in enumerate(tests.items(), 1):
         name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
         yield name, plot_frequencies(modes, ranked[:most], configuration=configuration)

@@ -10,7 +10,12 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 from bayes_ssi.plots.figure_style import (
-    STYLE,
+    BLUE,
+    GREY,
+    ORANGE,
+    SDS_OF_90_PERCENT,
+    SMALL_TEXT,
+    VERMILION,
     NamedFigure,
     axes_of,
     hover,
@@ -39,16 +44,16 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
     frequencies = found.spectrum.frequencies_hz
     measured = np.linalg.eigvalsh(found.spectrum.matrices)[:, ::-1]
     for k in range(measured.shape[1]):
-        ax.semilogy(frequencies, measured[:, k], color=STYLE.blue, linewidth=0.6, alpha=0.6,
+        ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip
     for i, band in enumerate(band for band in found.bands if band.is_wanted):
-        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=STYLE.vermilion,
+        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=VERMILION,
                     linewidth=1.0)  # fmt: skip
         if i == 0:
             ax.lines[-1].set_label(f"fit, {found.loads}")
     _draw_modes(ax, found)
     for i, (frequency, _) in enumerate(found.not_identified):
-        ax.axvline(frequency, color=STYLE.grey, linewidth=0.8, linestyle=":",
+        ax.axvline(frequency, color=GREY, linewidth=0.8, linestyle=":",
                    label=None if i else "peak not identified")  # fmt: skip
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
@@ -70,7 +75,7 @@ def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Ax
     """Poles of every order of each octave, and the modes with 90 % widths."""
     ax = _axes(ax)
     frequencies, orders = found.candidates.stabilisation
-    ax.plot(frequencies, orders, "o", color=STYLE.blue, markersize=2, label="pole")
+    ax.plot(frequencies, orders, "o", color=BLUE, markersize=2, label="pole")
     _draw_modes(ax, found)
     ax.set_ylabel("order")
     title_of(ax, "Stabilisation of poles, octave by octave")
@@ -88,14 +93,14 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
     n_near = max(1, sum(len(left) for _, left in parts) // 40)
     for i, (frequencies, left) in enumerate(parts):
-        ax.semilogy(frequencies, left, ".", color=STYLE.blue, markersize=3,
+        ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3,
                     label=None if i else "block of lines")  # fmt: skip
         # In each band by itself: there is nothing between bands. One of few blocks has one mean.
         n = min(n_near, len(left))
         means = (np.convolve(each, np.full(n, 1.0 / n), "valid") for each in (frequencies, left))
-        ax.plot(*means, ".-", color=STYLE.orange, linewidth=1.2, markersize=1.0,
+        ax.plot(*means, ".-", color=ORANGE, linewidth=1.2, markersize=1.0,
                 label=None if i else f"mean of {n_near} blocks")  # fmt: skip
-    ax.axhline(1.0, color=STYLE.grey, linewidth=0.8)
+    ax.axhline(1.0, color=GREY, linewidth=0.8)
     ax.set_xlim(parts[0][0][0], parts[-1][0][-1])
     ax.set_ylabel("chi-square over its number")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -132,13 +137,13 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
         for sensor, component in zip(found.quoted.sensors, motion, strict=True):
             phase, size = np.angle(component), abs(component)
-            ax.plot([phase, phase], [0.0, size], color=STYLE.blue, linewidth=1.2)
-            (end,) = ax.plot(phase, size, "o", color=STYLE.blue, markersize=3)
+            ax.plot([phase, phase], [0.0, size], color=BLUE, linewidth=1.2)
+            (end,) = ax.plot(phase, size, "o", color=BLUE, markersize=3)
             hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
         ax.set_ylim(0.0, 1.0)
         ax.set_yticks([0.5, 1.0], ["", ""])
-        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=STYLE.small)
-        ax.set_title(f"{frequency:.4g} Hz", fontsize=STYLE.small)
+        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=SMALL_TEXT)
+        ax.set_title(f"{frequency:.4g} Hz", fontsize=SMALL_TEXT)
     return figure
 
 
@@ -169,8 +174,8 @@ def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
     ax.set_xlim(*found.band_hz)
     for i, mode in enumerate(found.modes):
         frequency, cov = mode.frequency_hz, mode.frequency_cov
-        half = STYLE.sds_of_90_percent * cov * frequency
-        ax.axvspan(frequency - half, frequency + half, color=STYLE.orange, alpha=0.6, linewidth=0)
-        line = ax.axvline(frequency, color=STYLE.orange, linewidth=0.8,
+        half = SDS_OF_90_PERCENT * cov * frequency
+        ax.axvspan(frequency - half, frequency + half, color=ORANGE, alpha=0.6, linewidth=0)
+        line = ax.axvline(frequency, color=ORANGE, linewidth=0.8,
                           label=None if i else f"mode by {found.method}, 90 %")  # fmt: skip
         hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

@@ -17,7 +17,14 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes, moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.figure_style import (
-    STYLE,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PANEL_WIDTH,
+    SDS_OF_90_PERCENT,
+    SMALL_TEXT,
+    VERMILION,
     axes_of,
     figure_of,
     hover,
@@ -36,6 +43,9 @@ from bayes_ssi.plots.space import draw_structure, longest_side, panels_in_space
 from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.structure import Structure
+
+# Of a panel, whose labels fit; with more, panels grow no taller and labels smaller.
+MOST_ROWS = 40
 
 APPENDAGES = "appendage"
 BEYOND = "appendage beyond the scale, its component below"
@@ -72,7 +82,7 @@ def plot_shapes(
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
     """
-    height = 2.6 if sideways else 1.0 + 0.18 * min(STYLE.most_rows, len(places))
+    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
     figure, axes = panels_of(figure, len(shapes), 0.6, height)
     for drawn, ax in zip(shapes, axes, strict=True):
         if sideways and structure is not None:
@@ -81,7 +91,7 @@ def plot_shapes(
         else:
             plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
                                   title=drawn.title, name=name)  # fmt: skip
-        ax.tick_params("y", labelsize=STYLE.small * min(1.0, STYLE.most_rows / len(places)),
+        ax.tick_params("y", labelsize=SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
     legend_of_figure(figure, axes, columns=4)
     return figure
@@ -157,15 +167,15 @@ def plot_building_shape(
     floors.sort(key=lambda i: heights[places[i]])
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
-    ax.axvline(0.0, color=STYLE.grey, linewidth=0.6, linestyle=":")
+    ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
     ax.plot([-reach, reach], [0, 0], color="black", linewidth=2.0)
     for side, labelled in ((-half_width, True), (half_width, False)):
         if before is not None:
             earlier = np.array([0.0, *(before[i] for i in floors)])
-            ax.plot(earlier + side, y, color=STYLE.grey, linewidth=0.9, linestyle="--",
+            ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
                     label="before updating" if labelled else None)  # fmt: skip
-        ax.fill_betweenx(y, low + side, high + side, color=STYLE.blue, alpha=0.35, linewidth=0)
-        ax.plot(median + side, y, color=STYLE.blue, linewidth=1.2,
+        ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
+        ax.plot(median + side, y, color=BLUE, linewidth=1.2,
                 label=f"{name}, with its band" if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
@@ -193,16 +203,14 @@ def _draw_appendage(ax: Axes, height: float, band: Sequence[float], reach: float
     if abs(median) >= reach:
         _mark_beyond(ax, median, height, reach)
         return
-    ax.errorbar(
-        median, height, xerr=[[median - low], [high - median]], color=STYLE.vermilion, capsize=3
-    )
-    ax.plot(median, height, "s", color=STYLE.vermilion, markeredgecolor="black", markersize=7,
+    ax.errorbar(median, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
+    ax.plot(median, height, "s", color=VERMILION, markeredgecolor="black", markersize=7,
             linestyle="none", label="appendage", zorder=3)  # fmt: skip
 
 
 def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
     """An arrow head within the axes, towards a component that lies beyond them."""
-    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=STYLE.vermilion,
+    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=VERMILION,
             markeredgecolor="black", markersize=7, linestyle="none", label=BEYOND,
             zorder=3)  # fmt: skip
 
@@ -214,11 +222,11 @@ def _write_below(
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
     far = [
-        f"{wrapped(place, STYLE.panel, STYLE.small)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
+        f"{wrapped(place, PANEL_WIDTH, SMALL_TEXT)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
-    ax.set_xlabel("\n".join(far), fontsize=STYLE.small, parse_math=False)
+    ax.set_xlabel("\n".join(far), fontsize=SMALL_TEXT, parse_math=False)
 
 
 def plot_shape_components(
@@ -249,10 +257,10 @@ def plot_shape_components(
     main = [bands[place] for place in places if place not in appendages]
     largest = np.nanmax(np.abs(main), initial=0.0)
     reach = 1.15 * largest if largest > 0.0 else 1.0
-    ax.axvline(0.0, color=STYLE.grey, linewidth=0.6)
-    colours = cycle((STYLE.blue, STYLE.green, STYLE.orange))
+    ax.axvline(0.0, color=GREY, linewidth=0.6)
+    colours = cycle((BLUE, GREEN, ORANGE))
     for label, group in groups.items():
-        colour = STYLE.vermilion if label == APPENDAGES else next(colours)
+        colour = VERMILION if label == APPENDAGES else next(colours)
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
         bars = ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=label)
@@ -330,19 +338,19 @@ def plot_identified_modes(
 
 def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     low, high = data.band_hz
-    ax.axvspan(low, high, color=STYLE.grey, alpha=0.12, linewidth=0)
+    ax.axvspan(low, high, color=GREY, alpha=0.12, linewidth=0)
     # The label of a mode and the space next to it, on the scale of the axis.
     longest = max(len(mode.label) for mode in data.modes) + 1
-    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), STYLE.small)
+    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), SMALL_TEXT)
     for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
             half = 1.96 * mode.frequency_cov * mode.frequency_hz
-            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=STYLE.grey,
+            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=GREY,
                        alpha=0.5, linewidth=0)  # fmt: skip
-        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=STYLE.blue, linewidth=1.5)
+        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=BLUE, linewidth=1.5)
         hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
-                        fontsize=STYLE.small, bbox={"facecolor": "white", "edgecolor": "none",
+                        fontsize=SMALL_TEXT, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
         without_math(label)
     ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
@@ -405,7 +413,7 @@ def _shapes(data: ModalData) -> list[DrawnShape]:
             sds = np.sqrt(data.covariance.diagonal()[m + n * i : m + n * (i + 1)])
         scaled = np.asarray(mode.scaled_shape)
         scale = np.linalg.norm(scaled[np.isfinite(scaled)])  # over a unit shape
-        half = STYLE.sds_of_90_percent * sds * scale
+        half = SDS_OF_90_PERCENT * sds * scale
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
         shapes.append(DrawnShape(title, Band(scaled - half, scaled, scaled + half)))
     return shapes
@@ -438,10 +446,10 @@ def _in_space(
         for point, along, *band in zip(points, reach * directions, *shape.shape, strict=True):
             low, end, high = (point + component * along for component in band)
             if np.isfinite(end).all():
-                ax.plot(*point[:, None], ".", color=STYLE.blue, markersize=3)
-                ax.plot(*np.array([point, end]).T, color=STYLE.blue, linewidth=1.0,
+                ax.plot(*point[:, None], ".", color=BLUE, markersize=3)
+                ax.plot(*np.array([point, end]).T, color=BLUE, linewidth=1.0,
                         label="identified component")  # fmt: skip
-                ax.plot(*np.array([low, high]).T, color=STYLE.vermilion, linewidth=2.5,
+                ax.plot(*np.array([low, high]).T, color=VERMILION, linewidth=2.5,
                         solid_capstyle="butt", label="90 % interval")  # fmt: skip
     legend_of_figure(figure, panels[:1])
     return figure

@@ -11,7 +11,15 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.plots.figure_style import STYLE, figure_of, panels_across, title_of, width_of_panels
+from bayes_ssi.plots.figure_style import (
+    GREY,
+    MOST_VECTORS,
+    SMALL_TEXT,
+    figure_of,
+    panels_across,
+    title_of,
+    width_of_panels,
+)
 from bayes_ssi.results.predictions.nodal_modes import NodalModes
 from bayes_ssi.structures.geometry import Geometry
 
@@ -69,10 +77,10 @@ def _draw_deformed(
     size = np.linalg.norm(moved, axis=1)
     size = size / (size.max() or 1.0)
     borders = outline(points, faces)
-    _draw_lines(ax, points[np.concatenate([borders, lines])], STYLE.grey, 0.5)
+    _draw_lines(ax, points[np.concatenate([borders, lines])], GREY, 0.5)
     deformed = points + moved
     if not len(lines) and not faces:
-        ax.scatter(*points.T, s=0.6, color=STYLE.grey, depthshade=False, rasterized=True)
+        ax.scatter(*points.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
         ax.scatter(*deformed.T, s=1.5, c=scale(size), depthshade=False, rasterized=True)
     draw_faces(ax, deformed, faces, 0.9, lambda corners: scale(size[corners].mean(axis=1)))
     _draw_lines(ax, deformed[borders], "black", 0.4)
@@ -147,13 +155,13 @@ def frame_in_space(ax: Any, title: str, points: FloatArray, reach: float) -> Non
     ax.set_box_aspect(tuple(high - low), zoom=1.08)
     length = 0.16 * float((high - low).max())
     for name, along in zip("xyz", length * np.eye(3), strict=True):
-        ax.plot(*np.stack([low, low + along]).T, color=STYLE.grey, linewidth=0.8,
+        ax.plot(*np.stack([low, low + along]).T, color=GREY, linewidth=0.8,
                 clip_on=False)  # fmt: skip
         ax.text(
             *(low + 1.25 * along),
             name,
-            fontsize=STYLE.small,
-            color=STYLE.grey,
+            fontsize=SMALL_TEXT,
+            color=GREY,
             ha="center",
             va="center",
         )
@@ -164,15 +172,13 @@ def draw_structure(ax: Any, geometry: Geometry) -> None:
     """The faces and lines of a structure, or its nodes where neither are known."""
     nodes = np.array(list(geometry.nodes.values()))
     if not geometry.lines and not geometry.faces:
-        ax.scatter(*nodes.T, s=0.6, color=STYLE.grey, depthshade=False, rasterized=True)
+        ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
         return
     number = {node: i for i, node in enumerate(geometry.nodes)}
     lines, faces = _numbered(geometry, number)
-    draw_faces(ax, nodes, faces, 0.08, STYLE.grey)
+    draw_faces(ax, nodes, faces, 0.08, GREY)
     pairs = np.concatenate([outline(nodes, faces), lines])
-    _draw_lines(
-        ax, nodes[pairs], STYLE.grey, 0.5, alpha=0.5, rasterized=len(pairs) > STYLE.most_vectors
-    )
+    _draw_lines(ax, nodes[pairs], GREY, 0.5, alpha=0.5, rasterized=len(pairs) > MOST_VECTORS)
 
 
 def _draw_lines(

@@ -24,7 +24,7 @@ from bayes_ssi.plots.class_plots import (
     plot_pairing,
     plot_parameters,
 )
-from bayes_ssi.plots.figure_style import HOVER, RC, STYLE, figures_for_files, whole_figure
+from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
 from bayes_ssi.plots.ranking_plots import (
     IDENTIFIED_SHAPES,
@@ -146,7 +146,7 @@ def _drawn(
     figures: ReportFigures,
 ) -> Iterator[tuple[list[EmbeddedFigure], str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
-    evidence = plot_evidence(stored.comparison, most=STYLE.most_classes)
+    evidence = plot_evidence(stored.comparison, most=MOST_CLASSES)
     yield figures.ranking, "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"

@@ -20,7 +20,7 @@ from time import process_time
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 from bayes_ssi.structures.structure import Requirement
 
 SIZES = (1_000, 10_000, 100_000)
@@ -124,8 +124,8 @@ def draw(rows, path):
     sizes, direct, reduced = np.array(rows).T
     with style():
         figure, ax = plt.subplots(figsize=(5.5, 3.6))
-        ax.loglog(sizes, direct, "o-", color=STYLE.vermilion, label="direct: a full solution")
-        ax.loglog(sizes, reduced, "s--", color=STYLE.blue, label="reduced, certified")
+        ax.loglog(sizes, direct, "o-", color=VERMILION, label="direct: a full solution")
+        ax.loglog(sizes, reduced, "s--", color=BLUE, label="reduced, certified")
         for x, y in zip((*sizes, *sizes), (*direct, *reduced), strict=True):
             text = f"{y:.2g} s" if y >= 0.1 else f"{1e3 * y:.2g} ms"
             ax.annotate(text, (x, y), (0, 6), textcoords="offset points", ha="center")

@@ -26,7 +26,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.parameters.parameters import Value
-from bayes_ssi.plots.figure_style import STYLE, style
+from bayes_ssi.plots.figure_style import BLUE, VERMILION, style
 
 WIDTH, DEPTH, HEIGHT, WALL = 6.0, 4.5, 60.0, 0.3
 YOUNG, POISSON, DENSITY = 30e9, 0.2, 2500.0
@@ -212,8 +212,8 @@ def draw(by_size: list[Searched], by_places: list[Searched], path: Path) -> None
     with style():
         figure, axes = plt.subplots(1, 2, figsize=(7.5, 3.4), sharey=True)
         for ax, rows, x, colour, label in (
-            (axes[0], by_size, "size", STYLE.vermilion, "degrees of freedom"),
-            (axes[1], by_places, "n_places", STYLE.blue, "places, in three directions each"),
+            (axes[0], by_size, "size", VERMILION, "degrees of freedom"),
+            (axes[1], by_places, "n_places", BLUE, "places, in three directions each"),
         ):
             at = [getattr(row, x) for row in rows]
             ax.loglog(at, [row.seconds for row in rows], "o-", color=colour)

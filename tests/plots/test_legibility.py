@@ -26,7 +26,7 @@ from bayes_ssi.plots.class_plots import (
     plot_pairing,
     plot_parameters,
 )
-from bayes_ssi.plots.figure_style import STYLE, figures_for_files, whole_figure
+from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars, plot_places_on_building
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.shape_plots import (
@@ -121,7 +121,7 @@ def test_text_is_large_enough_and_neither_cut_nor_covered(plots, name):
     assert len(texts) > 3
     boxes = {text: text.get_window_extent() for text in texts}
     for text, box in boxes.items():
-        assert text.get_fontsize() >= STYLE.small, text
+        assert text.get_fontsize() >= SMALL_TEXT, text
         assert min(box.x0, box.y0) >= -1, text
         assert box.x1 <= page.x1 + 1, text
         assert box.y1 <= page.y1 + 1, text
@@ -138,16 +138,16 @@ def overlap(a, b):
 def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
     css = (files("bayes_ssi") / "report/templates/style.css").read_text("utf-8")
     ((least,),) = [re.findall(r"min-width: calc\(([\d.]+) \* var\(--natural\)\)", css)]
-    assert float(least) * STYLE.small >= 7.0  # points
+    assert float(least) * SMALL_TEXT >= 7.0  # points
     with figures_for_files():
         drawn = {name: embedded_drawing(whole_figure(plots[name]()), "x", "x")
                  for name in ("evidence", "shapes", "change")}  # fmt: skip
     for figure in drawn.values():
-        assert figure.width == round(96 * STYLE.width)
+        assert figure.width == round(96 * FIGURE_WIDTH)
         # 420 pixels less the margins of the page and of a model class: 0.7 + 0.6 rem, a border.
         assert float(least) * figure.width <= 420 - 2 * (1.3 * 16 + 1)
         assert not figure.is_wide
-        assert f'width="{72 * STYLE.width:.6g}pt"' in figure.html
+        assert f'width="{72 * FIGURE_WIDTH:.6g}pt"' in figure.html
 
 
 def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(augmented):

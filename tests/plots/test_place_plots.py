@@ -7,8 +7,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from searches import place_record, places_in_space, places_of_building, search_of
 
 import bayes_ssi as bs
-from bayes_ssi.plots.figure_style import STYLE, figures_for_files
-from bayes_ssi.plots.place_plots import plot_place_map, plot_places
+from bayes_ssi.plots.figure_style import MOST_VECTORS, figures_for_files
+from bayes_ssi.plots.place_plots import MOST_BARS, plot_place_map, plot_places
 
 GEOMETRY = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": (9.0, 0.0, 4.0)}, (("a", "b"),), "m")
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -99,8 +99,8 @@ def test_places_without_coordinates_are_left_out_of_a_map(draw):
 
 
 def test_hundreds_of_equal_places_are_one_picture(draw):
-    ax = draw(places_in_space(np.full(STYLE.most_vectors + 2, 1e-3), (X, Z)))
-    assert len(ax.collections) == STYLE.most_vectors + 2
+    ax = draw(places_in_space(np.full(MOST_VECTORS + 2, 1e-3), (X, Z)))
+    assert len(ax.collections) == MOST_VECTORS + 2
     assert all(each.get_rasterized() for each in ax.collections)
 
 
@@ -121,9 +121,9 @@ def test_without_coordinates_the_most_probable_places_are_bars(draw):
     ax = draw(places)
     lengths = [bar.get_width() for bar in ax.patches]
     assert lengths[:3] == [0.5, 0.2, 0.01]
-    assert len(lengths) == STYLE.most_bars + 1
-    assert lengths[-1] == pytest.approx(0.01 * (32 - STYLE.most_bars))
-    assert ax.get_yticklabels()[-1].get_text() == f"{32 - STYLE.most_bars} others together"
+    assert len(lengths) == MOST_BARS + 1
+    assert lengths[-1] == pytest.approx(0.01 * (32 - MOST_BARS))
+    assert ax.get_yticklabels()[-1].get_text() == f"{32 - MOST_BARS} others together"
     assert ax.get_xlabel() == "probability of an appendage"
 
 
@@ -141,5 +141,5 @@ def test_floors_in_space_have_a_column_for_each_direction(draw):
 def test_a_building_too_tall_for_a_page_is_bars(draw):
     tower = bs.ShearBuilding((1.0,) * 60, (1.0,) * 60)
     ax = draw([place_record(place, 1.0 / 120) for place in places_of_building(tower)])
-    assert len(ax.patches) == STYLE.most_bars + 1
+    assert len(ax.patches) == MOST_BARS + 1
     assert ax.figure.get_figheight() < 8

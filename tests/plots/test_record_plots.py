@@ -9,7 +9,7 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.plots import plot_singular_values, plot_stabilisation, plot_whitened_residuals
-from bayes_ssi.plots.figure_style import STYLE
+from bayes_ssi.plots.figure_style import ORANGE
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_means_of_residuals_are_within_bands(identified):
     ends = bands[0].frequencies_hz[0], bands[-1].frequencies_hz[-1]
     np.testing.assert_array_equal(ax.get_xlim(), ends)
     lines = ax.lines
-    means = [line.get_xdata() for line in lines if line.get_color() == STYLE.orange]
+    means = [line.get_xdata() for line in lines if line.get_color() == ORANGE]
     assert len(means) == len(bands)
     for line, band in zip(means, bands, strict=True):
         assert line[0] >= band.frequencies_hz[0]
