@@ -59,8 +59,7 @@ MODE_FIELDS = (
 @flag("--compare", text="Print the modes by every method in one table.")
 @modes_option
 @path_option(
-    "--figures",
-    text="Directory for figures of spectra, poles, residuals and shapes, a new one.",
+    "--figures", text="Directory for figures of spectra, poles, residuals and shapes, a new one."
 )
 @json_option
 def identify(

@@ -24,10 +24,7 @@ def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
     template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
     for own in (study, data):
         template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
-    for file, text in (
-        (data, (TEMPLATES / "modes.csv").read_text("utf-8")),
-        (study, template),
-    ):
+    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
         with file.open("x", encoding="utf-8") as new:
             new.write(text)
     return study, data

@@ -54,10 +54,7 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
     "several; may be repeated.",
 )
 @repeated_option(
-    "--weight",
-    "weights",
-    "NAME=WEIGHT",
-    "Prior weight of a model class; may be repeated.",
+    "--weight", "weights", "NAME=WEIGHT", "Prior weight of a model class; may be repeated."
 )
 @flag("--sample-again", text="Without other options: sample classes again where their draws do not "
       "cover a setting, which takes as long as a ranking.")  # fmt: skip
@@ -118,7 +115,7 @@ def what_if(
         say(
             f"{stored.search.n_unsampled} hypotheses that were not sampled are left out. Before, "
             "their probability together was at most "
-            f"{probability_text(stored.search.most_probability_unsampled)}.",
+            f"{probability_text(stored.search.most_probability_unsampled)}."
         )
     for row in dict.fromkeys((answer.best_before, answer.best_after)):
         if row is not None:

@@ -158,12 +158,7 @@ def frame_in_space(ax: Any, title: str, points: FloatArray, reach: float) -> Non
         ax.plot(*np.stack([low, low + along]).T, color=GREY, linewidth=0.8,
                 clip_on=False)  # fmt: skip
         ax.text(
-            *(low + 1.25 * along),
-            name,
-            fontsize=SMALL_TEXT,
-            color=GREY,
-            ha="center",
-            va="center",
+            *(low + 1.25 * along), name, fontsize=SMALL_TEXT, color=GREY, ha="center", va="center"
         )
     title_of(ax, title)
 

@@ -170,11 +170,7 @@ def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[
     own, known = Counter(record.structure_lines), Counter(first.structure_lines)
     if record is first or 2 * (own & known).total() < own.total():
         return {"as_in": None, "lines": _grouped(own), "without": []}
-    return {
-        "as_in": first.name,
-        "lines": _grouped(own - known),
-        "without": _grouped(known - own),
-    }
+    return {"as_in": first.name, "lines": _grouped(own - known), "without": _grouped(known - own)}
 
 
 def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:

@@ -140,10 +140,7 @@ def draw_figures(
 
 
 def _drawn(
-    stored: StoredResult,
-    sensitivity: Sensitivity | None,
-    plan: Plan | None,
-    figures: ReportFigures,
+    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None, figures: ReportFigures
 ) -> Iterator[tuple[list[EmbeddedFigure], str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
     evidence = plot_evidence(stored.comparison, most=MOST_CLASSES)

@@ -13,10 +13,7 @@ PAGE = "report.html"
 
 @checked
 def write_report(
-    result: str | Path,
-    directory: str | Path | None = None,
-    *,
-    overwrite: bool = False,
+    result: str | Path, directory: str | Path | None = None, *, overwrite: bool = False
 ) -> Path:
     """Write the report of a stored result as one HTML page that needs no other file.
 

@@ -32,10 +32,7 @@ AnyFamily = TypeVar("AnyFamily", bound=Family[Any])
 
 @checked
 def rank(
-    study: Study,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
+    study: Study, seed: int = 0, settings: SamplingSettings | None = None, run: Run | None = None
 ) -> Ranking:
     """Sample every model class of a study and rank them by evidence.
 

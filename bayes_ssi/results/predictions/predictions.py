@@ -160,9 +160,7 @@ class Predictions:
         )
 
     def _responses(
-        self,
-        compute: Callable[[Structure, FloatArray], FloatArray],
-        size_per_mode: int = 0,
+        self, compute: Callable[[Structure, FloatArray], FloatArray], size_per_mode: int = 0
     ) -> Prediction:
         parts = []
         for each in self.classes:

@@ -295,9 +295,7 @@ def choose_baselines(
 
 
 def _places(
-    baseline: ModelClass,
-    candidates: Sequence[Candidate] | None,
-    present_in: Sequence[str] | None,
+    baseline: ModelClass, candidates: Sequence[Candidate] | None, present_in: Sequence[str] | None
 ) -> tuple[AppendagePlace, ...]:
     tests = tests_with_appendages(baseline, present_in)
     scale_of(baseline, present_in)  # refuses masses that have none, before anything is sampled

@@ -67,11 +67,7 @@ class ChangeRecord(FamilyRecord):
 
 
 def change_findings(
-    family: Changes,
-    found: FamilySearch[ChangePlace],
-    seed: int,
-    run: Run,
-    visible: bool = True,
+    family: Changes, found: FamilySearch[ChangePlace], seed: int, run: Run, visible: bool = True
 ) -> ChangeRecord:
     """What was found; ``visible`` whether to compute the smallest losses that would have shown."""
     record = change_record(family, found)

@@ -156,9 +156,7 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
 
 
 def quantity_worth(
-    plan: SimulatedPlan,
-    layout: Sequence[int],
-    quantities: Sequence[tuple[FloatArray, FloatArray]],
+    plan: SimulatedPlan, layout: Sequence[int], quantities: Sequence[tuple[FloatArray, FloatArray]]
 ) -> Worth:
     """½ ln det (covariance before the test) - ½ ln det (after it), given the class.
 

@@ -266,10 +266,7 @@ def with_changed_settings(
 
 
 def _changed_class(
-    posterior: Posterior,
-    answer: Varied,
-    probability_before: float,
-    probability_after: float | None,
+    posterior: Posterior, answer: Varied, probability_before: float, probability_after: float | None
 ) -> ChangedClass:
     evidence, fit = posterior.evidence, posterior.adequacy
     trusted = not answer.problem
