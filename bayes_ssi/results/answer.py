@@ -34,7 +34,7 @@ from bayes_ssi.results.wording import (
     with_error,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.ranking.comparison import SCALE, RankedClass
+from bayes_ssi.studies.ranking.comparison import BARE_MENTION, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
 from bayes_ssi.studies.search.findings import SearchResult
 
@@ -329,14 +329,13 @@ def why_it_loses(row: RankedClass, best: RankedClass) -> str:
         return "The data favour it, but its prior probability is too low."
     fit = best.mean_log_likelihood - row.mean_log_likelihood
     tuning = row.information_gained - best.information_gained
-    bare_mention = SCALE[0][0] / 2.0  # in nats; the scale is of 2 ln B
-    if fit > bare_mention:
-        if tuning < -bare_mention:
+    if fit > BARE_MENTION:
+        if tuning < -BARE_MENTION:
             return "It loses because it fits the data worse, though its parameters are tuned less."
-        also = ", even with its parameters tuned more" if tuning > bare_mention else ""
+        also = ", even with its parameters tuned more" if tuning > BARE_MENTION else ""
         return f"It loses because it fits the data worse{also}."
-    if tuning > bare_mention:
-        if fit < -bare_mention:
+    if tuning > BARE_MENTION:
+        if fit < -BARE_MENTION:
             return (
                 "It loses because its better fit takes more tuning of its parameters than it "
                 "justifies."
