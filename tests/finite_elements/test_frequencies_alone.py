@@ -156,7 +156,7 @@ def test_commands_on_a_result_say_nothing_of_shapes(study):
 def test_what_needs_places_is_refused_in_one_line(study):
     for arguments, reason in (
         (["search", study], "a search needs a structure that carries elements"),
-        (["plan", study, "--sensors", 1, "--only", "class"], "no place in common that a sensor"),
+        (["plan", study, "--sensors", 1, "--class", "class"], "no place in common that a sensor"),
     ):
         output = run(*arguments, code=2)
         assert reason in output

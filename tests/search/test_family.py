@@ -41,6 +41,9 @@ class Losses(Family[int]):
         changed = baseline.with_structures(lambda *_: building(left))
         return changed.with_any_pairing(name)
 
+    def quantities(self, baseline, feature, column):  # noqa: ARG002 - of all families
+        return {"left": column(f"left in storey {feature}")}
+
 
 @pytest.fixture(scope="module")
 def found():
