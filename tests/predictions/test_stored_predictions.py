@@ -136,8 +136,8 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
          "no distribution 'None'"),
         (lambda record: record["baselines"][0].update(classes=["no k"]),
          "tiny.py: not the study of .*: no model class 'no k'"),
-        (lambda record: [appendage["place"]["candidate"].update(place=7)
-                         for row in record["hypotheses"] for appendage in row["appendages"]],
+        (lambda record: [feature["place"]["candidate"].update(place=7)
+                         for row in record["hypotheses"] for feature in row["features"]],
          "floor"),
     ],
 )  # fmt: skip
