@@ -11,6 +11,9 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
+from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws
+from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.results.predictions.requested_predictions import structures_of_unknown_ground
 
 STUDY = """
 import numpy as np
@@ -151,6 +154,13 @@ def test_commands_on_a_result_say_nothing_of_shapes(study):
     page = re.sub(r"(?s)<(style|script).*?</\1>|<[^>]*>", " ", page)
     assert "no shapes" in page
     assert not OF_SHAPES.search(page)
+
+
+def test_the_ground_moves_no_place_where_there_is_none():
+    """Though how it moves the masses is given."""
+    structure = SPACE["matrix_structure"](sensors={}, influence=(1.0, 1.0))
+    draws = PosteriorDraws("x", structure, {"1": 1}, np.ones((1, 2)), SPACE["data"])
+    assert structures_of_unknown_ground(Predictions("x", (draws,))) == [structure]
 
 
 def test_what_needs_places_is_refused_in_one_line(study):
