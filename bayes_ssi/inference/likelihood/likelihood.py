@@ -14,13 +14,16 @@ that a model mode would have been identified inside the band. Where errors are c
 density of pairs takes the place of their product
 (:mod:`~bayes_ssi.inference.likelihood.correlated_errors`).
 
+Close modes turn together, and the mean over their turns takes the place of the product of their
+shapes' densities (:mod:`~bayes_ssi.inference.likelihood.close_modes`).
+
 Where the pairing is inferred along with the parameters, the density is the sum over all pairings,
 and the order of model modes may change with them.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -28,12 +31,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
+from bayes_ssi.inference.likelihood.close_modes import (
+    CloseCases,
+    ClosePairs,
+    Turned,
+    TurningShapes,
+    close_pairs,
+)
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.joint_errors import JointPairs
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import (
     InferredPairing,
     PairingWeights,
+    PairsTogether,
     inferred_pairing,
     log_sum,
     pair_probabilities,
@@ -62,11 +73,17 @@ class ComparedModes(NamedTuple):
     """The modes of a model at a batch of B parameter values, compared with the identified ones."""
 
     frequencies_hz: FloatArray  # (B, n_modes), of the model
-    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored, at the mean turn of close
+    # modes.
     shape_distances: FloatArray
+    # (B, n_shape_pairs), log of the mean density over turns, over the one at the mean turn, which
+    # both modes of a pair share; (B, 0) where nothing turns.
+    turned: FloatArray
     # (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the signs of the
     # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
+    # (B, n_sensors, n_modes), of the model where the pairing is inferred; (B, 0, 0) where given.
+    shapes: FloatArray
 
     def rows(self, which: Places) -> "ComparedModes":
         return ComparedModes(*(array[which] for array in self))
@@ -151,7 +168,7 @@ class ModalLikelihood:
             unpaired = self._unpaired_model_modes
             return ModalTerms(
                 self._frequency_terms(modes, error_var[:, :1]),
-                self._shape_terms(modes.shape_distances, error_var[:, 1:]),
+                self._shape_terms(modes, error_var[:, 1:]),
                 self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired),
                 self._unpaired_data,
             )
@@ -161,7 +178,9 @@ class ModalLikelihood:
         frequencies = np.ones((len(values), self.structure.n_modes))
         frequencies[:, self.pairs.model_modes] = self.pairs.frequencies_hz
         distances = np.zeros((len(values), len(self.pairs.with_shape)))
-        terms = self.terms(values, ComparedModes(frequencies, distances, distances))
+        none = np.zeros((len(values), 0, 0))
+        compared = ComparedModes(frequencies, distances, distances, distances, none)
+        terms = self.terms(values, compared)
         return terms._replace(missed=terms.missed[:, :0]).total()
 
     @property
@@ -198,14 +217,125 @@ class ModalLikelihood:
     def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
         """The structure's modes at ``values``, or the given ones, compared with the data's."""
         modes = self.modes(values) if modes is None else modes
-        distances, unit = np.zeros((2, len(values), 0))
-        if len(self.pairs.with_shape):
-            shapes = self.shapes_at_sensors(modes)
-            distances = self.pairs.shape_distances(shapes)
-            if self.error.repeats_between_tests or self.data.covariance is not None:
-                unit = self.pairs.unit_model_shapes(shapes)
         # In memory the rows of the batch next to each other: columns are longer than rows.
-        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, unit)
+        frequencies = np.asfortranarray(modes.frequencies_hz)
+        unit, none = np.zeros((len(values), 0)), np.zeros((len(values), 0, 0))
+        if not len(self.pairs.with_shape):
+            return ComparedModes(frequencies, unit, unit, unit, none)
+        shapes = self.shapes_at_sensors(modes)
+        distances = self.pairs.shape_distances(shapes)
+        turned = np.zeros(distances.T.shape).T
+        close = self.close_pairs(values, frequencies)
+        needs_units = self.error.repeats_between_tests or self.data.covariance is not None
+        if needs_units:
+            unit = self.pairs.unit_model_shapes(shapes)
+        if close is not None:
+            cases = self._cases(close, frequencies)
+            mean = self._mean_over_turns(close, cases, shapes)
+            rows, shared = close.rows[cases.pairs], (cases.columns >= 0).sum(axis=0)
+            for i, column in enumerate(cases.columns):
+                some = np.flatnonzero(column >= 0)
+                at = rows[some], column[some]
+                distances[at] = mean.distances[i, some]
+                turned[at] = (mean.log_gains / shared)[some]
+                if needs_units:
+                    of_turned = cases.cases(some).turned(close, shapes, mean.angles[some], i)
+                    of_columns = unit.reshape(*distances.shape, -1)
+                    of_columns[at] = self.pairs.unit_shapes_like(column[some], of_turned)
+        none = none if self.pairing_is_given else shapes
+        return ComparedModes(frequencies, distances, turned, unit, none)
+
+    def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
+        """The pairs of model modes that turn together, at model frequencies (B, n_modes)."""
+        if not len(self.pairs.with_shape):
+            return None
+        variances = self._fixed_var
+        if variances is None:
+            variances = self.prediction_var(values)
+        return close_pairs(frequencies_hz, self._distances(frequencies_hz, variances), variances)
+
+    @cached_property
+    def _fixed_var(self) -> FloatArray | None:
+        """Squared prediction errors (1, 2) where no parameter enters them."""
+        if any(size.parameters for size in self._sizes):
+            return None
+        return np.array([[size.scale**2 for size in self._sizes]])
+
+    def _distances(self, frequencies_hz: FloatArray, variances: FloatArray) -> FloatArray:  # noqa: ARG002
+        """What :func:`close_pairs` takes as observed; it may depend on the model's frequencies."""
+        return self._observed_distances[:, None]
+
+    @cached_property
+    def _observed_distances(self) -> FloatArray:
+        """Relative distances (n_modes - 1,) of the identified modes of neighbouring model modes.
+
+        NaN where one of them is not identified; infinite where neither has a shape that is scored.
+        """
+        identified = np.full(self.structure.n_modes, np.nan)
+        identified[self.pairs.model_modes] = self.pairs.frequencies_hz
+        scored = np.isin(np.arange(len(identified)), self.pairs.model_modes[self.pairs.with_shape])
+        middles = 0.5 * (identified[1:] + identified[:-1])
+        distances = np.abs(np.diff(identified)) / middles
+        return np.where(scored[1:] | scored[:-1], distances, np.inf)
+
+    def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:  # noqa: ARG002
+        """The identified shapes beside close pairs, at model frequencies (B, n_modes)."""
+        columns = self._columns[np.array([close.lower, close.lower + 1])]
+        observed = self._observed_distances[close.lower]
+        is_upper = np.array([[False], [True]])
+        return CloseCases(np.arange(len(close.rows)), columns, is_upper, observed)
+
+    @cached_property
+    def _columns(self) -> NDArray[np.intp]:
+        """Column (n_modes,) among scored shapes of the one that is each model mode; -1 if none."""
+        columns = np.full(self.structure.n_modes, -1)
+        columns[self.pairs.model_modes[self.pairs.with_shape]] = range(len(self.pairs.with_shape))
+        return columns
+
+    def _mean_over_turns(self, close: ClosePairs, cases: CloseCases, shapes: FloatArray) -> Turned:
+        """Of model shapes (B, n_sensors, n_modes), at the sensors."""
+        units, measured, variances = self._shapes_or_none
+        own = close.cases(cases.pairs)
+        turning = TurningShapes.of(
+            cases.modes(close, shapes),
+            units[cases.columns].swapaxes(1, 2),
+            None if measured is None else measured[cases.columns].swapaxes(1, 2),
+            np.where(cases.is_upper, -1.0, 1.0),
+            own.variances[:, 1] + variances[cases.columns],
+        )
+        return Turned.of(own.concentrations(cases.observed), turning)
+
+    @cached_property
+    def _shapes_or_none(self) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+        """Unit shapes (S + 1, s), where they were measured and squared errors; the last is none."""
+        n = len(self.data.sensors)
+        measured = np.vstack([self.pairs.measured.T, np.ones(n)])
+        return (
+            np.vstack([self.pairs.unit_shapes.T, np.zeros(n)]),
+            None if measured.all() else measured,
+            np.append(self.pairs.shape_var, np.inf),
+        )
+
+    def turned_modes(self, values: FloatArray, modes: Modes, pairs: NDArray[np.intp]) -> Modes:
+        """Modes with close ones at their mean turn, paired as :meth:`sampled_pairs` has it."""
+        numbers = np.append(self.pairs.model_modes, -1)[pairs]
+        shapes = np.array(modes.shapes)
+        different, which = np.unique(numbers, axis=0, return_inverse=True)
+        for i, chosen in enumerate(different):
+            rows = np.flatnonzero(which.ravel() == i)
+            named = zip(self.data.labels, (chosen + 1).tolist(), strict=True)
+            pairing = {label: number for label, number in named if number}
+            parts = self.structure, self.data, self.error, self.identification
+            given = ModalLikelihood(*parts, pairing)
+            own = Modes(modes.frequencies_hz[rows], modes.shapes[rows])
+            close = given.close_pairs(values[rows], own.frequencies_hz)
+            if close is not None:
+                cases = given._cases(close, own.frequencies_hz)
+                mean = given._mean_over_turns(close, cases, given.shapes_at_sensors(own))
+                for i, lower in enumerate((close.lower, close.lower + 1)):
+                    of_turned = cases.turned(close, own.shapes, mean.angles, i)
+                    shapes[rows[close.rows], :, lower] = of_turned.T
+        return Modes(modes.frequencies_hz, shapes)
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
@@ -315,14 +445,14 @@ class ModalLikelihood:
         detected = math.log(self.identification.detection_probability)
         return detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
 
-    def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
+    def _shape_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
-            return distances
+            return modes.shape_distances
         variance = (prediction_var.T + self._own_var[1]).T
         normalisers = self._fixed_normalisers
         if normalisers is None:
             normalisers = self._log_normalisers(variance)
-        return -distances / variance - normalisers
+        return modes.turned - modes.shape_distances / variance - normalisers
 
     @cached_property
     def _fixed_normalisers(self) -> FloatArray | None:
@@ -375,6 +505,9 @@ def _column(variances: FloatArray) -> FloatArray:
 
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
+# Farther in frequency, in nats, an identified mode is not a model mode, however alike their shapes.
+NEAR_NATS = 100.0
+NEAR_NATS_PER_SENSOR = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,7 +584,70 @@ class AnyPairing(ModalLikelihood):
                 paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
         paired = paired.reshape(len(values), len(self.data.modes), missed.shape[1])
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
-        return PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz), missed
+        weights = PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz)
+        close = self.close_pairs(values, modes.frequencies_hz) if modes.shapes.size else None
+        if close is not None:
+            weights = replace(weights, together=self._together(close, modes))
+        return weights, missed
+
+    def _distances(self, frequencies_hz: FloatArray, variances: FloatArray) -> FloatArray:
+        """The least that may be observed (n_modes - 1, B): some pairing may bring modes close."""
+        hz = self.data.frequencies_hz
+        apart = np.abs(hz[:, None] - hz) / (0.5 * (hz[:, None] + hz)) + np.diag(
+            np.full(len(hz), np.inf)
+        )
+        near = self._near(frequencies_hz, variances[:, :1])
+        least = np.where(near, apart.min(axis=1), np.inf).min(axis=2).T
+        model_hz = frequencies_hz.T
+        own = np.diff(model_hz, axis=0) / (0.5 * (model_hz[1:] + model_hz[:-1]))
+        return np.minimum(own, np.minimum(least[1:], least[:-1]))
+
+    def _near(self, frequencies_hz: FloatArray, variances: FloatArray) -> NDArray[np.bool_]:
+        """Which identified modes may be these model modes (B, m), whatever their shapes, (B, m, J).
+
+        ``variances`` (B or 1, 1) are squared prediction errors of frequencies.
+        """
+        most = NEAR_NATS + NEAR_NATS_PER_SENSOR * len(self.data.sensors)
+        own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        residuals = frequencies_hz[:, :, None] / self.data.frequencies_hz - 1.0
+        return np.asarray(residuals**2 < 2.0 * most * (variances[:, :, None] + own))
+
+    def _near_pairs(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
+        """The same for the lower and upper modes of close pairs, (C, 2, J)."""
+        lower = close.lower[:, None]
+        model_hz = frequencies_hz[close.rows[:, None], np.hstack([lower, lower + 1])]
+        return self._near(model_hz, close.variances[:, :1])
+
+    def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
+        """Each identified shape by itself, as the only one of a pair that is identified."""
+        near = self._near_pairs(close, frequencies_hz) & (self._columns[:, 0] >= 0)
+        pair, upper, j = np.nonzero(near)
+        columns = self._columns[j, close.lower[pair] + upper]
+        return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
+
+    @cached_property
+    def _columns(self) -> NDArray[np.intp]:
+        """Column (J, n_modes) among shapes of an identified one as a model mode; -1 if none."""
+        columns = np.full(len(self.pairs.modes), -1)
+        columns[self.pairs.with_shape] = range(len(self.pairs.with_shape))
+        return columns.reshape(-1, self.structure.n_modes)
+
+    def _together(self, close: ClosePairs, modes: ComparedModes) -> PairsTogether:
+        """The weights of identifying both modes of close pairs, over those of each alone."""
+        n, hz = len(self.data.modes), self.data.frequencies_hz
+        near = self._near_pairs(close, modes.frequencies_hz)
+        both = near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool)
+        pair, j, k = np.nonzero(both)
+        columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
+        observed = np.abs(hz[j] - hz[k]) / (0.5 * (hz[j] + hz[k]))
+        cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
+        logs = self._mean_over_turns(close, cases, modes.shapes).log_means
+        variances = close.variances[pair, 1] + self._shapes_or_none[2][columns]
+        rows = close.rows[pair]
+        alone = modes.turned[rows, columns] - modes.shape_distances[rows, columns] / variances
+        gains = np.zeros((len(close.rows), n, n))
+        gains[pair, j, k] = logs - np.where(columns < 0, 0.0, alone).sum(axis=0)
+        return PairsTogether(close.rows, close.lower, gains)
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:
