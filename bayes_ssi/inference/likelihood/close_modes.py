@@ -37,36 +37,24 @@ from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
 @dataclass(frozen=True)
 class TurnSettings:
-    """How means over turns are computed.
+    """How means over turns are computed, to 0.01."""
 
-    By the trapezoidal rule, whose error falls with exp(-2π² (width/step)²) for a periodic
-    integrand: to 5e-9 of it where steps are one width, the standard deviation at the maximum.
-    """
-
-    # Steps all around, at which the maximum is sought; finer ones are halves, quarters, ...
-    n_steps: int = 32
-    # Rate at which a shape at the sensors may turn, for one of all degrees of freedom, where they
-    # are fine enough; and a share of the longest shape below which its sensors see no direction.
-    rate: float = 3.0
-    unseen: float = 0.03
-    most_halvings: int = 8  # two at once; to 4e-4, a hundredth of a shape error of a few per cent
-    disagree: float = 0.03  # sums over all nodes and over every other: twice that at two widths
-    reach: float = 6.5  # widths from the maximum, beyond which the integrand is below e^(-21)
-    # Where the maximum is narrow: how many steps are made to it, how long they are, how many nodes
-    # taken about it, of which width, and the window beyond which the integrand is negligible.
-    n_ascents: int = 2
+    # Nodes about the middle of the density of turns and about the nearest turn of each shape, and
+    # about the maximum; the next ones until sums over every other one agree.
+    nodes: tuple[tuple[int, int], ...] = ((0, 16), (32, 64), (128, 256), (512, 1024))
+    disagree: float = 3e-3
+    negligible: float = -9.0  # exponent below the maximum
+    n_scanned: int = 12  # turns at which the maximum is sought, besides the nearest ones
+    spread: float = 2.0  # of nodes, in standard deviations of what they are about
+    n_ascents: int = 2  # to the maximum
     longest_ascent: float = 0.3
-    n_hermite: int = 7
-    narrow: float = 0.12
-    window: float = 0.9
     most_concentration: float = 1e6  # a standard deviation of 5e-4, beyond which nothing turns
     least_concentration: float = 1e-9  # from which it cannot be told from none
-    batch: int = 1024  # pairs at a time, for arrays that stay in the processor's cache
+    numbers: int = 2**14  # at a time, for arrays that stay in the processor's cache
 
 
 TURNS = TurnSettings()
-_HERMITE = np.polynomial.hermite.hermgauss(TURNS.n_hermite)
-_HERMITE[1][:] *= np.exp(_HERMITE[0] ** 2)
+_SCANNED = math.pi * ((np.arange(TURNS.n_scanned)[:, None] + 0.5) / TURNS.n_scanned - 0.5)
 
 
 class ClosePairs(NamedTuple):
@@ -160,11 +148,7 @@ class TurningShapes(NamedTuple):
     numerators: FloatArray  # (3, m, E)
     denominators: FloatArray  # (3, m, E)
     variances: FloatArray  # (m, E), squared errors of the shapes; infinite where there is none
-    # (m, E), the turn at which a model shape is nearest to the identified one, |φ_e·φ(t)| then,
-    # and the rate at which it turns, over that of all degrees of freedom; NaN where there is none.
-    nearest: FloatArray
-    largest: FloatArray
-    rates: FloatArray
+    nearest: FloatArray  # (m, E), the turn at which a model shape is nearest to the identified one
 
     @classmethod
     def of(
@@ -197,33 +181,35 @@ class TurningShapes(NamedTuple):
         # Not zero by rounding; and of one that no sensor sees, any number.
         below[0] = np.where(below[0] > 0.0, (1.0 + 4.0 * np.finfo(float).eps) * below[0], 1.0)
         above[0] = np.maximum(above[0], np.finfo(float).tiny)
-        # Both shapes with a little more in directions of their own.
-        ii, kk = ii + TURNS.unseen**2 * below[0], kk + TURNS.unseen**2 * below[0]
-        first, second = kk * p - ik * q, ii * q - ik * p  # det G · G⁻¹ of the projections
-        length, area = np.abs(p * first + q * second), ii * kk - ik * ik
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rates = (first * first + second * second) / (length * np.sqrt(area))
-            largest = np.fmin(np.sqrt(length / area), 1.0)
+        first, second = kk * p - ik * q, ii * q - ik * p  # along the projection in the plane
         nearest = np.where(upper > 0.0, np.arctan2(second, first), np.arctan2(-first, second))
-        variances = np.broadcast_to(variances, p.shape)
-        return cls(above, below, variances, nearest, largest, rates)
+        return cls(above, below, np.broadcast_to(variances, p.shape), nearest)
 
-    def distances(self, turns: FloatArray) -> FloatArray:
-        """1 - |φ_e·φ(t)| (m, E)."""
-        return 1.0 - self.cosines(np.cos(2.0 * turns), np.sin(2.0 * turns))
+    def distances(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
+        """1 - |φ_e·φ(t)|, (m, E) at turns (E,)."""
+        sums = (each[0] + each[1] * cos2 + each[2] * sin2 for each in self[:2])
+        above, below = sums
+        return np.asarray(1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0)))
 
-    def cosines(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
-        """|φ_e·φ(t)| (m, E) at turns (E,), or (m, n, E) at turns (n, E or 1)."""
-        more = (slice(None), *[None] * (cos2.ndim - 1))
-        above, below = (each[2][more] * sin2 for each in (self.numerators, self.denominators))
-        for total, each in ((above, self.numerators), (below, self.denominators)):
-            total += each[1][more] * cos2
-            total += each[0][more]
-        above /= below
-        return np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above)
+    def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
+        """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E) at turns (n, E)."""
+        total = kappa * (cos2 - 1.0)
+        below, more = np.empty((2, *total.shape))
+        for i, variance in enumerate(self.variances):
+            above = self.numerators[2, i] * sin2
+            np.multiply(self.denominators[2, i], sin2, out=below)
+            for sums, terms in ((above, self.numerators), (below, self.denominators)):
+                sums += np.multiply(terms[1, i], cos2, out=more)
+                sums += terms[0, i]
+            above /= below
+            above = np.sqrt(np.maximum(above, 0.0, out=above), out=above)
+            above -= 1.0
+            above /= variance
+            total += above
+        return total
 
-    def slopes(self, kappa: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First derivatives, and second ones with the other sign, of exponents at turns (E,)."""
+    def slopes(self, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First derivatives, and second ones with the other sign, of |φ_e·φ(t)|/σ², (m, E)."""
         cos2, sin2 = np.cos(2.0 * turns), np.sin(2.0 * turns)
         logs = []  # of squares: half of their first derivatives, and a quarter of the second ones
         for constant, of_cos, of_sin in (self.numerators, self.denominators):
@@ -233,16 +219,23 @@ class TurningShapes(NamedTuple):
         (above, slope, bend), (below, of_length, bend_of_length) = logs
         cosines = np.sqrt(np.clip(above / below, 0.0, 1.0)) / self.variances
         slope = slope - of_length
-        bends = row_sums((cosines * (slope**2 + 2.0 * (bend - bend_of_length))).T)
-        return row_sums((cosines * slope).T) - 2.0 * kappa * sin2, 4.0 * kappa * cos2 - bends
+        return cosines * slope, -cosines * (slope**2 + 2.0 * (bend - bend_of_length))
 
-    def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
-        """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², of shape (n, E)."""
-        terms = self.cosines(cos2, sin2)
-        terms -= 1.0
-        terms /= self.variances[:, None]
-        terms[0] += kappa * (cos2 - 1.0)
-        return row_sums(terms.swapaxes(0, 1))
+    def maximum(self, kappa: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Turns (E,) of the maximum of the exponent near ``turns``, and its bend there."""
+        for i in range(TURNS.n_ascents + 1):
+            slopes, bends = (row_sums(each.T) for each in self.slopes(turns))
+            bends = bends + 4.0 * kappa * np.cos(2.0 * turns)
+            if i < TURNS.n_ascents:
+                steps = (slopes - 2.0 * kappa * np.sin(2.0 * turns)) / np.maximum(abs(bends), 1e-9)
+                turns = turns + np.clip(steps, -TURNS.longest_ascent, TURNS.longest_ascent)
+        return turns, bends
+
+    def unevenness(self) -> FloatArray:
+        """Smallest over largest length (E,) of a turned shape at the sensors."""
+        middle, *of_turns = self.denominators[:, 0]
+        change = np.hypot(*of_turns)
+        return np.asarray(np.sqrt(np.maximum(middle - change, 0.0) / (middle + change)))
 
     def cases(self, which: NDArray[np.intp]) -> "TurningShapes":
         return TurningShapes(*(each[..., which] for each in self))
@@ -265,114 +258,84 @@ class Turned(NamedTuple):
     def of(cls, concentrations: FloatArray, shapes: TurningShapes) -> "Turned":
         """From κ' (E,), infinite where nothing turns."""
         log_means, angles = np.zeros((2, len(concentrations)))
-        turning = np.isfinite(concentrations)
+        left = np.flatnonzero(np.isfinite(concentrations))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-            for cases in _parts(np.flatnonzero(turning)):
-                log_means[cases], angles[cases], turning[cases] = _by_hermite(
-                    concentrations[cases], shapes.cases(cases)
-                )
-            left = np.flatnonzero(turning)
-            rates = np.fmax.reduce(shapes.rates[:, left]) / TURNS.rate
-            doublings = np.clip(2.0 * np.ceil(0.5 * np.log2(np.fmax(rates, 1.0))), 0, 4)
-            for doubling in np.unique(doublings).astype(int):
-                n = TURNS.n_steps << doubling
-                for cases in _parts(left[doublings == doubling]):
-                    log_means[cases], angles[cases] = _by_trapezoids(
-                        n, concentrations[cases], shapes.cases(cases)
+            for n in TURNS.nodes:
+                accurate = np.empty(len(left), dtype=bool)
+                step = max(TURNS.numbers // sum(n), 1)
+                for first in range(0, len(left), step):
+                    part = slice(first, first + step)
+                    cases = left[part]
+                    log_means[cases], angles[cases], accurate[part] = _mean_over_turns(
+                        *n, concentrations[cases], shapes.cases(cases)
                     )
-            distances = shapes.distances(angles)
+                left = left[~accurate]
+            distances = shapes.distances(np.cos(2.0 * angles), np.sin(2.0 * angles))
             exponents = row_sums((distances / shapes.variances).T)
         log_means = np.where(np.isfinite(concentrations), log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
 
 
-def _nodes(n: int) -> FloatArray:
-    """The middles of n steps around, which meet neither t = 0 nor t = π/2."""
-    return math.pi * ((np.arange(n) + 0.5) / n - 0.5)
-
-
-def _parts(cases: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    return [cases[i : i + TURNS.batch] for i in range(0, len(cases), TURNS.batch)]
-
-
-def _by_hermite(
-    kappa: FloatArray, shapes: TurningShapes
+def _mean_over_turns(
+    n: int, n_about: int, kappa: FloatArray, shapes: TurningShapes
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Log means and mean turns by Gauss and Hermite's rule, and where that will not do.
+    """Log means and mean turns (E,), and whether they are accurate.
 
-    It does where the maximum is narrow, and all beyond a window about it negligible: shapes whose
-    nearest turns lie well inside the window only become less alike outside.
+    Nodes have Cauchy densities q_k in tan(t - c_k), about the middle of the density of turns, the
+    nearest turn of each shape, and the maximum: midpoints of equal steps of their distribution
+    functions, which converges exponentially for periodic integrands. Each set integrates its part
+    (n_k q_k)²/Σ (n_l q_l)² of the integrand.
     """
-    weights = np.nan_to_num(shapes.largest * shapes.rates**2 / shapes.variances) / 4.0
-    sines, cosines = (row_sums((weights * f(2.0 * shapes.nearest)).T) for f in (np.sin, np.cos))
-    turns = 0.5 * np.arctan2(sines, kappa + cosines)
-    for _ in range(TURNS.n_ascents):
-        slopes, bends = shapes.slopes(kappa, turns)
-        steps = slopes / np.maximum(bends, kappa)
-        turns = turns + np.clip(steps, -TURNS.longest_ascent, TURNS.longest_ascent)
-    widths = 1.0 / np.sqrt(np.maximum(bends, kappa))
-    moved = math.sqrt(2.0) * widths * _HERMITE[0][:, None]
-    ends = np.broadcast_to([[-TURNS.window], [TURNS.window]], (2, len(kappa)))
-    fine = turns + np.concatenate([moved, ends])
-    cos2 = np.cos(2.0 * fine)
-    exponents = shapes.exponents(kappa, cos2, np.sin(2.0 * fine))
-    inside, beyond = exponents[:-2], (exponents - kappa * (cos2 - 1.0))[-2:].max(axis=0)
-    highest = inside.max(axis=0)
-    terms = np.exp(inside - highest) * _HERMITE[1][:, None]
+    centres = np.vstack([np.zeros(len(kappa)), shapes.nearest])
+    tried = np.vstack([centres, np.broadcast_to(_SCANNED, (TURNS.n_scanned, len(kappa)))])
+    of_tried = shapes.exponents(kappa, np.cos(2.0 * tried), np.sin(2.0 * tried))
+    turns = tried[of_tried.argmax(axis=0), np.arange(len(kappa))]
+    turns, bends = shapes.maximum(kappa, turns)
+    widths = _widths(bends)[None]
+    shares = [(np.arange(n_about) + 0.5) / n_about]
+    if n:
+        bends = np.vstack([4.0 * kappa, shapes.slopes(shapes.nearest)[1]])
+        widths = np.vstack([widths, _widths(np.nan_to_num(bends))])
+        shares += [(np.arange(n) + (i + 0.5) / len(bends)) / n for i in range(len(bends))]
+    centres = np.vstack([turns, centres])[: len(widths)]
+    sets = list(zip(centres, widths, shares, strict=True))
+    cos2, sin2 = (np.concatenate(each) for each in zip(*(_placed(*each) for each in sets), strict=True))
+    exponents = shapes.exponents(kappa, cos2, sin2)
+    highest = exponents.max(axis=0)
+    terms = np.exp(exponents - highest)
+    total, first = np.zeros(exponents.shape), 0
+    for centre, width, share in sets:
+        along = cos2 * np.cos(2.0 * centre) + sin2 * np.sin(2.0 * centre)
+        density = 2.0 * len(share) * width / (1.0 + width**2 - (1.0 - width**2) * along)
+        own = slice(first, first + len(share))
+        terms[own] *= density[own]
+        total += density * density
+        first += len(share)
+    terms /= total
     integrals = row_sums(terms.T)
-    log_means = np.log(integrals * widths * (math.sqrt(2.0) / math.pi) / ive(0, kappa)) + highest
-    off = np.abs(shapes.nearest - turns)
-    off = np.fmax.reduce(np.abs(off - math.pi * np.rint(off / math.pi)))
-    most = row_sums(np.nan_to_num((shapes.largest - 1.0) / shapes.variances).T)
-    beyond = np.where(off < TURNS.window - TURNS.longest_ascent, beyond, most)
-    beyond -= 2.0 * kappa * np.sin(np.maximum(TURNS.window - np.abs(turns), 0.0)) ** 2
-    does = widths * np.fmax(np.fmax.reduce(shapes.rates), 1.0) < TURNS.narrow
-    does &= (np.abs(steps) < 0.1 * widths) & (beyond < highest - 0.5 * TURNS.reach**2)
-    return log_means, turns + row_sums((terms * moved).T) / integrals, ~does
+    angles = 0.5 * np.arctan2(*(row_sums((terms * each).T) for each in (sin2, cos2)))
+    accurate = np.abs(2.0 * row_sums(terms[::2].T) / integrals - 1.0) < TURNS.disagree
+    accurate &= max(n, 3) * np.sqrt(shapes.unevenness()) > 1.0
+    if not n:  # there may be another maximum
+        is_far = np.abs(np.sin(tried - turns)) > 4.0 * widths[0]
+        accurate &= ~(is_far & (of_tried > highest + TURNS.negligible)).any(axis=0)
+    return np.log(integrals) + highest - np.log(ive(0, kappa)), angles, accurate
 
 
-def _by_trapezoids(
-    n: int, kappa: FloatArray, shapes: TurningShapes
+def _widths(bends: FloatArray) -> FloatArray:
+    """Widths of nodes about a maximum with minus this second derivative."""
+    return np.clip(TURNS.spread / np.sqrt(np.maximum(bends, 1e-9)), 1e-8, 1.0)
+
+
+def _placed(
+    centre: FloatArray, width: FloatArray, shares: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Log means and mean turns, with n steps all around, or finer ones.
+    """cos 2t and sin 2t (n, E) of nodes of widths (E,) about centres (E,).
 
-    A parabola through the highest of some values and its neighbours gives the maximum of the
-    exponent and its width. Steps are halved until they are one width, but only near the maximum.
+    ``shares`` (n,) of the set are on one side of a node.
     """
-    every, nodes = np.arange(len(kappa)), _nodes(n)[:, None]
-    coarse = shapes.exponents(kappa, np.cos(2.0 * nodes), np.sin(2.0 * nodes))
-    top = coarse.argmax(axis=0)
-    before, highest, after = (coarse[(top + i) % n, every] for i in (-1, 0, 1))
-    bend = np.maximum(2.0 * highest - before - after, np.finfo(float).tiny)
-    ahead = np.clip(0.5 * (after - before) / bend, -0.5, 0.5)
-    highest += 0.5 * bend * ahead**2
-    peaks = nodes[top, 0] + ahead * math.pi / n
-    halvings = np.clip(2.0 * np.ceil(0.25 * np.log2(bend)), 0, TURNS.most_halvings)
-    # How far below the maximum a step may be, in widths, for a node of it to be within reach.
-    reach = 0.5 * (TURNS.reach + 0.5 * np.sqrt(bend)) ** 2
-    is_near = coarse > highest - reach
-    logs, turns = np.full((2, len(kappa)), np.nan)
-    for halving in range(0, TURNS.most_halvings + 1, 2):
-        cases = np.flatnonzero(halvings == halving)
-        if not len(cases):
-            continue
-        case, of_step = np.nonzero(is_near[:, cases].T)
-        own = cases[case]
-        fine = _nodes(n << halving)
-        at = (of_step << halving) + np.arange(1 << halving)[:, None]
-        cos2, sin2, moved = np.cos(2.0 * fine)[at], np.sin(2.0 * fine)[at], fine[at] - peaks[own]
-        exponents = shapes.cases(own).exponents(kappa[own], cos2, sin2)
-        starts = np.searchsorted(case, np.arange(len(cases)))
-        most = np.maximum.reduceat(exponents.max(axis=0), starts)
-        weights = np.exp(np.subtract(exponents, most[case], out=exponents), out=exponents)
-        moved -= math.pi * np.rint(moved / math.pi)
-        halved: FloatArray = weights[::2] if halving else weights * (of_step % 2)
-        integral, half, moment = (
-            np.bincount(case, row_sums(terms[None])[0], len(cases))
-            for terms in (weights, halved, weights * moved)
-        )
-        logs[cases] = np.log(integral / (n << halving)) + most
-        turns[cases] = peaks[cases] + moment / integral
-        # Twice the sum over every other node is as much, or steps are too long still.
-        halvings[cases[np.abs(2.0 * half / integral - 1.0) > TURNS.disagree]] += 2
-    return logs - np.log(ive(0, kappa)), turns - math.pi * np.rint(turns / math.pi)
+    tangents = width * np.tan(math.pi * (shares - 0.5))[:, None]
+    twice = 2.0 / (1.0 + tangents * tangents)
+    cosine, sine = twice - 1.0, twice * tangents
+    cosines, sines = np.cos(2.0 * centre), np.sin(2.0 * centre)
+    return cosines * cosine - sines * sine, sines * cosine + cosines * sine
