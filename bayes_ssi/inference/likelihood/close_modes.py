@@ -50,7 +50,7 @@ class TurnSettings:
     longest_ascent: float = 0.3
     most_concentration: float = 1e6  # a standard deviation of 5e-4, beyond which nothing turns
     least_concentration: float = 1e-9  # from which it cannot be told from none
-    numbers: int = 2**14  # at a time, for arrays that stay in the processor's cache
+    numbers: int = 2**13  # at a time, for arrays that stay in the processor's cache
 
 
 TURNS = TurnSettings()
@@ -77,6 +77,15 @@ class ClosePairs(NamedTuple):
         return np.where((left > 0.0) & (turns < TURNS.most_concentration), turns, np.inf)
 
 
+def neighbours(frequencies_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The lower and the upper ones (M - 1, B) of neighbouring frequencies (B, M)."""
+    return frequencies_hz.T[:-1], frequencies_hz.T[1:]
+
+
+def relative_distances(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(second - first) / (0.5 * (first + second)))
+
+
 def close_pairs(
     frequencies_hz: FloatArray, observed: FloatArray, variances: FloatArray
 ) -> ClosePairs | None:
@@ -88,8 +97,7 @@ def close_pairs(
             neighbours that are not compared, NaN where one of them was not identified.
         variances: (B or 1, 2), squared prediction errors of frequencies and of shapes.
     """
-    lower, upper = frequencies_hz.T[:-1], frequencies_hz.T[1:]
-    distances = (upper - lower) / (0.5 * (upper + lower))
+    distances = relative_distances(*neighbours(frequencies_hz))
     others = np.where(np.isnan(observed), distances, observed)
     # As κ < 1/(4σ_φ²).
     near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]
@@ -299,7 +307,9 @@ def _mean_over_turns(
         shares += [(np.arange(n) + (i + 0.5) / len(bends)) / n for i in range(len(bends))]
     centres = np.vstack([turns, centres])[: len(widths)]
     sets = list(zip(centres, widths, shares, strict=True))
-    cos2, sin2 = (np.concatenate(each) for each in zip(*(_placed(*each) for each in sets), strict=True))
+    cos2, sin2 = (
+        np.concatenate(each) for each in zip(*(_placed(*each) for each in sets), strict=True)
+    )
     exponents = shapes.exponents(kappa, cos2, sin2)
     highest = exponents.max(axis=0)
     terms = np.exp(exponents - highest)

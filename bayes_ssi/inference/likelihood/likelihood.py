@@ -37,6 +37,8 @@ from bayes_ssi.inference.likelihood.close_modes import (
     Turned,
     TurningShapes,
     close_pairs,
+    neighbours,
+    relative_distances,
 )
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.joint_errors import JointPairs
@@ -252,7 +254,10 @@ class ModalLikelihood:
         variances = self._fixed_var
         if variances is None:
             variances = self.prediction_var(values)
-        return close_pairs(frequencies_hz, self._distances(frequencies_hz, variances), variances)
+        return self._close_pairs(frequencies_hz, variances)
+
+    def _close_pairs(self, frequencies_hz: FloatArray, variances: FloatArray) -> ClosePairs | None:
+        return close_pairs(frequencies_hz, self._observed_distances[:, None], variances)
 
     @cached_property
     def _fixed_var(self) -> FloatArray | None:
@@ -260,10 +265,6 @@ class ModalLikelihood:
         if any(size.parameters for size in self._sizes):
             return None
         return np.array([[size.scale**2 for size in self._sizes]])
-
-    def _distances(self, frequencies_hz: FloatArray, variances: FloatArray) -> FloatArray:  # noqa: ARG002
-        """What :func:`close_pairs` takes as observed; it may depend on the model's frequencies."""
-        return self._observed_distances[:, None]
 
     @cached_property
     def _observed_distances(self) -> FloatArray:
@@ -274,8 +275,7 @@ class ModalLikelihood:
         identified = np.full(self.structure.n_modes, np.nan)
         identified[self.pairs.model_modes] = self.pairs.frequencies_hz
         scored = np.isin(np.arange(len(identified)), self.pairs.model_modes[self.pairs.with_shape])
-        middles = 0.5 * (identified[1:] + identified[:-1])
-        distances = np.abs(np.diff(identified)) / middles
+        distances = relative_distances(identified[1:], identified[:-1])
         return np.where(scored[1:] | scored[:-1], distances, np.inf)
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:  # noqa: ARG002
@@ -590,17 +590,22 @@ class AnyPairing(ModalLikelihood):
             weights = replace(weights, together=self._together(close, modes))
         return weights, missed
 
-    def _distances(self, frequencies_hz: FloatArray, variances: FloatArray) -> FloatArray:
-        """The least that may be observed (n_modes - 1, B): some pairing may bring modes close."""
+    def _close_pairs(self, frequencies_hz: FloatArray, variances: FloatArray) -> ClosePairs | None:
+        """Those that some pairing may bring close, with the least distance that it may observe."""
         hz = self.data.frequencies_hz
-        apart = np.abs(hz[:, None] - hz) / (0.5 * (hz[:, None] + hz)) + np.diag(
-            np.full(len(hz), np.inf)
-        )
+        apart = relative_distances(hz[:, None], hz) + np.diag(np.full(len(hz), np.inf))
+        own = relative_distances(*neighbours(frequencies_hz))
+        limits = 0.5 * variances[:, 0] / variances[:, 1]
+        rows = np.flatnonzero((own * np.minimum(own, apart.min()) < limits).any(axis=0))
+        if not len(rows):
+            return None
+        variances = np.broadcast_to(variances, (len(frequencies_hz), 2))[rows]
+        frequencies_hz = frequencies_hz[rows]
         near = self._near(frequencies_hz, variances[:, :1])
         least = np.where(near, apart.min(axis=1), np.inf).min(axis=2).T
-        model_hz = frequencies_hz.T
-        own = np.diff(model_hz, axis=0) / (0.5 * (model_hz[1:] + model_hz[:-1]))
-        return np.minimum(own, np.minimum(least[1:], least[:-1]))
+        observed = np.minimum(own[:, rows], np.minimum(least[1:], least[:-1]))
+        close = close_pairs(frequencies_hz, observed, variances)
+        return None if close is None else close._replace(rows=rows[close.rows])
 
     def _near(self, frequencies_hz: FloatArray, variances: FloatArray) -> NDArray[np.bool_]:
         """Which identified modes may be these model modes (B, m), whatever their shapes, (B, m, J).
@@ -614,8 +619,7 @@ class AnyPairing(ModalLikelihood):
 
     def _near_pairs(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
         """The same for the lower and upper modes of close pairs, (C, 2, J)."""
-        lower = close.lower[:, None]
-        model_hz = frequencies_hz[close.rows[:, None], np.hstack([lower, lower + 1])]
+        model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
         return self._near(model_hz, close.variances[:, :1])
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
@@ -639,7 +643,7 @@ class AnyPairing(ModalLikelihood):
         both = near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool)
         pair, j, k = np.nonzero(both)
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
-        observed = np.abs(hz[j] - hz[k]) / (0.5 * (hz[j] + hz[k]))
+        observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
         logs = self._mean_over_turns(close, cases, modes.shapes).log_means
         variances = close.variances[pair, 1] + self._shapes_or_none[2][columns]
