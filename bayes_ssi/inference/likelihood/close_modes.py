@@ -54,7 +54,7 @@ class TurnSettings:
 
 
 TURNS = TurnSettings()
-_SCANNED = math.pi * ((np.arange(TURNS.n_scanned)[:, None] + 0.5) / TURNS.n_scanned - 0.5)
+_SCANNED = 2.0 * math.pi * (np.arange(TURNS.n_scanned)[:, None] + 0.5) / TURNS.n_scanned
 
 
 class ClosePairs(NamedTuple):
@@ -216,27 +216,26 @@ class TurningShapes(NamedTuple):
             total += above
         return total
 
-    def slopes(self, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, cos2: FloatArray, sin2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """First derivatives, and second ones with the other sign, of |φ_e·φ(t)|/σ², (m, E)."""
-        cos2, sin2 = np.cos(2.0 * turns), np.sin(2.0 * turns)
         logs = []  # of squares: half of their first derivatives, and a quarter of the second ones
         for constant, of_cos, of_sin in (self.numerators, self.denominators):
             whole = constant + of_cos * cos2 + of_sin * sin2
             slope = (of_sin * cos2 - of_cos * sin2) / whole
             logs.append((whole, slope, constant / whole - 1.0 - slope * slope))
         (above, slope, bend), (below, of_length, bend_of_length) = logs
-        cosines = np.sqrt(np.clip(above / below, 0.0, 1.0)) / self.variances
+        cosines = np.sqrt(np.maximum(above / below, 0.0)) / self.variances
         slope = slope - of_length
         return cosines * slope, -cosines * (slope**2 + 2.0 * (bend - bend_of_length))
 
     def maximum(self, kappa: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turns (E,) of the maximum of the exponent near ``turns``, and its bend there."""
-        for i in range(TURNS.n_ascents + 1):
-            slopes, bends = (row_sums(each.T) for each in self.slopes(turns))
-            bends = bends + 4.0 * kappa * np.cos(2.0 * turns)
-            if i < TURNS.n_ascents:
-                steps = (slopes - 2.0 * kappa * np.sin(2.0 * turns)) / np.maximum(abs(bends), 1e-9)
-                turns = turns + np.clip(steps, -TURNS.longest_ascent, TURNS.longest_ascent)
+        """Turns (E,) of the maximum of the exponent near ``turns``, and its bend close to it."""
+        for _ in range(TURNS.n_ascents):
+            cos2, sin2 = np.cos(2.0 * turns), np.sin(2.0 * turns)
+            slopes, bends = (row_sums(each.T) for each in self.slopes(cos2, sin2))
+            bends = bends + 4.0 * kappa * cos2
+            steps = (slopes - 2.0 * kappa * sin2) / np.maximum(abs(bends), 1e-9)
+            turns = turns + np.clip(steps, -TURNS.longest_ascent, TURNS.longest_ascent)
         return turns, bends
 
     def unevenness(self) -> FloatArray:
@@ -295,14 +294,19 @@ def _mean_over_turns(
     (n_k q_k)²/Σ (n_l q_l)² of the integrand.
     """
     centres = np.vstack([np.zeros(len(kappa)), shapes.nearest])
-    tried = np.vstack([centres, np.broadcast_to(_SCANNED, (TURNS.n_scanned, len(kappa)))])
-    of_tried = shapes.exponents(kappa, np.cos(2.0 * tried), np.sin(2.0 * tried))
-    turns = tried[of_tried.argmax(axis=0), np.arange(len(kappa))]
+    tried = [
+        np.vstack([of(2.0 * centres), np.broadcast_to(of(_SCANNED), (len(_SCANNED), len(kappa)))])
+        for of in (np.cos, np.sin)
+    ]
+    of_tried = shapes.exponents(kappa, *tried)
+    best = of_tried.argmax(axis=0), np.arange(len(kappa))
+    turns = 0.5 * np.arctan2(tried[1][best], tried[0][best])
     turns, bends = shapes.maximum(kappa, turns)
     widths = _widths(bends)[None]
     shares = [(np.arange(n_about) + 0.5) / n_about]
     if n:
-        bends = np.vstack([4.0 * kappa, shapes.slopes(shapes.nearest)[1]])
+        _, of_shapes = shapes.slopes(np.cos(2.0 * shapes.nearest), np.sin(2.0 * shapes.nearest))
+        bends = np.vstack([4.0 * kappa, of_shapes])
         widths = np.vstack([widths, _widths(np.nan_to_num(bends))])
         shares += [(np.arange(n) + (i + 0.5) / len(bends)) / n for i in range(len(bends))]
     centres = np.vstack([turns, centres])[: len(widths)]
@@ -322,12 +326,14 @@ def _mean_over_turns(
         total += density * density
         first += len(share)
     terms /= total
-    integrals = row_sums(terms.T)
+    even, odd = row_sums(terms[::2].T), row_sums(terms[1::2].T)
+    integrals = even + odd
     angles = 0.5 * np.arctan2(*(row_sums((terms * each).T) for each in (sin2, cos2)))
-    accurate = np.abs(2.0 * row_sums(terms[::2].T) / integrals - 1.0) < TURNS.disagree
+    accurate = np.abs(even - odd) < TURNS.disagree * integrals
     accurate &= max(n, 3) * np.sqrt(shapes.unevenness()) > 1.0
     if not n:  # there may be another maximum
-        is_far = np.abs(np.sin(tried - turns)) > 4.0 * widths[0]
+        along = tried[0] * np.cos(2.0 * turns) + tried[1] * np.sin(2.0 * turns)
+        is_far = 1.0 - along > 2.0 * (4.0 * widths[0]) ** 2
         accurate &= ~(is_far & (of_tried > highest + TURNS.negligible)).any(axis=0)
     return np.log(integrals) + highest - np.log(ive(0, kappa)), angles, accurate
 
