@@ -135,8 +135,7 @@ def test_shapes_are_those_of_the_record(model_classes):
     candidate = model_classes["3"]
     values = np.exp(0.1 * np.random.default_rng(5).standard_normal((50, 4)))
     (record,) = configuration_modes(candidate, values)
-    test = candidate.configuration()
-    draws = PosteriorDraws("3", test.structure, record.pairing, values, test.data)
+    draws = PosteriorDraws("3", candidate.likelihoods[0].given(record.pairing), values)
     predicted = Predictions("3", (draws,))
     for mode in record.updated.modes:
         band = predicted.shapes(mode.label, record.updated.places).band(0.95)

@@ -25,8 +25,7 @@ closest turn together, and the third does not.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,27 +33,17 @@ from scipy.special import ive
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 
-
-@dataclass(frozen=True)
-class TurnSettings:
-    """How means over turns are computed, to 0.01."""
-
-    # Nodes about the middle of the density of turns and about the nearest turn of each shape, and
-    # about the maximum; the next ones until sums over every other one agree.
-    nodes: tuple[tuple[int, int], ...] = ((0, 16), (32, 64), (128, 256), (512, 1024))
-    disagree: float = 3e-3
-    negligible: float = -9.0  # exponent below the maximum
-    n_scanned: int = 12  # turns at which the maximum is sought, besides the nearest ones
-    spread: float = 2.0  # of nodes, in standard deviations of what they are about
-    n_ascents: int = 2  # to the maximum
-    longest_ascent: float = 0.3
-    most_concentration: float = 1e6  # a standard deviation of 5e-4, beyond which nothing turns
-    least_concentration: float = 1e-9  # from which it cannot be told from none
-    numbers: int = 2**13  # at a time, for arrays that stay in the processor's cache
-
-
-TURNS = TurnSettings()
-_SCANNED = 2.0 * math.pi * (np.arange(TURNS.n_scanned)[:, None] + 0.5) / TURNS.n_scanned
+# Beyond this κ' a turn has a standard deviation of less than 5e-4: nothing turns.
+MOST_CONCENTRATION = 1e6
+TINY = 1e-9  # concentrations that cannot be told from none
+ROUNDING = 4.0 * np.finfo(float).eps
+# Nodes of a mean over turns, about the highest turn and, where that will not do, about several; the
+# next ones until sums over every other one agree.
+NUMBERS_OF_NODES = (24, 96, 384, 1536)
+DISAGREE = 3e-4
+NEGLIGIBLE = -9.0  # exponent below the maximum
+SPREAD = 2.0  # of nodes, in standard deviations of turns
+CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
 
 
 class ClosePairs(NamedTuple):
@@ -65,21 +54,15 @@ class ClosePairs(NamedTuple):
     distances: FloatArray  # (C,), of the model's frequencies, relative to their mean
     variances: FloatArray  # (C, 2), squared prediction errors of frequencies and of shapes
 
-    def cases(self, which: NDArray[Any]) -> "ClosePairs":
-        return ClosePairs(*(each[which] for each in self))
-
-    def concentrations(self, observed: FloatArray) -> FloatArray:
-        """κ' (C,) for identified frequencies at these distances; infinite where nothing turns."""
-        distances = np.where(np.isnan(observed), self.distances, observed)
-        kappa = 0.5 * distances * self.distances / self.variances[:, 0]
-        left = 1.0 - 4.0 * self.variances[:, 1] * kappa
-        turns = np.maximum(kappa, TURNS.least_concentration) / np.where(left > 0.0, left, 1.0)
-        return np.where((left > 0.0) & (turns < TURNS.most_concentration), turns, np.inf)
-
-
-def neighbours(frequencies_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The lower and the upper ones (M - 1, B) of neighbouring frequencies (B, M)."""
-    return frequencies_hz.T[:-1], frequencies_hz.T[1:]
+    def concentrations(self, observed: FloatArray, which: NDArray[np.intp]) -> FloatArray:
+        """κ' (E,) of some pairs for identified frequencies at these distances, NaN where there are
+        not two; infinite where nothing turns.
+        """
+        distances, (of_frequencies, of_shapes) = self.distances[which], self.variances[which].T
+        kappa = 0.5 * np.where(np.isnan(observed), distances, observed) * distances / of_frequencies
+        left = 1.0 - 4.0 * of_shapes * kappa
+        turns = np.maximum(kappa, TINY) / np.where(left > 0.0, left, 1.0)
+        return np.where((left > 0.0) & (turns < MOST_CONCENTRATION), turns, np.inf)
 
 
 def relative_distances(first: FloatArray, second: FloatArray) -> FloatArray:
@@ -97,7 +80,7 @@ def close_pairs(
             neighbours that are not compared, NaN where one of them was not identified.
         variances: (B or 1, 2), squared prediction errors of frequencies and of shapes.
     """
-    distances = relative_distances(*neighbours(frequencies_hz))
+    distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
     others = np.where(np.isnan(observed), distances, observed)
     # As κ < 1/(4σ_φ²).
     near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]
@@ -105,18 +88,16 @@ def close_pairs(
     if not len(rows):
         return None
     left = np.where(near, distances, np.inf).T[rows]
-    found = []
+    pairs = []
     while np.isfinite(left).any():
         closest = left.argmin(axis=1)
         some = np.flatnonzero(np.isfinite(left[np.arange(len(rows)), closest]))
-        closest = closest[some]
-        found.append(np.array([rows[some], closest]))
+        pairs.append(np.array([rows[some], closest[some]]))
         for neighbour in (-1, 0, 1):
-            column = np.clip(closest + neighbour, 0, left.shape[1] - 1)
-            left[some, column] = np.inf
-    row, number = np.concatenate(found, axis=1)
+            left[some, np.clip(closest[some] + neighbour, 0, left.shape[1] - 1)] = np.inf
+    row, lower = np.concatenate(pairs, axis=1)
     own = np.broadcast_to(variances, (len(frequencies_hz), 2))[row]
-    return ClosePairs(row, number, distances[number, row], own)
+    return ClosePairs(row, lower, distances[lower, row], own)
 
 
 class CloseCases(NamedTuple):
@@ -127,130 +108,84 @@ class CloseCases(NamedTuple):
     is_upper: NDArray[np.bool_]  # (m, E or 1), whether the shape is that of the upper mode
     observed: FloatArray  # (E,), distances of the identified frequencies; NaN for one alone
 
-    def modes(self, close: ClosePairs, shapes: FloatArray) -> FloatArray:
-        """Shapes (2, n, E) of the lower and upper modes, from those (B, n, n_modes) of a batch."""
+    def modes(self, close: ClosePairs, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The modes identified and what they turn to, (n, m, E), of shapes (B, n, n_modes)."""
         rows, lower = close.rows[self.pairs], close.lower[self.pairs]
-        return np.array([shapes[rows, :, lower + i].T for i in (0, 1)])
+        low, high = (shapes[rows, :, lower + i].T[:, None] for i in (0, 1))
+        return np.where(self.is_upper, high, low), np.where(self.is_upper, -low, high)
 
-    def turned(
-        self, close: ClosePairs, shapes: FloatArray, angles: FloatArray, i: int
-    ) -> FloatArray:
-        """Shapes (n, E) of the modes that the i-th are identified as, turned by angles (E,)."""
-        cosine, sine = np.cos(angles), np.sin(angles)
-        lower, upper = self.modes(close, shapes)
-        of_upper, of_lower = cosine * upper - sine * lower, cosine * lower + sine * upper
-        return np.where(self.is_upper[i], of_upper, of_lower)
-
-    def cases(self, which: NDArray[np.intp]) -> "CloseCases":
-        columns, is_upper = np.broadcast_arrays(self.columns, self.is_upper)
-        own = columns[:, which], is_upper[:, which], self.observed[which]
-        return CloseCases(self.pairs[which], *own)
+    def turned(self, close: ClosePairs, shapes: FloatArray, angles: FloatArray) -> FloatArray:
+        """The modes identified, (n, m, E), turned by angles (E,)."""
+        modes, partners = self.modes(close, shapes)
+        return np.asarray(np.cos(angles) * modes + np.sin(angles) * partners)
 
 
 class TurningShapes(NamedTuple):
-    """m identified shapes beside two modes that turn together, in E cases.
+    """m identified shapes φ_e beside two modes that turn together, in E cases.
 
-    ``(φ_e·φ(t))²`` is a ratio of two sums, each a constant and multiples of cos 2t and of sin 2t.
+    ``(φ_e·φ(t))²`` and ``|φ(t)|²`` are each a constant and multiples of cos 2t and of sin 2t.
     """
 
-    numerators: FloatArray  # (3, m, E)
-    denominators: FloatArray  # (3, m, E)
-    variances: FloatArray  # (m, E), squared errors of the shapes; infinite where there is none
-    nearest: FloatArray  # (m, E), the turn at which a model shape is nearest to the identified one
+    squares: FloatArray  # (3, m, E)
+    lengths: FloatArray  # (3, m, E)
+    # (2, m, E), cosine and sine of twice the turn at which the unit shape is nearest to φ_e, times
+    # a quarter of the bend of |φ_e·φ(t)|/σ² there.
+    pulls: FloatArray
+    variances: FloatArray  # (m, E), squared errors σ² of the shapes; infinite where there is none
 
     @classmethod
     def of(
         cls,
-        model: FloatArray,
+        shapes: FloatArray,
+        partners: FloatArray,
         units: FloatArray,
-        measured: FloatArray | None,
-        upper: FloatArray,
+        measured: FloatArray,
         variances: FloatArray,
     ) -> "TurningShapes":
-        """From the shapes of both modes at the sensors.
+        """Of model shapes cos t · shape + sin t · partner.
 
         Args:
-            model: (2, s, E), of the lower and the upper mode.
-            units: (m, s, E or 1), the identified ones, 0 where not measured.
-            measured: the same, 1 where measured and 0 elsewhere; None for all.
-            upper: (m, E or 1), -1 for a shape that is identified as the upper mode, 1 otherwise.
+            shapes: (s, m, E), model shapes at the sensors, of the modes identified.
+            partners: the same, of what they turn to: the upper mode, or minus the lower one.
+            units: the same, identified unit shapes, 0 where not measured.
+            measured: the same, 1 where measured and 0 elsewhere.
+            variances: (m, E).
         """
-        low, high = model
-        products = np.array([low * low, low * high, high * high])[:, None]
-        if measured is not None:
-            products = products * measured
-        p, q = (_over_sensors(units * mode) for mode in model)  # (m, E)
-        ii, ik, kk = np.broadcast_to(_over_sensors(products), (3, *p.shape))
-
-        def sums(ii: FloatArray, ik: FloatArray, kk: FloatArray) -> FloatArray:
-            return np.array([0.5 * (ii + kk), 0.5 * upper * (ii - kk), upper * ik])
-
-        above, below = sums(p * p, p * q, q * q), sums(ii, ik, kk)
+        products = shapes * shapes, shapes * partners, partners * partners
+        aa, ab, bb = (row_sums((each * measured)[None])[0] for each in products)
+        a, b = (row_sums((units * each)[None])[0] for each in (shapes, partners))
+        x, y = a * bb - b * ab, b * aa - a * ab  # along the projection of φ_e on the plane
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            square = x * x + y * y
+            length = (aa * x * x + 2.0 * ab * x * y + bb * y * y) / square
+            bend = abs(a * x + b * y) / np.sqrt(square * length)
+            bend *= (aa * bb - ab * ab) / (4.0 * length * length * variances)
+            pulls = np.array([x * x - y * y, 2.0 * x * y]) * (bend / square)
+        squares, lengths = (
+            np.array([0.5 * (first + last), 0.5 * (first - last), mixed])
+            for first, mixed, last in ((a * a, a * b, b * b), (aa, ab, bb))
+        )
         # Not zero by rounding; and of one that no sensor sees, any number.
-        below[0] = np.where(below[0] > 0.0, (1.0 + 4.0 * np.finfo(float).eps) * below[0], 1.0)
-        above[0] = np.maximum(above[0], np.finfo(float).tiny)
-        first, second = kk * p - ik * q, ii * q - ik * p  # along the projection in the plane
-        nearest = np.where(upper > 0.0, np.arctan2(second, first), np.arctan2(-first, second))
-        return cls(above, below, np.broadcast_to(variances, p.shape), nearest)
+        lengths[0] = np.where(lengths[0] > 0.0, (1.0 + ROUNDING) * lengths[0], 1.0)
+        return cls(squares, lengths, np.nan_to_num(pulls, posinf=0.0, neginf=0.0), variances)
 
     def distances(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
-        """1 - |φ_e·φ(t)|, (m, E) at turns (E,)."""
-        sums = (each[0] + each[1] * cos2 + each[2] * sin2 for each in self[:2])
-        above, below = sums
+        """1 - |φ_e·φ(t)|, (m, n, E) at turns (n, E)."""
+        above, below = (
+            sums[0, :, None] + sums[1, :, None] * cos2 + sums[2, :, None] * sin2
+            for sums in (self.squares, self.lengths)
+        )
         return np.asarray(1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0)))
 
     def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
-        """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E) at turns (n, E)."""
+        """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""
         total = kappa * (cos2 - 1.0)
-        below, more = np.empty((2, *total.shape))
-        for i, variance in enumerate(self.variances):
-            above = self.numerators[2, i] * sin2
-            np.multiply(self.denominators[2, i], sin2, out=below)
-            for sums, terms in ((above, self.numerators), (below, self.denominators)):
-                sums += np.multiply(terms[1, i], cos2, out=more)
-                sums += terms[0, i]
-            above /= below
-            above = np.sqrt(np.maximum(above, 0.0, out=above), out=above)
-            above -= 1.0
-            above /= variance
-            total += above
+        for distance, variance in zip(self.distances(cos2, sin2), self.variances, strict=True):
+            total -= distance / variance
         return total
 
-    def slopes(self, cos2: FloatArray, sin2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First derivatives, and second ones with the other sign, of |φ_e·φ(t)|/σ², (m, E)."""
-        logs = []  # of squares: half of their first derivatives, and a quarter of the second ones
-        for constant, of_cos, of_sin in (self.numerators, self.denominators):
-            whole = constant + of_cos * cos2 + of_sin * sin2
-            slope = (of_sin * cos2 - of_cos * sin2) / whole
-            logs.append((whole, slope, constant / whole - 1.0 - slope * slope))
-        (above, slope, bend), (below, of_length, bend_of_length) = logs
-        cosines = np.sqrt(np.maximum(above / below, 0.0)) / self.variances
-        slope = slope - of_length
-        return cosines * slope, -cosines * (slope**2 + 2.0 * (bend - bend_of_length))
-
-    def maximum(self, kappa: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turns (E,) of the maximum of the exponent near ``turns``, and its bend close to it."""
-        for _ in range(TURNS.n_ascents):
-            cos2, sin2 = np.cos(2.0 * turns), np.sin(2.0 * turns)
-            slopes, bends = (row_sums(each.T) for each in self.slopes(cos2, sin2))
-            bends = bends + 4.0 * kappa * cos2
-            steps = (slopes - 2.0 * kappa * sin2) / np.maximum(abs(bends), 1e-9)
-            turns = turns + np.clip(steps, -TURNS.longest_ascent, TURNS.longest_ascent)
-        return turns, bends
-
-    def unevenness(self) -> FloatArray:
-        """Smallest over largest length (E,) of a turned shape at the sensors."""
-        middle, *of_turns = self.denominators[:, 0]
-        change = np.hypot(*of_turns)
-        return np.asarray(np.sqrt(np.maximum(middle - change, 0.0) / (middle + change)))
-
     def cases(self, which: NDArray[np.intp]) -> "TurningShapes":
-        return TurningShapes(*(each[..., which] for each in self))
-
-
-def _over_sensors(terms: FloatArray) -> FloatArray:
-    """The sum over the second last axis, of which a row is the same in any batch."""
-    return row_sums(np.moveaxis(terms, -2, 1))
+        return TurningShapes(*(terms[..., which] for terms in self))
 
 
 class Turned(NamedTuple):
@@ -263,95 +198,76 @@ class Turned(NamedTuple):
 
     @classmethod
     def of(cls, concentrations: FloatArray, shapes: TurningShapes) -> "Turned":
-        """From κ' (E,), infinite where nothing turns."""
-        log_means, angles = np.zeros((2, len(concentrations)))
-        left = np.flatnonzero(np.isfinite(concentrations))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-            for n in TURNS.nodes:
-                accurate = np.empty(len(left), dtype=bool)
-                step = max(TURNS.numbers // sum(n), 1)
-                for first in range(0, len(left), step):
-                    part = slice(first, first + step)
-                    cases = left[part]
-                    log_means[cases], angles[cases], accurate[part] = _mean_over_turns(
-                        *n, concentrations[cases], shapes.cases(cases)
-                    )
-                left = left[~accurate]
-            distances = shapes.distances(np.cos(2.0 * angles), np.sin(2.0 * angles))
-            exponents = row_sums((distances / shapes.variances).T)
-        log_means = np.where(np.isfinite(concentrations), log_means, -exponents)
+        """From κ' (E,), infinite where nothing turns.
+
+        Nodes are about the highest of the turns that the density of turns, each shape, or all of
+        them together ask for. Where another of these may be a maximum by itself, or every other
+        node would give another mean, they are about each of them, and more.
+        """
+        turns = np.isfinite(concentrations)
+        kappa = np.where(turns, concentrations, 0.0)
+        of_turns = np.array([kappa, np.zeros(len(kappa))])[:, None]
+        alone = np.concatenate([of_turns, shapes.pulls], axis=1)
+        together = row_sums(alone.swapaxes(0, 1)[None]).swapaxes(0, 1)
+        pulls = np.concatenate([together, alone], axis=1)
+        strength = np.maximum(np.hypot(*pulls), TINY)
+        centres = np.where(strength > TINY, pulls / strength, [[[1.0]], [[0.0]]])
+        widths = np.minimum(0.5 * SPREAD / np.sqrt(strength), 1.0)
+        heights = shapes.exponents(kappa, *centres)
+        best = heights.argmax(axis=0), np.arange(len(kappa))
+        centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
+        apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
+        several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
+        log_means, angles = np.zeros((2, len(kappa)))
+        left, nodes = np.flatnonzero(turns), (centre, width)
+        for n in NUMBERS_OF_NODES:
+            accurate = np.empty(len(left), dtype=bool)
+            step = max(CACHED // (n * len(nodes[1])), 1)
+            for first in range(0, len(left), step):
+                part = slice(first, first + step)
+                some = left[part]
+                own = nodes[0][..., some], nodes[1][..., some]
+                log_means[some], angles[some], accurate[part] = _mean_over_turns(
+                    n, *own, kappa[some], shapes.cases(some)
+                )
+            if n == NUMBERS_OF_NODES[0]:
+                accurate &= ~several[left]
+            left, nodes = left[~accurate], (centres, widths)
+        distances = shapes.distances(*(of(2.0 * angles)[None] for of in (np.cos, np.sin)))[:, 0]
+        exponents = row_sums((distances / shapes.variances)[None])[0]
+        log_means = np.where(turns, log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
 
 
 def _mean_over_turns(
-    n: int, n_about: int, kappa: FloatArray, shapes: TurningShapes
+    n: int, centres: FloatArray, widths: FloatArray, kappa: FloatArray, shapes: TurningShapes
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Log means and mean turns (E,), and whether they are accurate.
 
-    Nodes have Cauchy densities q_k in tan(t - c_k), about the middle of the density of turns, the
-    nearest turn of each shape, and the maximum: midpoints of equal steps of their distribution
+    n nodes about each of K centres (2, K, E), cosines and sines of twice a turn c, have Cauchy
+    densities q_k of widths (K, E) in tan(t - c): midpoints of equal steps of their distribution
     functions, which converges exponentially for periodic integrands. Each set integrates its part
-    (n_k q_k)²/Σ (n_l q_l)² of the integrand.
+    q_k²/Σ q_l² of the integrand.
     """
-    centres = np.vstack([np.zeros(len(kappa)), shapes.nearest])
-    tried = [
-        np.vstack([of(2.0 * centres), np.broadcast_to(of(_SCANNED), (len(_SCANNED), len(kappa)))])
-        for of in (np.cos, np.sin)
-    ]
-    of_tried = shapes.exponents(kappa, *tried)
-    best = of_tried.argmax(axis=0), np.arange(len(kappa))
-    turns = 0.5 * np.arctan2(tried[1][best], tried[0][best])
-    turns, bends = shapes.maximum(kappa, turns)
-    widths = _widths(bends)[None]
-    shares = [(np.arange(n_about) + 0.5) / n_about]
-    if n:
-        _, of_shapes = shapes.slopes(np.cos(2.0 * shapes.nearest), np.sin(2.0 * shapes.nearest))
-        bends = np.vstack([4.0 * kappa, of_shapes])
-        widths = np.vstack([widths, _widths(np.nan_to_num(bends))])
-        shares += [(np.arange(n) + (i + 0.5) / len(bends)) / n for i in range(len(bends))]
-    centres = np.vstack([turns, centres])[: len(widths)]
-    sets = list(zip(centres, widths, shares, strict=True))
-    cos2, sin2 = (
-        np.concatenate(each) for each in zip(*(_placed(*each) for each in sets), strict=True)
-    )
-    exponents = shapes.exponents(kappa, cos2, sin2)
-    highest = exponents.max(axis=0)
-    terms = np.exp(exponents - highest)
-    total, first = np.zeros(exponents.shape), 0
-    for centre, width, share in sets:
-        along = cos2 * np.cos(2.0 * centre) + sin2 * np.sin(2.0 * centre)
-        density = 2.0 * len(share) * width / (1.0 + width**2 - (1.0 - width**2) * along)
-        own = slice(first, first + len(share))
-        terms[own] *= density[own]
-        total += density * density
-        first += len(share)
-    terms /= total
-    even, odd = row_sums(terms[::2].T), row_sums(terms[1::2].T)
-    integrals = even + odd
-    angles = 0.5 * np.arctan2(*(row_sums((terms * each).T) for each in (sin2, cos2)))
-    accurate = np.abs(even - odd) < TURNS.disagree * integrals
-    accurate &= max(n, 3) * np.sqrt(shapes.unevenness()) > 1.0
-    if not n:  # there may be another maximum
-        along = tried[0] * np.cos(2.0 * turns) + tried[1] * np.sin(2.0 * turns)
-        is_far = 1.0 - along > 2.0 * (4.0 * widths[0]) ** 2
-        accurate &= ~(is_far & (of_tried > highest + TURNS.negligible)).any(axis=0)
-    return np.log(integrals) + highest - np.log(ive(0, kappa)), angles, accurate
-
-
-def _widths(bends: FloatArray) -> FloatArray:
-    """Widths of nodes about a maximum with minus this second derivative."""
-    return np.clip(TURNS.spread / np.sqrt(np.maximum(bends, 1e-9)), 1e-8, 1.0)
-
-
-def _placed(
-    centre: FloatArray, width: FloatArray, shares: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """cos 2t and sin 2t (n, E) of nodes of widths (E,) about centres (E,).
-
-    ``shares`` (n,) of the set are on one side of a node.
-    """
-    tangents = width * np.tan(math.pi * (shares - 0.5))[:, None]
+    n_sets, n_cases = widths.shape
+    # Not alike on both sides, so that even and odd ones differ for a symmetric integrand, too.
+    shares = (np.arange(n) + 0.3) / n
+    tangents = widths * np.tan(math.pi * (shares - 0.5))[:, None, None]
     twice = 2.0 / (1.0 + tangents * tangents)
     cosine, sine = twice - 1.0, twice * tangents
-    cosines, sines = np.cos(2.0 * centre), np.sin(2.0 * centre)
-    return cosines * cosine - sines * sine, sines * cosine + cosines * sine
+    cos2 = (centres[0] * cosine - centres[1] * sine).reshape(-1, n_cases)
+    sin2 = (centres[1] * cosine + centres[0] * sine).reshape(-1, n_cases)
+    exponents = shapes.exponents(kappa, cos2, sin2)
+    highest = exponents.max(axis=0)
+    terms, total = np.exp(exponents - highest), np.zeros(exponents.shape)
+    for k, (c, s, width) in enumerate(zip(*centres, widths, strict=True)):
+        squares = width * width
+        density = 2.0 * width / (1.0 + squares - (1.0 - squares) * (cos2 * c + sin2 * s))
+        terms[k::n_sets] *= density[k::n_sets]
+        total += density * density
+    terms /= total
+    mean = (row_sums((terms * turn).T) for turn in (sin2, cos2))
+    by_node = row_sums(terms.reshape(n, n_sets, n_cases).swapaxes(0, 1)[None])[0]
+    even, odd = (row_sums(each.T) for each in (by_node[::2], by_node[1::2]))
+    log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
+    return log_means, 0.5 * np.arctan2(*mean), np.abs(even - odd) < DISAGREE * (even + odd)

@@ -23,7 +23,7 @@ and the order of model modes may change with them.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -37,7 +37,6 @@ from bayes_ssi.inference.likelihood.close_modes import (
     Turned,
     TurningShapes,
     close_pairs,
-    neighbours,
     relative_distances,
 )
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
@@ -46,7 +45,6 @@ from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import (
     InferredPairing,
     PairingWeights,
-    PairsTogether,
     inferred_pairing,
     log_sum,
     pair_probabilities,
@@ -84,8 +82,9 @@ class ComparedModes(NamedTuple):
     # (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the signs of the
     # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
-    # (B, n_sensors, n_modes), of the model where the pairing is inferred; (B, 0, 0) where given.
-    shapes: FloatArray
+    # (B, n_modes - 1, J, J), of identified modes as two model modes that turn together, where the
+    # pairing is inferred (PairingWeights.log_gains); (B, 0, 0, 0) where nothing turns.
+    log_gains: FloatArray
 
     def rows(self, which: Places) -> "ComparedModes":
         return ComparedModes(*(array[which] for array in self))
@@ -180,7 +179,7 @@ class ModalLikelihood:
         frequencies = np.ones((len(values), self.structure.n_modes))
         frequencies[:, self.pairs.model_modes] = self.pairs.frequencies_hz
         distances = np.zeros((len(values), len(self.pairs.with_shape)))
-        none = np.zeros((len(values), 0, 0))
+        none = np.zeros((len(values), 0, 0, 0))
         compared = ComparedModes(frequencies, distances, distances, distances, none)
         terms = self.terms(values, compared)
         return terms._replace(missed=terms.missed[:, :0]).total()
@@ -221,31 +220,29 @@ class ModalLikelihood:
         modes = self.modes(values) if modes is None else modes
         # In memory the rows of the batch next to each other: columns are longer than rows.
         frequencies = np.asfortranarray(modes.frequencies_hz)
-        unit, none = np.zeros((len(values), 0)), np.zeros((len(values), 0, 0))
+        unit, gains = np.zeros((len(values), 0)), np.zeros((len(values), 0, 0, 0))
         if not len(self.pairs.with_shape):
-            return ComparedModes(frequencies, unit, unit, unit, none)
+            return ComparedModes(frequencies, unit, unit, unit, gains)
         shapes = self.shapes_at_sensors(modes)
         distances = self.pairs.shape_distances(shapes)
         turned = np.zeros(distances.T.shape).T
-        close = self.close_pairs(values, frequencies)
-        needs_units = self.error.repeats_between_tests or self.data.covariance is not None
-        if needs_units:
+        if self.error.repeats_between_tests or self.data.covariance is not None:
             unit = self.pairs.unit_model_shapes(shapes)
+        close = self.close_pairs(values, frequencies)
         if close is not None:
             cases = self._cases(close, frequencies)
             mean = self._mean_over_turns(close, cases, shapes)
-            rows, shared = close.rows[cases.pairs], (cases.columns >= 0).sum(axis=0)
-            for i, column in enumerate(cases.columns):
-                some = np.flatnonzero(column >= 0)
-                at = rows[some], column[some]
-                distances[at] = mean.distances[i, some]
-                turned[at] = (mean.log_gains / shared)[some]
-                if needs_units:
-                    of_turned = cases.cases(some).turned(close, shapes, mean.angles[some], i)
-                    of_columns = unit.reshape(*distances.shape, -1)
-                    of_columns[at] = self.pairs.unit_shapes_like(column[some], of_turned)
-        none = none if self.pairing_is_given else shapes
-        return ComparedModes(frequencies, distances, turned, unit, none)
+            i, which = np.nonzero(cases.columns >= 0)
+            columns, shared = cases.columns[i, which], (cases.columns >= 0).sum(axis=0)
+            at = close.rows[cases.pairs[which]], columns
+            distances[at] = mean.distances[i, which]
+            turned[at] = (mean.log_gains / shared)[which]
+            if unit.size:
+                of_turned = cases.turned(close, shapes, mean.angles)[:, i, which]
+                of_columns = unit.reshape(*distances.shape, -1)
+                of_columns[at] = self.pairs.unit_shapes_like(columns, of_turned)
+            gains = self._log_gains(close, frequencies, shapes, turned, distances)
+        return ComparedModes(frequencies, distances, turned, unit, gains)
 
     def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
         """The pairs of model modes that turn together, at model frequencies (B, n_modes)."""
@@ -254,9 +251,6 @@ class ModalLikelihood:
         variances = self._fixed_var
         if variances is None:
             variances = self.prediction_var(values)
-        return self._close_pairs(frequencies_hz, variances)
-
-    def _close_pairs(self, frequencies_hz: FloatArray, variances: FloatArray) -> ClosePairs | None:
         return close_pairs(frequencies_hz, self._observed_distances[:, None], variances)
 
     @cached_property
@@ -295,47 +289,52 @@ class ModalLikelihood:
     def _mean_over_turns(self, close: ClosePairs, cases: CloseCases, shapes: FloatArray) -> Turned:
         """Of model shapes (B, n_sensors, n_modes), at the sensors."""
         units, measured, variances = self._shapes_or_none
-        own = close.cases(cases.pairs)
         turning = TurningShapes.of(
-            cases.modes(close, shapes),
-            units[cases.columns].swapaxes(1, 2),
-            None if measured is None else measured[cases.columns].swapaxes(1, 2),
-            np.where(cases.is_upper, -1.0, 1.0),
-            own.variances[:, 1] + variances[cases.columns],
+            *cases.modes(close, shapes),
+            units[:, cases.columns],
+            measured[:, cases.columns],
+            close.variances[cases.pairs, 1] + variances[cases.columns],
         )
-        return Turned.of(own.concentrations(cases.observed), turning)
+        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning)
 
     @cached_property
-    def _shapes_or_none(self) -> tuple[FloatArray, FloatArray | None, FloatArray]:
-        """Unit shapes (S + 1, s), where they were measured and squared errors; the last is none."""
-        n = len(self.data.sensors)
-        measured = np.vstack([self.pairs.measured.T, np.ones(n)])
+    def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Unit shapes (s, S + 1), where they were measured and squared errors; the last is none."""
+        none = np.zeros((len(self.data.sensors), 1))
+        units, measured = self.pairs.unit_shapes, self.pairs.measured
         return (
-            np.vstack([self.pairs.unit_shapes.T, np.zeros(n)]),
-            None if measured.all() else measured,
+            np.hstack([units, none]),
+            np.hstack([measured, none + 1.0]),
             np.append(self.pairs.shape_var, np.inf),
         )
 
-    def turned_modes(self, values: FloatArray, modes: Modes, pairs: NDArray[np.intp]) -> Modes:
-        """Modes with close ones at their mean turn, paired as :meth:`sampled_pairs` has it."""
-        numbers = np.append(self.pairs.model_modes, -1)[pairs]
-        shapes = np.array(modes.shapes)
-        different, which = np.unique(numbers, axis=0, return_inverse=True)
-        for i, chosen in enumerate(different):
-            rows = np.flatnonzero(which.ravel() == i)
-            named = zip(self.data.labels, (chosen + 1).tolist(), strict=True)
-            pairing = {label: number for label, number in named if number}
-            parts = self.structure, self.data, self.error, self.identification
-            given = ModalLikelihood(*parts, pairing)
-            own = Modes(modes.frequencies_hz[rows], modes.shapes[rows])
-            close = given.close_pairs(values[rows], own.frequencies_hz)
-            if close is not None:
-                cases = given._cases(close, own.frequencies_hz)
-                mean = given._mean_over_turns(close, cases, given.shapes_at_sensors(own))
-                for i, lower in enumerate((close.lower, close.lower + 1)):
-                    of_turned = cases.turned(close, own.shapes, mean.angles, i)
-                    shapes[rows[close.rows], :, lower] = of_turned.T
+    def turned_modes(self, values: FloatArray, modes: Modes) -> Modes:
+        """Modes with close ones at their mean turn."""
+        close = self.close_pairs(values, modes.frequencies_hz)
+        if close is None:
+            return modes
+        cases = self._cases(close, modes.frequencies_hz)
+        angles = self._mean_over_turns(close, cases, self.shapes_at_sensors(modes)).angles
+        turned, shapes = cases.turned(close, modes.shapes, angles), np.array(modes.shapes)
+        for i in (0, 1):
+            shapes[close.rows, :, close.lower + i] = turned[:, i].T
         return Modes(modes.frequencies_hz, shapes)
+
+    def given(self, pairing: Mapping[str, int]) -> "ModalLikelihood":
+        """The likelihood for one pairing."""
+        parts = self.structure, self.data, self.error, self.identification
+        return ModalLikelihood(*parts, pairing)
+
+    def _log_gains(
+        self,
+        close: ClosePairs,  # noqa: ARG002 - for inferred pairings
+        frequencies_hz: FloatArray,
+        shapes: FloatArray,  # noqa: ARG002
+        turned: FloatArray,  # noqa: ARG002
+        distances: FloatArray,  # noqa: ARG002
+    ) -> FloatArray:
+        """As :attr:`ComparedModes.log_gains`."""
+        return np.zeros((len(frequencies_hz), 0, 0, 0))
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
@@ -584,47 +583,29 @@ class AnyPairing(ModalLikelihood):
                 paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
         paired = paired.reshape(len(values), len(self.data.modes), missed.shape[1])
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
-        weights = PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz)
-        close = self.close_pairs(values, modes.frequencies_hz) if modes.shapes.size else None
-        if close is not None:
-            weights = replace(weights, together=self._together(close, modes))
+        weights = PairingWeights(
+            log_ratios, self.data.frequencies_hz, modes.frequencies_hz, log_gains=modes.log_gains
+        )
         return weights, missed
 
-    def _close_pairs(self, frequencies_hz: FloatArray, variances: FloatArray) -> ClosePairs | None:
-        """Those that some pairing may bring close, with the least distance that it may observe."""
+    @cached_property
+    def _observed_distances(self) -> FloatArray:
+        """The least distance of two identified modes, whichever model modes they are."""
         hz = self.data.frequencies_hz
-        apart = relative_distances(hz[:, None], hz) + np.diag(np.full(len(hz), np.inf))
-        own = relative_distances(*neighbours(frequencies_hz))
-        limits = 0.5 * variances[:, 0] / variances[:, 1]
-        rows = np.flatnonzero((own * np.minimum(own, apart.min()) < limits).any(axis=0))
-        if not len(rows):
-            return None
-        variances = np.broadcast_to(variances, (len(frequencies_hz), 2))[rows]
-        frequencies_hz = frequencies_hz[rows]
-        near = self._near(frequencies_hz, variances[:, :1])
-        least = np.where(near, apart.min(axis=1), np.inf).min(axis=2).T
-        observed = np.minimum(own[:, rows], np.minimum(least[1:], least[:-1]))
-        close = close_pairs(frequencies_hz, observed, variances)
-        return None if close is None else close._replace(rows=rows[close.rows])
+        apart = relative_distances(hz[:, None], hz)[~np.eye(len(hz), dtype=bool)]
+        return np.full(self.structure.n_modes - 1, apart.min(initial=np.inf))
 
-    def _near(self, frequencies_hz: FloatArray, variances: FloatArray) -> NDArray[np.bool_]:
-        """Which identified modes may be these model modes (B, m), whatever their shapes, (B, m, J).
-
-        ``variances`` (B or 1, 1) are squared prediction errors of frequencies.
-        """
-        most = NEAR_NATS + NEAR_NATS_PER_SENSOR * len(self.data.sensors)
-        own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
-        residuals = frequencies_hz[:, :, None] / self.data.frequencies_hz - 1.0
-        return np.asarray(residuals**2 < 2.0 * most * (variances[:, :, None] + own))
-
-    def _near_pairs(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
-        """The same for the lower and upper modes of close pairs, (C, 2, J)."""
+    def _near(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
+        """Which identified modes may be the two of a close pair, whatever the shapes, (C, 2, J)."""
         model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
-        return self._near(model_hz, close.variances[:, :1])
+        own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        residuals = model_hz[:, :, None] / self.data.frequencies_hz - 1.0
+        most = NEAR_NATS + NEAR_NATS_PER_SENSOR * len(self.data.sensors)
+        return np.asarray(residuals**2 < 2.0 * most * (close.variances[:, :1, None] + own))
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
         """Each identified shape by itself, as the only one of a pair that is identified."""
-        near = self._near_pairs(close, frequencies_hz) & (self._columns[:, 0] >= 0)
+        near = self._near(close, frequencies_hz) & (self._columns[:, 0] >= 0)
         pair, upper, j = np.nonzero(near)
         columns = self._columns[j, close.lower[pair] + upper]
         return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
@@ -636,22 +617,29 @@ class AnyPairing(ModalLikelihood):
         columns[self.pairs.with_shape] = range(len(self.pairs.with_shape))
         return columns.reshape(-1, self.structure.n_modes)
 
-    def _together(self, close: ClosePairs, modes: ComparedModes) -> PairsTogether:
-        """The weights of identifying both modes of close pairs, over those of each alone."""
+    def _log_gains(
+        self,
+        close: ClosePairs,
+        frequencies_hz: FloatArray,
+        shapes: FloatArray,
+        turned: FloatArray,
+        distances: FloatArray,
+    ) -> FloatArray:
         n, hz = len(self.data.modes), self.data.frequencies_hz
-        near = self._near_pairs(close, modes.frequencies_hz)
+        near = self._near(close, frequencies_hz)
         both = near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool)
         pair, j, k = np.nonzero(both)
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        logs = self._mean_over_turns(close, cases, modes.shapes).log_means
-        variances = close.variances[pair, 1] + self._shapes_or_none[2][columns]
-        rows = close.rows[pair]
-        alone = modes.turned[rows, columns] - modes.shape_distances[rows, columns] / variances
-        gains = np.zeros((len(close.rows), n, n))
-        gains[pair, j, k] = logs - np.where(columns < 0, 0.0, alone).sum(axis=0)
-        return PairsTogether(close.rows, close.lower, gains)
+        logs = self._mean_over_turns(close, cases, shapes).log_means
+        rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
+        alone = turned[rows, columns] - distances[rows, columns] / (
+            close.variances[pair, 1] + variances
+        )
+        gains = np.zeros((len(shapes), self.structure.n_modes - 1, n, n))
+        gains[rows, close.lower[pair], j, k] = logs - np.where(columns < 0, 0.0, alone).sum(axis=0)
+        return gains
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:

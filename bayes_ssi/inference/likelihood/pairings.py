@@ -16,9 +16,8 @@ is not a product.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +29,6 @@ _FLOAT = np.finfo(float)
 NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
 # Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
 SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
-
-
-class PairsTogether(NamedTuple):
-    """C pairs of model modes whose weights are not a product if both were identified."""
-
-    rows: NDArray[np.intp]  # (C,), of the batch
-    lower: NDArray[np.intp]  # (C,), the lower model mode; the other is the next
-    # (C, J, J), log of the weight of j as the lower and k as the upper one, over the product.
-    log_gains: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,40 +44,39 @@ class PairingWeights:
     # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
 
-    together: PairsTogether | None = None
+    # (B, I - 1, J, J), log of the weight of j as model mode i and k as the next one, over the
+    # product of both, where these turn together; 0 elsewhere, and (B, 0, 0, 0) where none do.
+    log_gains: FloatArray = field(default_factory=lambda: np.zeros((1, 0, 0, 0)))
 
     def given(self, j: int, numbers: NDArray[np.intp] | int = -1) -> "PairingWeights":
         """These weights without identified mode ``j`` and the model mode (B,) that it is; -1 if
         none.
         """
-        log_ratios, together = self.log_ratios.copy(), self.together
-        numbers = np.broadcast_to(numbers, len(log_ratios))
-        if together is not None:
+        log_ratios, gains = self.log_ratios.copy(), self.log_gains.copy()
+        for i, gain in enumerate(gains.swapaxes(0, 1)):
             # The other of two modes that turn together is weighed given the one.
-            rows, lower, gains = together
-            is_lower, is_upper = numbers[rows] == lower, numbers[rows] == lower + 1
-            log_ratios[rows[is_lower], :, lower[is_lower] + 1] += gains[is_lower, j]
-            log_ratios[rows[is_upper], :, lower[is_upper]] += gains[is_upper, :, j]
-            left = ~(is_lower | is_upper)
-            gains = np.delete(np.delete(gains[left], j, axis=1), j, axis=2)
-            together = PairsTogether(rows[left], lower[left], gains)
-        paired = np.flatnonzero(numbers >= 0)
-        log_ratios[paired, :, numbers[paired]] = -np.inf
+            is_lower, is_upper = np.broadcast_arrays(numbers == i, numbers == i + 1, gain[:, 0, 0])[
+                :2
+            ]
+            log_ratios[is_lower, :, i + 1] += gain[is_lower, j]
+            log_ratios[is_upper, :, i] += gain[is_upper, :, j]
+            gain[is_lower | is_upper] = 0.0
+        paired = np.arange(log_ratios.shape[2]) == np.asarray(numbers).reshape(-1, 1)
+        log_ratios[np.broadcast_to(paired[:, None], log_ratios.shape)] = -np.inf
         return replace(
             self,
             log_ratios=np.delete(log_ratios, j, axis=1),
             frequencies_hz=np.delete(self.frequencies_hz, j),
-            together=together,
+            log_gains=np.delete(np.delete(gains, j, axis=2), j, axis=3) if gains.size else gains,
         )
 
     def log_weight(self, pairing: NDArray[np.intp]) -> FloatArray:
         """Log of the weight (B,) of one pairing: the model mode (J,) of each mode, or -1."""
         paired = np.flatnonzero(pairing >= 0)
         total = self.log_ratios[:, paired, pairing[paired]].sum(axis=1)
-        if self.together is not None:
-            for row, lower, gains in zip(*self.together, strict=True):
-                both = np.flatnonzero(pairing == lower), np.flatnonzero(pairing == lower + 1)
-                total[row] += gains[np.ix_(*both)].sum()
+        for i, gain in enumerate(self.log_gains.swapaxes(0, 1)):
+            both = np.flatnonzero(pairing == i), np.flatnonzero(pairing == i + 1)
+            total += gain[:, *np.ix_(*both)].sum(axis=(1, 2))
         return total
 
 
@@ -96,20 +85,15 @@ def log_sum(weights: PairingWeights) -> FloatArray:
 
     The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
     """
-    together = weights.together
-    if together is None or not len(together.rows):
+    if not weights.log_gains.size:
         return _log_sum(weights, {})
     total = np.empty(len(weights.log_ratios))
-    steps = np.full(weights.model_hz.shape, -1, dtype=np.intp)  # in which pairs of all
-    steps[together.rows, together.lower] = np.arange(len(together.rows))
-    patterns, which = np.unique(steps >= 0, axis=0, return_inverse=True)
-    for i, pattern in enumerate(patterns):
-        rows = np.flatnonzero(which.ravel() == i)
-        of_rows = replace(
-            weights, log_ratios=weights.log_ratios[rows], model_hz=weights.model_hz[rows]
-        )
-        pairs = np.flatnonzero(pattern).tolist()
-        total[rows] = _log_sum(of_rows, {p: together.log_gains[steps[rows, p]] for p in pairs})
+    together = weights.log_gains.any(axis=(2, 3))
+    for pattern in np.unique(together, axis=0):
+        rows = np.flatnonzero((together == pattern).all(axis=1))
+        log_ratios, hz = weights.log_ratios[rows], weights.model_hz[rows]
+        gains = {int(i): weights.log_gains[rows, i] for i in np.flatnonzero(pattern)}
+        total[rows] = _log_sum(replace(weights, log_ratios=log_ratios, model_hz=hz), gains)
     return total
 
 

@@ -19,7 +19,7 @@ from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.model_class.configuration import Configuration, label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.structures.modal import scaled_shapes, shape_signs
+from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.structures.response import ground_influence
 from bayes_ssi.structures.structure import Structure
 
@@ -114,7 +114,7 @@ def _updated_modes(
     modes = likelihood.modes(at)
     compared = likelihood.compared_modes(at, modes)
     pairs = likelihood.sampled_pairs(at, compared, np.random.default_rng(0))
-    modes = likelihood.turned_modes(at, modes, pairs)
+    modes = _turned(likelihood, at, modes, pairs)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
     if len(all_places) > MOST_PLACES:
@@ -151,6 +151,20 @@ def _updated_modes(
         moves_sideways(structure),
         tuple(records),
     )
+
+
+def _turned(
+    likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: NDArray[np.intp]
+) -> Modes:
+    """Modes with close ones at their mean turn, each row in its own pairing."""
+    shapes, numbers = np.array(modes.shapes), np.append(likelihood.pairs.model_modes, -1)[pairs]
+    for chosen in np.unique(numbers, axis=0):
+        rows = np.flatnonzero((numbers == chosen).all(axis=1))
+        named = zip(likelihood.data.labels, (chosen + 1).tolist(), strict=True)
+        given = likelihood.given({label: number for label, number in named if number})
+        own = Modes(modes.frequencies_hz[rows], modes.shapes[rows])
+        shapes[rows] = given.turned_modes(at[rows], own).shapes
+    return Modes(modes.frequencies_hz, shapes)
 
 
 def _paired_modes(
@@ -262,7 +276,8 @@ def remarks_on_close_modes(
         close = likelihood.close_pairs(columns, modes.frequencies_hz)
         if close is None:
             continue
-        turns = 0.5 / np.sqrt(close.concentrations(np.full(len(close.rows), np.nan)))
+        n = len(close.rows)
+        turns = 0.5 / np.sqrt(close.concentrations(np.full(n, np.nan), np.arange(n)))
         for number in np.unique(close.lower).tolist():
             far = (close.lower == number) & (turns > FAR_TURN)
             if far.sum() > 0.5 * len(values):
