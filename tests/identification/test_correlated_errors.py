@@ -132,7 +132,7 @@ def test_frequencies_have_their_joint_normal_density(error):
 
 
 @pytest.mark.parametrize(
-    "error", [bs.ErrorModel(SIZE, SIZE, RHO), bs.ErrorModel(SIZE, SIZE, RHO, NEXT)]
+    "error", [bs.ErrorModel(SIZE, 10.0 * SIZE, RHO), bs.ErrorModel(SIZE, 10.0 * SIZE, RHO, NEXT)]
 )
 def test_errors_without_correlation_are_independent(error):
     sensors = ("floor 1", "floor 3", "floor 4")
@@ -141,7 +141,7 @@ def test_errors_without_correlation_are_independent(error):
         configuration("b", 2.0, (1, 2), 2, sensors),
     )
     candidate = model_class(error, tests)
-    alone = model_class(bs.ErrorModel(SIZE, SIZE), tests)
+    alone = model_class(bs.ErrorModel(SIZE, 10.0 * SIZE), tests)
     values = values_of(candidate)
     values[:, len(alone.parameters) :] = 0.0
     expected = alone.log_likelihood(values[:, : len(alone.parameters)])

@@ -117,7 +117,7 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     # A shape points the way that it was identified, or else with its largest component upwards.
     (each,) = one.classes
     turned, without = (
-        replace(one, classes=(replace(each, data=data),))
+        replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=data)),))
         for data in (
             replace(
                 each.data,

@@ -82,8 +82,8 @@ def close_pairs(
     """
     distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
     others = np.where(np.isnan(observed), distances, observed)
-    # As κ < 1/(4σ_φ²).
-    near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]
+    with np.errstate(invalid="ignore"):  # of equal frequencies that are not compared
+        near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]  # κ < 1/(4σ_φ²)
     rows = np.flatnonzero(near.any(axis=0))
     if not len(rows):
         return None

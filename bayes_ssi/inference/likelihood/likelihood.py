@@ -209,7 +209,9 @@ class ModalLikelihood:
     @cached_property
     def scored(self) -> Structure:
         """The structure with no more shapes than the likelihood needs."""
-        return self.structure.with_shapes(int(self.pairs.model_modes.max(initial=0)) + 1)
+        # And the next mode's, with which the last one may turn.
+        n_shapes = min(int(self.pairs.model_modes.max(initial=0)) + 2, self.structure.n_modes)
+        return self.structure.with_shapes(n_shapes)
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
@@ -245,8 +247,11 @@ class ModalLikelihood:
         return ComparedModes(frequencies, distances, turned, unit, gains)
 
     def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
-        """The pairs of model modes that turn together, at model frequencies (B, n_modes)."""
-        if not len(self.pairs.with_shape):
+        """The pairs of model modes that turn together, at model frequencies (B, n_modes).
+
+        None where errors are shared between tests: the turn would be, too.
+        """
+        if not len(self.pairs.with_shape) or self.error.repeats_between_tests:
             return None
         variances = self._fixed_var
         if variances is None:
