@@ -159,7 +159,8 @@ def test_commands_on_a_result_say_nothing_of_shapes(study):
 def test_the_ground_moves_no_place_where_there_is_none():
     """Though how it moves the masses is given."""
     structure = SPACE["matrix_structure"](sensors={}, influence=(1.0, 1.0))
-    draws = PosteriorDraws("x", structure, {"1": 1}, np.ones((1, 2)), SPACE["data"])
+    (likelihood,) = bs.ModelClass("x", structure, SPACE["data"], pairing={"1": 1}).likelihoods
+    draws = PosteriorDraws("x", likelihood, np.ones((1, 2)))
     assert structures_of_unknown_ground(Predictions("x", (draws,))) == [structure]
 
 

@@ -12,8 +12,9 @@ from scipy.stats import multivariate_normal, norm
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest, in_common_plane, tangents
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
+from bayes_ssi.parameters.parameters import as_product
 
-SD, SHAPE_SD = 0.02, 0.05
+SD, SHAPE_SD = 0.004, 0.05  # with which no modes are close
 RHO = bs.Parameter("rho", bs.Uniform(0.0, 1.0))
 NEXT = bs.Parameter("next", bs.Uniform(0.0, 0.9))
 SIZE = bs.Parameter("size", bs.LogNormal(SD, 0.4))
@@ -64,9 +65,10 @@ def values_of(candidate, n=20):
 
 def column(candidate, values, value):
     """Values of a field of the error model at every row."""
-    if not isinstance(value, bs.Parameter):
-        return np.full(len(values), value)
-    return values[:, candidate.parameter_names.index(value.name)]
+    product = as_product(value)
+    names = [parameter.name for parameter in product.parameters]
+    at = [candidate.parameter_names.index(name) for name in names]
+    return product.scale * values[:, at].prod(axis=1)
 
 
 def paired(candidate, values):
@@ -130,7 +132,7 @@ def test_frequencies_have_their_joint_normal_density(error):
 
 
 @pytest.mark.parametrize(
-    "error", [bs.ErrorModel(SIZE, SIZE, RHO), bs.ErrorModel(SIZE, SIZE, RHO, NEXT)]
+    "error", [bs.ErrorModel(SIZE, 10.0 * SIZE, RHO), bs.ErrorModel(SIZE, 10.0 * SIZE, RHO, NEXT)]
 )
 def test_errors_without_correlation_are_independent(error):
     sensors = ("floor 1", "floor 3", "floor 4")
@@ -139,7 +141,7 @@ def test_errors_without_correlation_are_independent(error):
         configuration("b", 2.0, (1, 2), 2, sensors),
     )
     candidate = model_class(error, tests)
-    alone = model_class(bs.ErrorModel(SIZE, SIZE), tests)
+    alone = model_class(bs.ErrorModel(SIZE, 10.0 * SIZE), tests)
     values = values_of(candidate)
     values[:, len(alone.parameters) :] = 0.0
     expected = alone.log_likelihood(values[:, : len(alone.parameters)])
@@ -249,8 +251,8 @@ def test_shapes_of_several_modes_multiply_the_joint_density():
     )
     # Another set of sensors: not shared.
     tests += (configuration("d", 1.0, (2,), 9, ("floor 1", "floor 2")),)
-    candidate = model_class(bs.ErrorModel(SD, SIZE, rho), tests)
-    alone = model_class(bs.ErrorModel(SD, SIZE), tests)
+    candidate = model_class(bs.ErrorModel(0.1 * SD, SIZE, rho), tests)
+    alone = model_class(bs.ErrorModel(0.1 * SD, SIZE), tests)
     values = values_of(candidate)
     expected = alone.log_likelihood(values)
     for k, row in enumerate(values):
@@ -400,7 +402,7 @@ ALL_AT_ONCE = {
     "modes": bs.ErrorModel(SD, SHAPE_SD, between_modes=0.6),
     "both": bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.6),
     "inferred": bs.ErrorModel(SIZE, bs.Parameter("sd", bs.LogNormal(SHAPE_SD, 0.4)), RHO, NEXT),
-    "all one size": bs.ErrorModel(SIZE, SIZE, RHO),
+    "all one size": bs.ErrorModel(SIZE, 10.0 * SIZE, RHO),
 }
 
 

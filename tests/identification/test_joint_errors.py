@@ -15,9 +15,9 @@ from bayes_ssi.inference.likelihood.joint_errors import ErrorGroup, JointErrors,
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
-FIXED = bs.ErrorModel(0.004, 0.006)
+FIXED = bs.ErrorModel(0.001, 0.006)  # with which no modes are close
 INFERRED = bs.ErrorModel(*(
-    bs.Parameter(name, bs.LogNormal(size, 0.5)) for name, size in (("sf", 0.004), ("ss", 0.006))
+    bs.Parameter(name, bs.LogNormal(size, 0.5)) for name, size in (("sf", 0.001), ("ss", 0.006))
 ))  # fmt: skip
 PAIRING = {"a": 1, "c": 4, "b": 2}
 
@@ -124,7 +124,7 @@ def test_residuals_have_their_joint_normal_density(building, error, missing):
     covariance, kinds = covariance_in_planes(data, labels)
     expected = alone.log_likelihood(values)
     for b, residual in enumerate(residuals(joint, values, labels)):
-        sf, ss = values[b, -2:] if error is INFERRED else (0.004, 0.006)
+        sf, ss = values[b, -2:] if error is INFERRED else (0.001, 0.006)
         added = np.array([sf if kind == "frequency" else ss for _, kind in kinds])
         single = [
             data.mode(label).frequency_cov if kind == "frequency" else data.mode(label).shape_sd
@@ -206,7 +206,7 @@ def test_the_density_integrates_to_one_over_all_data(n):
     in_planes = factor @ factor.T + size**2 * np.eye(2 * n)
     planes = [np.linalg.svd(shape[None])[2][1:].T for shape in shapes.T]
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)
-    error = bs.ErrorModel(0.2 * size, 0.3 * size)
+    error = bs.ErrorModel(0.1 * size, 0.3 * size)
     scale = np.linalg.cholesky(
         in_planes + np.diag(np.repeat([error.frequency_cov, error.shape_sd], [2, 2 * n - 2]) ** 2)
     )
@@ -272,10 +272,10 @@ def test_evidence_and_posterior_of_a_linear_model():
     for j, angle in enumerate(angles):
         basis[2 + 2 * j : 4 + 2 * j, 2 + j] = -math.sin(angle), math.cos(angle)
     data = bs.ModalData(modes, (0.0, 5.0), ("x", "y"), covariance=basis @ in_planes @ basis.T)
-    error = bs.ErrorModel(0.001, 0.001)
+    error = bs.ErrorModel(0.0004, 0.001)  # with which modes at 2 and 3 Hz are not close
     candidate = bs.ModelClass("linear", structure, data, error, pairing={"a": 1, "b": 2})
     posterior = bs.sample(candidate, seed=1)
-    covariance = in_planes + 1e-6 * np.eye(4)
+    covariance = in_planes + np.diag([0.0004, 0.0004, 0.001, 0.001]) ** 2
     # r_f = f/f_e - 1 is linear in the parameters with f_e in the denominator.
     residual = np.concatenate([1.0 / (1.0 + at[:2]) - 1.0, -at[2:]])
     effects = structure.effects.copy()
@@ -353,7 +353,7 @@ def test_paired_modes_are_one_datum_and_predicted_together(building):
     terms = datum_terms(joint, values, result, [pairing], (2, n // 2), np.random.default_rng(1))
     assert terms.data == ("a and c", "b", "no other mode")
     predicted = terms.predicted_hz.reshape(n, -1)
-    covariance = data.covariance[np.ix_([0, 2], [0, 2])] + 0.004**2 * np.eye(2)
+    covariance = data.covariance[np.ix_([0, 2], [0, 2])] + 0.001**2 * np.eye(2)
     correlation = covariance[0, 1] / np.sqrt(covariance.diagonal().prod())
     drawn_together = np.corrcoef(predicted[:, 0], predicted[:, 2])[0, 1]
     assert drawn_together == pytest.approx(correlation, abs=5.0 / math.sqrt(n))

@@ -186,7 +186,7 @@ def test_weights_are_left_as_they_were():
     log_sum(some)
     pair_probabilities(some)
     sample_pairings(some, np.random.default_rng(0))
-    some.without(1, 2)
+    some.given(1, 2)
     np.testing.assert_array_equal(some.log_ratios, before)
 
 

@@ -159,7 +159,7 @@ def test_a_mode_that_no_sensor_sees_is_no_difference():
 
 
 def test_a_class_that_nothing_brings_near_the_data_is_sampled_roughly_and_says_so(frame, case_c):
-    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.02)
+    error = bs.ErrorModel(frequency_cov=0.002, shape_sd=0.02)
     structure = Stiff(frame, 2e-5)
     wrong = bs.ModelClass("exchanged", structure, case_c, error, pairing={"1": 1, "2a": 3, "3": 2})
     steps = []
@@ -177,7 +177,7 @@ def test_a_class_that_nothing_brings_near_the_data_is_sampled_roughly_and_says_s
         shape = modes.shapes[0, :, number - 1]
         cosine = abs(shape @ mode.shape) / np.linalg.norm(shape) / np.linalg.norm(mode.shape)
         residual = modes.frequencies_hz[0, number - 1] / mode.frequency_hz - 1.0
-        squares += (residual / 0.01) ** 2 + 2.0 * (1.0 - cosine) / 0.02**2
+        squares += (residual / 0.002) ** 2 + 2.0 * (1.0 - cosine) / 0.02**2
         n += 1 + len(shape)
     assert shortfall == pytest.approx(0.5 * squares - n, abs=0.02 * squares)
     assert posterior.evidence.log_evidence == pytest.approx(whole.evidence.log_evidence, abs=20.0)

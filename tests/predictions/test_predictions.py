@@ -117,7 +117,7 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     # A shape points the way that it was identified, or else with its largest component upwards.
     (each,) = one.classes
     turned, without = (
-        replace(one, classes=(replace(each, data=data),))
+        replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=data)),))
         for data in (
             replace(
                 each.data,
@@ -135,8 +135,7 @@ def test_shapes_are_those_of_the_record(model_classes):
     candidate = model_classes["3"]
     values = np.exp(0.1 * np.random.default_rng(5).standard_normal((50, 4)))
     (record,) = configuration_modes(candidate, values)
-    test = candidate.configuration()
-    draws = PosteriorDraws("3", test.structure, record.pairing, values, test.data)
+    draws = PosteriorDraws("3", candidate.likelihoods[0].given(record.pairing), values)
     predicted = Predictions("3", (draws,))
     for mode in record.updated.modes:
         band = predicted.shapes(mode.label, record.updated.places).band(0.95)

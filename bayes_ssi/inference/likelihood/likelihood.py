@@ -14,6 +14,9 @@ that a model mode would have been identified inside the band. Where errors are c
 density of pairs takes the place of their product
 (:mod:`~bayes_ssi.inference.likelihood.correlated_errors`).
 
+Close modes turn together, and the mean over their turns takes the place of the product of their
+shapes' densities (:mod:`~bayes_ssi.inference.likelihood.close_modes`).
+
 Where the pairing is inferred along with the parameters, the density is the sum over all pairings,
 and the order of model modes may change with them.
 """
@@ -28,6 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
+from bayes_ssi.inference.likelihood.close_modes import (
+    CloseCases,
+    ClosePairs,
+    Turned,
+    TurningShapes,
+    close_pairs,
+    relative_distances,
+)
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.joint_errors import JointPairs
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
@@ -62,11 +73,18 @@ class ComparedModes(NamedTuple):
     """The modes of a model at a batch of B parameter values, compared with the identified ones."""
 
     frequencies_hz: FloatArray  # (B, n_modes), of the model
-    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored.
+    # (B, n_shape_pairs), 1 - |φ_e·φ| of the pairs whose shape is scored, at the mean turn of close
+    # modes.
     shape_distances: FloatArray
+    # (B, n_shape_pairs), log of the mean density over turns, over the one at the mean turn, which
+    # both modes of a pair share; (B, 0) where nothing turns.
+    turned: FloatArray
     # (B, n_shape_pairs · n_sensors), these model shapes at unit length, with the signs of the
     # identified ones, pair by pair; (B, 0) where errors are independent.
     unit_shapes: FloatArray
+    # (B, n_modes - 1, J, J), of identified modes as two model modes that turn together, where the
+    # pairing is inferred (PairingWeights.log_gains); (B, 0, 0, 0) where nothing turns.
+    log_gains: FloatArray
 
     def rows(self, which: Places) -> "ComparedModes":
         return ComparedModes(*(array[which] for array in self))
@@ -151,7 +169,7 @@ class ModalLikelihood:
             unpaired = self._unpaired_model_modes
             return ModalTerms(
                 self._frequency_terms(modes, error_var[:, :1]),
-                self._shape_terms(modes.shape_distances, error_var[:, 1:]),
+                self._shape_terms(modes, error_var[:, 1:]),
                 self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired),
                 self._unpaired_data,
             )
@@ -161,7 +179,9 @@ class ModalLikelihood:
         frequencies = np.ones((len(values), self.structure.n_modes))
         frequencies[:, self.pairs.model_modes] = self.pairs.frequencies_hz
         distances = np.zeros((len(values), len(self.pairs.with_shape)))
-        terms = self.terms(values, ComparedModes(frequencies, distances, distances))
+        none = np.zeros((len(values), 0, 0, 0))
+        compared = ComparedModes(frequencies, distances, distances, distances, none)
+        terms = self.terms(values, compared)
         return terms._replace(missed=terms.missed[:, :0]).total()
 
     @property
@@ -189,7 +209,9 @@ class ModalLikelihood:
     @cached_property
     def scored(self) -> Structure:
         """The structure with no more shapes than the likelihood needs."""
-        return self.structure.with_shapes(int(self.pairs.model_modes.max(initial=0)) + 1)
+        # And the next mode's, with which the last one may turn.
+        n_shapes = min(int(self.pairs.model_modes.max(initial=0)) + 2, self.structure.n_modes)
+        return self.structure.with_shapes(n_shapes)
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
@@ -198,14 +220,126 @@ class ModalLikelihood:
     def compared_modes(self, values: FloatArray, modes: Modes | None = None) -> ComparedModes:
         """The structure's modes at ``values``, or the given ones, compared with the data's."""
         modes = self.modes(values) if modes is None else modes
-        distances, unit = np.zeros((2, len(values), 0))
-        if len(self.pairs.with_shape):
-            shapes = self.shapes_at_sensors(modes)
-            distances = self.pairs.shape_distances(shapes)
-            if self.error.repeats_between_tests or self.data.covariance is not None:
-                unit = self.pairs.unit_model_shapes(shapes)
         # In memory the rows of the batch next to each other: columns are longer than rows.
-        return ComparedModes(np.asfortranarray(modes.frequencies_hz), distances, unit)
+        frequencies = np.asfortranarray(modes.frequencies_hz)
+        unit, gains = np.zeros((len(values), 0)), np.zeros((len(values), 0, 0, 0))
+        if not len(self.pairs.with_shape):
+            return ComparedModes(frequencies, unit, unit, unit, gains)
+        shapes = self.shapes_at_sensors(modes)
+        distances = self.pairs.shape_distances(shapes)
+        turned = np.zeros(distances.T.shape).T
+        if self.error.repeats_between_tests or self.data.covariance is not None:
+            unit = self.pairs.unit_model_shapes(shapes)
+        close = self.close_pairs(values, frequencies)
+        if close is not None:
+            cases = self._cases(close, frequencies)
+            mean = self._mean_over_turns(close, cases, shapes)
+            i, which = np.nonzero(cases.columns >= 0)
+            columns, shared = cases.columns[i, which], (cases.columns >= 0).sum(axis=0)
+            at = close.rows[cases.pairs[which]], columns
+            distances[at] = mean.distances[i, which]
+            turned[at] = (mean.log_gains / shared)[which]
+            if unit.size:
+                of_turned = cases.turned(close, shapes, mean.angles)[:, i, which]
+                of_columns = unit.reshape(*distances.shape, -1)
+                of_columns[at] = self.pairs.unit_shapes_like(columns, of_turned)
+            gains = self._log_gains(close, frequencies, shapes, turned, distances)
+        return ComparedModes(frequencies, distances, turned, unit, gains)
+
+    def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
+        """The pairs of model modes that turn together, at model frequencies (B, n_modes).
+
+        None where errors are shared between tests: the turn would be, too.
+        """
+        if not len(self.pairs.with_shape) or self.error.repeats_between_tests:
+            return None
+        variances = self._fixed_var
+        if variances is None:
+            variances = self.prediction_var(values)
+        return close_pairs(frequencies_hz, self._observed_distances[:, None], variances)
+
+    @cached_property
+    def _fixed_var(self) -> FloatArray | None:
+        """Squared prediction errors (1, 2) where no parameter enters them."""
+        if any(size.parameters for size in self._sizes):
+            return None
+        return np.array([[size.scale**2 for size in self._sizes]])
+
+    @cached_property
+    def _observed_distances(self) -> FloatArray:
+        """Relative distances (n_modes - 1,) of the identified modes of neighbouring model modes.
+
+        NaN where one of them is not identified; infinite where neither has a shape that is scored.
+        """
+        identified = np.full(self.structure.n_modes, np.nan)
+        identified[self.pairs.model_modes] = self.pairs.frequencies_hz
+        scored = np.isin(np.arange(len(identified)), self.pairs.model_modes[self.pairs.with_shape])
+        distances = relative_distances(identified[1:], identified[:-1])
+        return np.where(scored[1:] | scored[:-1], distances, np.inf)
+
+    def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:  # noqa: ARG002
+        """The identified shapes beside close pairs, at model frequencies (B, n_modes)."""
+        columns = self._columns[np.array([close.lower, close.lower + 1])]
+        observed = self._observed_distances[close.lower]
+        is_upper = np.array([[False], [True]])
+        return CloseCases(np.arange(len(close.rows)), columns, is_upper, observed)
+
+    @cached_property
+    def _columns(self) -> NDArray[np.intp]:
+        """Column (n_modes,) among scored shapes of the one that is each model mode; -1 if none."""
+        columns = np.full(self.structure.n_modes, -1)
+        columns[self.pairs.model_modes[self.pairs.with_shape]] = range(len(self.pairs.with_shape))
+        return columns
+
+    def _mean_over_turns(self, close: ClosePairs, cases: CloseCases, shapes: FloatArray) -> Turned:
+        """Of model shapes (B, n_sensors, n_modes), at the sensors."""
+        units, measured, variances = self._shapes_or_none
+        turning = TurningShapes.of(
+            *cases.modes(close, shapes),
+            units[:, cases.columns],
+            measured[:, cases.columns],
+            close.variances[cases.pairs, 1] + variances[cases.columns],
+        )
+        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning)
+
+    @cached_property
+    def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Unit shapes (s, S + 1), where they were measured and squared errors; the last is none."""
+        none = np.zeros((len(self.data.sensors), 1))
+        units, measured = self.pairs.unit_shapes, self.pairs.measured
+        return (
+            np.hstack([units, none]),
+            np.hstack([measured, none + 1.0]),
+            np.append(self.pairs.shape_var, np.inf),
+        )
+
+    def turned_modes(self, values: FloatArray, modes: Modes) -> Modes:
+        """Modes with close ones at their mean turn."""
+        close = self.close_pairs(values, modes.frequencies_hz)
+        if close is None:
+            return modes
+        cases = self._cases(close, modes.frequencies_hz)
+        angles = self._mean_over_turns(close, cases, self.shapes_at_sensors(modes)).angles
+        turned, shapes = cases.turned(close, modes.shapes, angles), np.array(modes.shapes)
+        for i in (0, 1):
+            shapes[close.rows, :, close.lower + i] = turned[:, i].T
+        return Modes(modes.frequencies_hz, shapes)
+
+    def given(self, pairing: Mapping[str, int]) -> "ModalLikelihood":
+        """The likelihood for one pairing."""
+        parts = self.structure, self.data, self.error, self.identification
+        return ModalLikelihood(*parts, pairing)
+
+    def _log_gains(
+        self,
+        close: ClosePairs,  # noqa: ARG002 - for inferred pairings
+        frequencies_hz: FloatArray,
+        shapes: FloatArray,  # noqa: ARG002
+        turned: FloatArray,  # noqa: ARG002
+        distances: FloatArray,  # noqa: ARG002
+    ) -> FloatArray:
+        """As :attr:`ComparedModes.log_gains`."""
+        return np.zeros((len(frequencies_hz), 0, 0, 0))
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
@@ -315,14 +449,14 @@ class ModalLikelihood:
         detected = math.log(self.identification.detection_probability)
         return detected - 0.5 * math.log(2.0 * math.pi) - np.log(self.pairs.frequencies_hz)
 
-    def _shape_terms(self, distances: FloatArray, prediction_var: FloatArray) -> FloatArray:
+    def _shape_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
-            return distances
+            return modes.shape_distances
         variance = (prediction_var.T + self._own_var[1]).T
         normalisers = self._fixed_normalisers
         if normalisers is None:
             normalisers = self._log_normalisers(variance)
-        return -distances / variance - normalisers
+        return modes.turned - modes.shape_distances / variance - normalisers
 
     @cached_property
     def _fixed_normalisers(self) -> FloatArray | None:
@@ -375,6 +509,9 @@ def _column(variances: FloatArray) -> FloatArray:
 
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
+# Farther in frequency, in nats, an identified mode is not a model mode, however alike their shapes.
+NEAR_NATS = 100.0
+NEAR_NATS_PER_SENSOR = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,7 +588,63 @@ class AnyPairing(ModalLikelihood):
                 paired += self.joint_pairs.log_ratios(*self.residuals(values, modes))
         paired = paired.reshape(len(values), len(self.data.modes), missed.shape[1])
         log_ratios = paired - self._spurious[:, None] - missed[:, None, :]
-        return PairingWeights(log_ratios, self.data.frequencies_hz, modes.frequencies_hz), missed
+        weights = PairingWeights(
+            log_ratios, self.data.frequencies_hz, modes.frequencies_hz, log_gains=modes.log_gains
+        )
+        return weights, missed
+
+    @cached_property
+    def _observed_distances(self) -> FloatArray:
+        """The least distance of two identified modes, whichever model modes they are."""
+        hz = self.data.frequencies_hz
+        apart = relative_distances(hz[:, None], hz)[~np.eye(len(hz), dtype=bool)]
+        return np.full(self.structure.n_modes - 1, apart.min(initial=np.inf))
+
+    def _near(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
+        """Which identified modes may be the two of a close pair, whatever the shapes, (C, 2, J)."""
+        model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
+        own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        residuals = model_hz[:, :, None] / self.data.frequencies_hz - 1.0
+        most = NEAR_NATS + NEAR_NATS_PER_SENSOR * len(self.data.sensors)
+        return np.asarray(residuals**2 < 2.0 * most * (close.variances[:, :1, None] + own))
+
+    def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
+        """Each identified shape by itself, as the only one of a pair that is identified."""
+        near = self._near(close, frequencies_hz) & (self._columns[:, 0] >= 0)
+        pair, upper, j = np.nonzero(near)
+        columns = self._columns[j, close.lower[pair] + upper]
+        return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
+
+    @cached_property
+    def _columns(self) -> NDArray[np.intp]:
+        """Column (J, n_modes) among shapes of an identified one as a model mode; -1 if none."""
+        columns = np.full(len(self.pairs.modes), -1)
+        columns[self.pairs.with_shape] = range(len(self.pairs.with_shape))
+        return columns.reshape(-1, self.structure.n_modes)
+
+    def _log_gains(
+        self,
+        close: ClosePairs,
+        frequencies_hz: FloatArray,
+        shapes: FloatArray,
+        turned: FloatArray,
+        distances: FloatArray,
+    ) -> FloatArray:
+        n, hz = len(self.data.modes), self.data.frequencies_hz
+        near = self._near(close, frequencies_hz)
+        both = near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool)
+        pair, j, k = np.nonzero(both)
+        columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
+        observed = relative_distances(hz[j], hz[k])
+        cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
+        logs = self._mean_over_turns(close, cases, shapes).log_means
+        rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
+        alone = turned[rows, columns] - distances[rows, columns] / (
+            close.variances[pair, 1] + variances
+        )
+        gains = np.zeros((len(shapes), self.structure.n_modes - 1, n, n))
+        gains[rows, close.lower[pair], j, k] = logs - np.where(columns < 0, 0.0, alone).sum(axis=0)
+        return gains
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:

@@ -118,6 +118,13 @@ class PairedModes:
         shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
         return shapes.transpose(0, 2, 1).reshape(len(shapes), self.unit_shapes.size)
 
+    def unit_shapes_like(self, columns: NDArray[np.intp], shapes: FloatArray) -> FloatArray:
+        """Shapes (s, E) as :meth:`unit_model_shapes` has them, (E, s), beside one shape each."""
+        seen = (shapes * self.measured[:, columns]).T
+        length = np.sqrt(row_sums(seen * seen))[:, None]
+        sign = np.where(row_sums(seen * self.unit_shapes.T[columns]) < 0, -1.0, 1.0)[:, None]
+        return np.asarray(seen * (sign / np.where(length == 0.0, 1.0, length)))
+
     @cached_property
     def _sensors(self) -> list[tuple[FloatArray, FloatArray | None]]:
         """Each sensor's part of the unit shapes, and which of them it measured; None for all."""

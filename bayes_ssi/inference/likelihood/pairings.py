@@ -9,11 +9,15 @@ The states to keep double with every identified mode, or with every model mode w
 fewer and the other way round. Where there are more than a window holds of both, a model mode may
 only be one of the nearest in frequency. A pair that this leaves out would have added at most its
 ratio times the whole sum.
+
+Two model modes that turn together are one step, of one or both of them at once: the weight of both
+is not a product.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +44,40 @@ class PairingWeights:
     # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
 
-    def without(self, j: int, i: int | None = None) -> "PairingWeights":
-        """These weights without identified mode ``j`` and model mode ``i``."""
-        log_ratios = np.delete(self.log_ratios, j, axis=1)
-        if i is not None:
-            log_ratios[:, :, i] = -np.inf
-        frequencies_hz = np.delete(self.frequencies_hz, j)
-        return replace(self, log_ratios=log_ratios, frequencies_hz=frequencies_hz)
+    # (B, I - 1, J, J), log of the weight of j as model mode i and k as the next one, over the
+    # product of both, where these turn together; 0 elsewhere, and (B, 0, 0, 0) where none do.
+    log_gains: FloatArray = field(default_factory=lambda: np.zeros((1, 0, 0, 0)))
+
+    def given(self, j: int, numbers: NDArray[np.intp] | int = -1) -> "PairingWeights":
+        """These weights without identified mode ``j`` and the model mode (B,) that it is; -1 if
+        none.
+        """
+        log_ratios, gains = self.log_ratios.copy(), self.log_gains.copy()
+        for i, gain in enumerate(gains.swapaxes(0, 1)):
+            # The other of two modes that turn together is weighed given the one.
+            is_lower, is_upper = np.broadcast_arrays(numbers == i, numbers == i + 1, gain[:, 0, 0])[
+                :2
+            ]
+            log_ratios[is_lower, :, i + 1] += gain[is_lower, j]
+            log_ratios[is_upper, :, i] += gain[is_upper, :, j]
+            gain[is_lower | is_upper] = 0.0
+        paired = np.arange(log_ratios.shape[2]) == np.asarray(numbers).reshape(-1, 1)
+        log_ratios[np.broadcast_to(paired[:, None], log_ratios.shape)] = -np.inf
+        return replace(
+            self,
+            log_ratios=np.delete(log_ratios, j, axis=1),
+            frequencies_hz=np.delete(self.frequencies_hz, j),
+            log_gains=np.delete(np.delete(gains, j, axis=2), j, axis=3) if gains.size else gains,
+        )
+
+    def log_weight(self, pairing: NDArray[np.intp]) -> FloatArray:
+        """Log of the weight (B,) of one pairing: the model mode (J,) of each mode, or -1."""
+        paired = np.flatnonzero(pairing >= 0)
+        total = self.log_ratios[:, paired, pairing[paired]].sum(axis=1)
+        for i, gain in enumerate(self.log_gains.swapaxes(0, 1)):
+            both = np.flatnonzero(pairing == i), np.flatnonzero(pairing == i + 1)
+            total += gain[:, *np.ix_(*both)].sum(axis=(1, 2))
+        return total
 
 
 def log_sum(weights: PairingWeights) -> FloatArray:
@@ -54,30 +85,55 @@ def log_sum(weights: PairingWeights) -> FloatArray:
 
     The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
     """
+    if not weights.log_gains.size:
+        return _log_sum(weights, {})
+    total = np.empty(len(weights.log_ratios))
+    together = weights.log_gains.any(axis=(2, 3))
+    for pattern in np.unique(together, axis=0):
+        rows = np.flatnonzero((together == pattern).all(axis=1))
+        log_ratios, hz = weights.log_ratios[rows], weights.model_hz[rows]
+        gains = {int(i): weights.log_gains[rows, i] for i in np.flatnonzero(pattern)}
+        total[rows] = _log_sum(replace(weights, log_ratios=log_ratios, model_hz=hz), gains)
+    return total
+
+
+def _log_sum(weights: PairingWeights, gains: Mapping[int, FloatArray]) -> FloatArray:
+    """The same, where gains (B, J, J) of the same pairs of model modes count in all rows."""
     if not weights.log_ratios.size:
         return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
     # (I, J, B): whole rows of the batch are next to each other.
     log_ratios = np.ascontiguousarray(weights.log_ratios[:, order].transpose(2, 1, 0))
-    log_ratios[log_ratios < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
-    starts = _window_starts(weights)
+    both = {}
+    for i, gain in gains.items():
+        both[i] = (
+            log_ratios[i][:, None]
+            + log_ratios[i + 1]
+            + gain.transpose(1, 2, 0)[np.ix_(order, order)]
+        )
+        both[i][np.diag_indices(len(order))] = -np.inf
+    for each in (log_ratios, *both.values()):
+        each[each < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
+    starts = _window_starts(weights, bool(both))
     if starts is not None:
         log_ratios[_outside(starts, weights).transpose(2, 1, 0)] = -np.inf
-    elif len(log_ratios) < len(order):
+    elif len(log_ratios) < len(order) and not both:
         log_ratios = np.ascontiguousarray(log_ratios.transpose(1, 0, 2))
     # Every mode kept track of is scaled by its best pair, so that nothing overflows.
     scales = np.maximum(log_ratios.max(axis=0), 0.0)
     width = len(scales) if starts is None else weights.window
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = np.log(_sum(np.exp(log_ratios - scales), np.exp(-scales), starts, width, _LINEAR))
+        scaled = {i: np.exp(each - scales[:, None] - scales) for i, each in both.items()}
+        pairs = np.exp(log_ratios - scales)
+        total = np.log(_sum(pairs, scaled, np.exp(-scales), starts, width, _LINEAR))
     # Several identified modes near one model mode: too unlikely for plain numbers.
     lost = total < SMALLEST_LOG
     total = total + row_sums(scales.T)
     if lost.any():
         kept = None if starts is None else starts[lost]
-        total[lost] = _sum(
-            log_ratios[:, :, lost], np.zeros((len(scales), lost.sum())), kept, width, _LOG
-        )
+        of_lost = {i: each[:, :, lost] for i, each in both.items()}
+        alone = np.zeros((len(scales), lost.sum()))
+        total[lost] = _sum(log_ratios[:, :, lost], of_lost, alone, kept, width, _LOG)
     return total
 
 
@@ -86,7 +142,7 @@ def pair_probabilities(weights: PairingWeights) -> FloatArray:
     total = log_sum(weights)
     probabilities = np.zeros(weights.log_ratios.shape)
     for j, i in np.argwhere((weights.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
-        rest = log_sum(weights.without(j, i))
+        rest = log_sum(weights.given(j, i))
         probabilities[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
     return probabilities
 
@@ -98,15 +154,14 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
     left = weights
     for j in range(n_data):  # those before j are paired already
         log_shares = np.full((n_rows, n_model + 1), -np.inf)
-        log_shares[:, n_model] = log_sum(left.without(0))
+        log_shares[:, n_model] = log_sum(left.given(0))
         for i in np.flatnonzero((left.log_ratios[:, 0] > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
-            log_shares[:, i] = left.log_ratios[:, 0, i] + log_sum(left.without(0, int(i)))
+            log_shares[:, i] = left.log_ratios[:, 0, i] + log_sum(left.given(0, int(i)))
         # The greatest of Gumbel-shifted logarithms is a draw in proportion to their exponentials.
         picked = (log_shares + rng.gumbel(size=log_shares.shape)).argmax(axis=1)
         paired = np.flatnonzero(picked < n_model)
         chosen[paired, j] = picked[paired]
-        left = left.without(0)
-        left.log_ratios[paired, :, picked[paired]] = -np.inf
+        left = left.given(0, chosen[:, j])
     return chosen
 
 
@@ -166,7 +221,7 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
     shares = []
     for pairing in drawn:
         paired = np.flatnonzero(pairing >= 0)
-        log_weight = weights.log_ratios[:, paired, pairing[paired]].sum(axis=1)
+        log_weight = weights.log_weight(pairing)
         numbers = {labels[j]: int(pairing[j]) + 1 for j in paired.tolist()}
         shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
     shares.sort(key=lambda share: -share.probability)
@@ -208,13 +263,14 @@ _LINEAR = _Arithmetic(np.add, np.multiply)
 _LOG = _Arithmetic(np.logaddexp, np.add)
 
 
-def _window_starts(weights: PairingWeights) -> NDArray[np.intp] | None:
+def _window_starts(weights: PairingWeights, with_pairs: bool = False) -> NDArray[np.intp] | None:
     """The first identified mode (B, I) that each model mode may be; None without a window.
 
-    Identified modes are counted in the order of their frequencies.
+    Identified modes are counted in the order of their frequencies. With pairs of model modes that
+    turn together, they are the ones to keep track of.
     """
     _, n, n_model = weights.log_ratios.shape
-    if min(n, n_model) <= weights.window:
+    if (n if with_pairs else min(n, n_model)) <= weights.window:
         return None
     frequencies_hz = np.sort(weights.frequencies_hz)
     middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz))
@@ -231,14 +287,19 @@ def _outside(starts: NDArray[np.intp], weights: PairingWeights) -> NDArray[np.bo
 
 def _sum(
     pairs: FloatArray,
+    both: Mapping[int, FloatArray],
     alone: FloatArray,
     starts: NDArray[np.intp] | None,
     width: int,
     by: _Arithmetic,
 ) -> FloatArray:
-    """Sum (B,) over pairings, for weights of pairs (I, J, B) and of unpaired modes (J, B)."""
+    """Sum (B,) over pairings, for weights of pairs (I, J, B) and of unpaired modes (J, B).
+
+    ``both`` has the number of a model mode that turns together with the next, and the weights
+    (J, J, B) of pairing both.
+    """
     n_rows = pairs.shape[2]
-    if starts is None:  # model modes that can be no identified mode change nothing
+    if starts is None and not both:  # model modes that can be no identified mode change nothing
         pairs = pairs[(pairs != by.zero).any(axis=(1, 2))]
     # So many rows at a time that their states, 2^16 numbers, stay in the second-level cache of a
     # core, of half a megabyte or more.
@@ -247,12 +308,14 @@ def _sum(
     for first in range(0, n_rows, step):
         rows = slice(first, first + step)
         own = None if starts is None else starts[rows]
-        total[rows] = _sum_of_rows(pairs[:, :, rows], alone[:, rows], own, width, by)
+        of_both = {i: each[:, :, rows] for i, each in both.items()}
+        total[rows] = _sum_of_rows(pairs[:, :, rows], of_both, alone[:, rows], own, width, by)
     return total
 
 
 def _sum_of_rows(
     pairs: FloatArray,
+    both: Mapping[int, FloatArray],
     alone: FloatArray,
     starts: NDArray[np.intp] | None,
     width: int,
@@ -270,21 +333,33 @@ def _sum_of_rows(
     start = np.zeros(n_rows, dtype=np.intp)
     n_taken = 0  # only the first of the window are part of a pair so far
     for i, of_mode in enumerate(pairs):
+        if i - 1 in both:
+            continue  # it is part of the step before
         if starts is not None:
             while (behind := np.flatnonzero(start < starts[:, i])).size:
                 state[:, behind] = _moved_on(state[:, behind], alone[start[behind], behind], by)
                 start[behind] += 1
-            of_mode = of_mode[start + np.arange(width)[:, None], rows]
-        possible = np.flatnonzero((of_mode != by.zero).any(axis=1))  # also where it is NaN
-        if not len(possible):
+        window = start + np.arange(width)[:, None]
+        if starts is not None:
+            of_mode = of_mode[window, rows]
+        if i in both:
+            of_mode = by.add(of_mode, pairs[i + 1][window, rows])
+        possible = np.flatnonzero((of_mode != by.zero).any(axis=1)).tolist()  # also where NaN
+        if not possible:
             continue
-        n_taken = max(n_taken, int(possible[-1]) + 1)
+        n_taken = max(n_taken, possible[-1] + 1)
         reached = state[: 2**n_taken]
         before = reached.copy()
-        for k in possible.tolist():
+        for k in possible:
             with_k = reached.reshape(-1, 2, 2**k, n_rows)[:, 1]
             without_k = before.reshape(-1, 2, 2**k, n_rows)[:, 0]
             by.add(with_k, by.multiply(without_k, of_mode[k]), out=with_k)
+        for j, k in combinations(possible if i in both else (), 2):
+            of_both = (both[i][window[m], window[n], rows] for m, n in ((j, k), (k, j)))
+            cells = (-1, 2, 2 ** (k - j - 1), 2, 2**j, n_rows)
+            with_both = reached.reshape(cells)[:, 1, :, 1]
+            without = before.reshape(cells)[:, 0, :, 0]
+            by.add(with_both, by.multiply(without, by.add(*of_both)), out=with_both)
     state = state[: 2**n_taken]
     for k in range(width):
         unpaired = by.multiply(state[::2], alone[start + k, rows])

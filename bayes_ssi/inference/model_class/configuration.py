@@ -98,11 +98,15 @@ def configurations_of(
 def modes_with_shape(
     data: ModalData, pairing: Mapping[str, int] | Literal["any"], n_modes: int
 ) -> list[int]:
-    """The model modes, counted from 0, whose shapes the likelihood compares with the data's."""
+    """The model modes, counted from 0, whose shapes the likelihood compares with the data's.
+
+    And those next to them, with which they may turn together.
+    """
     scored = [mode.label for mode in data.modes if mode.scored_shape is not None]
     if pairing == "any":
         return list(range(n_modes)) if scored else []
-    return sorted(pairing[label] - 1 for label in scored if label in pairing)
+    own = [pairing[label] - 1 for label in scored if label in pairing]
+    return sorted({i for mode in own for i in (mode - 1, mode, mode + 1) if 0 <= i < n_modes})
 
 
 def joint_digest(tests: Mapping[str, ModalData]) -> str:

@@ -6,7 +6,7 @@ ask for log-likelihoods and predictions of single data: leave-one-out cross-vali
 first, posterior predictive checks for the second.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ MOST_PLACES = 100  # with more degrees of freedom, shapes are kept at the sensor
 # At which shapes at the sensors are kept: enough for means and evidences under changed settings
 # to a few hundredths of a standard deviation and of a nat.
 DRAWS_WITH_SHAPES = 4000
+FAR_TURN = 0.2  # standard deviation in radians, from which a turn is remarked on
 
 Interval = tuple[float, float, float]
 
@@ -42,7 +43,8 @@ class UpdatedMode:
     upper end of the central 95 %.
 
     Shapes are scaled by :func:`~bayes_ssi.structures.modal.scaled_shapes` and turned to the
-    identified ones.
+    identified ones. Close modes are those of the pair at its mean turn, as their MACs are
+    (:mod:`~bayes_ssi.inference.likelihood.close_modes`).
     """
 
     label: str
@@ -110,6 +112,9 @@ def _updated_modes(
     """The paired modes at the prior medians, the first row of ``at``, and at draws, the others."""
     structure, data = configuration.structure, configuration.data
     modes = likelihood.modes(at)
+    compared = likelihood.compared_modes(at, modes)
+    pairs = likelihood.sampled_pairs(at, compared, np.random.default_rng(0))
+    modes = _turned(likelihood, at, modes, pairs)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
     if len(all_places) > MOST_PLACES:
@@ -117,7 +122,7 @@ def _updated_modes(
     shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
     records = []
-    for label, (rows, numbers) in _paired_modes(likelihood, pairing, at, modes).items():
+    for label, (rows, numbers) in _paired_modes(likelihood, pairing, pairs).items():
         whole, at_sensors = modes.shapes[rows, :, numbers], seen[rows, :, numbers]
         identified = data.mode(label).unit_shape
         signs = shape_signs(whole[:, main], at_sensors, identified)
@@ -148,17 +153,29 @@ def _updated_modes(
     )
 
 
+def _turned(
+    likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: NDArray[np.intp]
+) -> Modes:
+    """Modes with close ones at their mean turn, each row in its own pairing."""
+    shapes, numbers = np.array(modes.shapes), np.append(likelihood.pairs.model_modes, -1)[pairs]
+    for chosen in np.unique(numbers, axis=0):
+        rows = np.flatnonzero((numbers == chosen).all(axis=1))
+        named = zip(likelihood.data.labels, (chosen + 1).tolist(), strict=True)
+        given = likelihood.given({label: number for label, number in named if number})
+        own = Modes(modes.frequencies_hz[rows], modes.shapes[rows])
+        shapes[rows] = given.turned_modes(at[rows], own).shapes
+    return Modes(modes.frequencies_hz, shapes)
+
+
 def _paired_modes(
-    likelihood: ModalLikelihood, pairing: Mapping[str, int], at: FloatArray, modes: Modes
+    likelihood: ModalLikelihood, pairing: Mapping[str, int], pairs: NDArray[np.intp]
 ) -> dict[str, tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Label of a paired mode → rows of ``at``, and the model mode that it is in each, from 0.
+    """Label of a paired mode → rows of ``pairs``, and the model mode that it is in each, from 0.
 
     The order of model modes may change from draw to draw, and the pairing with it: where it was
     inferred, every draw has its own, by its probability. Draws that leave the mode out are left
     out; the prior medians, the first row, never are.
     """
-    compared = likelihood.compared_modes(at, modes)
-    pairs = likelihood.sampled_pairs(at, compared, np.random.default_rng(0))
     chosen = np.append(likelihood.pairs.model_modes, -1)[pairs]
     paired = {}
     for label, numbers in zip(likelihood.data.labels, chosen.T, strict=True):
@@ -168,7 +185,7 @@ def _paired_modes(
             numbers[0] = pairing[label] - 1
         rows = np.flatnonzero(numbers >= 0)
         if len(rows) == 1:  # the few draws taken here all leave it out
-            paired[label] = np.arange(len(at)), np.full(len(at), pairing[label] - 1)
+            paired[label] = np.arange(len(pairs)), np.full(len(pairs), pairing[label] - 1)
         else:
             paired[label] = rows, numbers[rows]
     return paired
@@ -193,8 +210,8 @@ class AtDraws(NamedTuple):
 
     modes: tuple[ComparedModes, ...]  # of each configuration
     log_likelihoods: FloatArray  # (B, n_data), log-likelihood of each datum
-    # (B, n_components), shapes at the sensors of the modes that the likelihood compares: sensor by
-    # sensor, and mode by mode.
+    # (B, n_components), shapes at the sensors of the modes that the likelihood compares and their
+    # neighbours: sensor by sensor, and mode by mode.
     sensor_shapes: FloatArray
 
     @property
@@ -248,6 +265,29 @@ def at_draws(model_class: ModelClass, values: FloatArray) -> AtDraws:
         others = [column for group in groups for column in group[1:]]
         terms = np.delete(terms, others, axis=1)
     return AtDraws(tuple(of_tests), terms, np.concatenate(sensor_shapes, axis=1))
+
+
+def remarks_on_close_modes(
+    model_class: ModelClass, values: FloatArray, model: AtDraws
+) -> Iterator[str]:
+    """Model modes that turn far together at draws ``values`` (n, n_parameters), a sentence each."""
+    parts = zip(model_class.parts(values), model.modes, strict=True)
+    for (test, likelihood, columns), modes in parts:
+        close = likelihood.close_pairs(columns, modes.frequencies_hz)
+        if close is None:
+            continue
+        n = len(close.rows)
+        turns = 0.5 / np.sqrt(close.concentrations(np.full(n, np.nan), np.arange(n)))
+        for number in np.unique(close.lower).tolist():
+            far = (close.lower == number) & (turns > FAR_TURN)
+            if far.sum() > 0.5 * len(values):
+                yield label_in(
+                    test.name,
+                    f"model modes {number + 1} and {number + 2}, "
+                    f"{100 * float(np.median(close.distances[far])):.2g} % apart, turn together in "
+                    "their plane: the shape of one by itself says little, and MACs and drawings "
+                    "are those of the pair as it is turned",
+                )
 
 
 def _joint_columns(model_class: ModelClass) -> list[list[int]]:

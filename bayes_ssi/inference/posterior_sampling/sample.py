@@ -27,6 +27,7 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     at_draws,
     configuration_modes,
     datum_terms,
+    remarks_on_close_modes,
 )
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region, draws_with_shapes
 from bayes_ssi.inference.posterior_sampling.refinement import (
@@ -234,7 +235,11 @@ def sample_as_it_is(
         largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
         failed_checks=(*sampled.failed_checks, *_failures(model_class, target), *noise),
-        remarks=(*no_chains, *remarks),
+        remarks=(
+            *no_chains,
+            *remarks,
+            *remarks_on_close_modes(model_class, values.reshape(-1, n), at_values),
+        ),
         edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,

@@ -13,6 +13,7 @@ from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -82,13 +83,29 @@ class Prediction(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDraws:
-    """Posterior draws of the parameters of one model class's structure."""
+    """Posterior draws of the parameters of one configuration of a model class."""
 
     name: str
-    structure: Structure
-    pairing: Mapping[str, int]  # label of an identified mode → number of the model mode, from 1
-    values: FloatArray  # (n_draws, n_parameters), parameter values of the structure
-    data: ModalData
+    likelihood: ModalLikelihood  # with the pairing, or the most probable one
+    of_likelihood: FloatArray  # (n_draws, n_parameters), parameter values of the likelihood
+
+    @property
+    def structure(self) -> Structure:
+        return self.likelihood.structure
+
+    @property
+    def pairing(self) -> Mapping[str, int]:
+        """Label of an identified mode → number of the model mode, from 1."""
+        return self.likelihood.pairing
+
+    @property
+    def data(self) -> ModalData:
+        return self.likelihood.data
+
+    @property
+    def values(self) -> FloatArray:
+        """(n_draws, n_parameters), parameter values of the structure."""
+        return self.of_likelihood[:, : len(self.structure.parameters)]
 
     @property
     def main_places(self) -> tuple[str, ...]:
@@ -102,31 +119,37 @@ class PosteriorDraws:
         return self.evaluate(lambda values: Modes(*self.structure.modes(values)).frequencies_hz)
 
     def shapes(self, number: int, places: Sequence[str]) -> FloatArray:
-        """The shape of a model mode at places, (n_draws, n_places), in the structure's scale."""
+        """The shape of a model mode at places, (n_draws, n_places), in the structure's scale.
+
+        Close modes are at their mean turn.
+        """
         matrix = self.structure.sensor_matrix(places, "place")
-        return self.evaluate(
-            lambda values: matrix.apply(
-                Modes(*self.structure.modes(values)).shapes[:, :, number - 1]
-            )
-        )
+
+        def at_places(values: FloatArray) -> FloatArray:
+            turned = self.likelihood.turned_modes(values, self.likelihood.modes(values))
+            return matrix.apply(turned.shapes[:, :, number - 1])
+
+        return self._evaluated(at_places, self.of_likelihood)
 
     def evaluate(
         self, function: Callable[[FloatArray], FloatArray], size_per_draw: int = 0
     ) -> FloatArray:
-        """A function of parameter values (B, n_parameters), for all draws.
+        """A function of the structure's parameter values (B, n_parameters), for all draws.
 
         ``size_per_draw`` is the size of its largest array for each draw, in numbers, if that is
         larger than the mode shapes.
         """
+        return self._evaluated(function, self.values, size_per_draw)
+
+    def _evaluated(
+        self, function: Callable[[FloatArray], FloatArray], values: FloatArray, size: int = 0
+    ) -> FloatArray:
         shapes_size = max(1, len(self.structure.degrees_of_freedom)) * self.structure.n_modes
-        rows = max(1, ARRAY_SIZE // max(shapes_size, size_per_draw))
+        rows = max(1, ARRAY_SIZE // max(shapes_size, size))
         # The matrices of a draw are small: threads inside BLAS would only wait for one another.
         with threadpool_limits(limits=1, user_api="blas"):
             return np.concatenate(
-                [
-                    function(self.values[start : start + rows])
-                    for start in range(0, len(self.values), rows)
-                ]
+                [function(values[start : start + rows]) for start in range(0, len(values), rows)]
             )
 
 
@@ -141,14 +164,16 @@ def thinned_draws(
         raise ValueError(f"predictions: the number of draws must be at least 1, got {n_draws!r}")
     test = model_class.configuration(configuration)
     structure = test.structure
-    names = [parameter.name for parameter in structure.parameters]
+    of_test = model_class.likelihoods[model_class.configurations.index(test)]
+    names = [parameter.name for parameter in of_test.parameters]
     changed = f"model class {posterior.name!r} is not the one that was sampled"
     require_known(f"{changed}: no stored parameter", names, posterior.parameter_names)
     known = posterior.configuration_names
     require_known(f"{changed}: no stored configuration", [test.name], known)
     columns = [posterior.parameter_names.index(name) for name in names]
     rows = thinned_rows(len(posterior.values), n_draws)
-    values = posterior.values[rows][:, columns]
+    of_likelihood = posterior.values[rows][:, columns]
+    values = of_likelihood[:, : len(structure.parameters)]
     model_class.check_structure()
     # Another machine reproduces frequencies up to rounding errors. Sampling made an approximate
     # structure accurate at its draws; the same is done here.
@@ -168,7 +193,8 @@ def thinned_draws(
             f"{changed}: at a stored draw its structure has the frequencies "
             f"{_listed(frequencies_hz[0])} Hz, stored are {_listed(stored_hz[0])} Hz"
         )
-    return PosteriorDraws(posterior.name, structure, modes.pairing, values, test.data)
+    likelihood = replace(of_test.given(modes.pairing), structure=structure)
+    return PosteriorDraws(posterior.name, likelihood, of_likelihood)
 
 
 def thinned_rows(n_values: int, n_draws: int) -> NDArray[np.intp]:
@@ -228,7 +254,8 @@ def predict_frequencies(
         what = f"predict_frequencies: model class {model_class.name!r} has no parameter"
         require_known(what, wanted, known)
         own = values[:, [known.index(name) for name in wanted]]
-        model_hz = replace(tests[0], structure=state, values=own).frequencies_hz
+        likelihood = replace(tests[0].likelihood, structure=state)
+        model_hz = replace(tests[0], likelihood=likelihood, of_likelihood=own).frequencies_hz
     for label, number in modes.items():
         if not 1 <= number <= structure.n_modes:
             raise ValueError(

@@ -10,6 +10,9 @@ are smooth there:
   veering are exact. It needs no fewer degrees of freedom than modes;
 * modes tracked one by one by their shapes and frequencies, which is right at crossings.
 
+Shapes are at unit length, so that each mode counts as much; of close modes that turn together, both
+have about the same modal mass at it.
+
 Either encodes the modes at points (N, d) as vectors (N, n_outputs), says how much each output
 counts where the lowest ``n_needed`` modes are needed, and decodes vectors into modes in ascending
 order, row by row.

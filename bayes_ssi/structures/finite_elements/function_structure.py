@@ -115,7 +115,9 @@ class FunctionStructure(PointwiseStructure):
 
     * ``K, M``: stiffness and mass, sparse or dense, (n, n); or
     * ``frequencies, shapes``: (m,) in Hz, ascending or not, and (n_sensors, m), m being
-      ``n_modes`` or more; ``shapes`` may be None where no shape is measured.
+      ``n_modes`` or more; ``shapes`` may be None where no shape is measured. They are taken to be
+      at unit modal mass; in another scale, close modes turn together as they are scaled, which is
+      right where both have the same modal mass in it.
 
     Errors that it raises, and invalid answers, are reported with the arguments of the call; the
     likelihood of such values is zero.

@@ -1,0 +1,273 @@
+"""Close modes turn together: which of them do, how far, and the mean of their shapes' densities.
+
+Errors of a model in the plane of two of its modes, at unit modal mass and with λ = (2πf)²,
+
+    A = diag(λ_i, λ_k) + 2 σ_f λ̄ W,    W_ii ~ N(0, 1), W_ik ~ N(0, ½),
+
+are the ones by which modes of equal frequency have no direction of their own. The frequencies are
+those of the model with the error σ_f, and both shapes turn by an angle t in their plane,
+
+    φ_i(t) = cos t φ_i + sin t φ_k,    φ_k(t) = -sin t φ_i + cos t φ_k,
+    p(t) = exp(κ cos 2t) / (π I₀(κ)),    κ = d Δ/(2σ_f²),
+
+with Δ and d the relative distances of the two frequencies in the model and as identified (d = Δ
+where one of them was not). Far modes turn by σ_f/(√2 Δ), as perturbation theory has it. A shape
+error σ_φ contains turns of its own size already: nothing turns where 1/(2√κ) < σ_φ, and elsewhere
+κ' takes the place of κ, with 1/κ' = 1/κ - 4σ_φ². The likelihood is the mean over t of the product
+of both shapes' densities.
+
+Where the pairing is inferred, the sum over pairings has both orders of the two, each with its own
+frequencies and with turns about it: the density of two modes, whichever is whichever. With a given
+pairing it is that of these two and of their order.
+
+Only neighbours turn, each mode with one other, the closest ones first: of three close modes the two
+closest turn together, and the third does not.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive
+
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
+
+# Beyond this κ' a turn has a standard deviation of less than 5e-4: nothing turns.
+MOST_CONCENTRATION = 1e6
+TINY = 1e-9  # concentrations that cannot be told from none
+ROUNDING = 4.0 * np.finfo(float).eps
+# Nodes of a mean over turns, about the highest turn and, where that will not do, about several; the
+# next ones until sums over every other one agree.
+NUMBERS_OF_NODES = (24, 96, 384, 1536)
+DISAGREE = 3e-4
+NEGLIGIBLE = -9.0  # exponent below the maximum
+SPREAD = 2.0  # of nodes, in standard deviations of turns
+CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
+
+
+class ClosePairs(NamedTuple):
+    """C pairs of neighbouring model modes that turn together, in rows of a batch."""
+
+    rows: NDArray[np.intp]  # (C,)
+    lower: NDArray[np.intp]  # (C,), the lower one's number from 0; the other is the next
+    distances: FloatArray  # (C,), of the model's frequencies, relative to their mean
+    variances: FloatArray  # (C, 2), squared prediction errors of frequencies and of shapes
+
+    def concentrations(self, observed: FloatArray, which: NDArray[np.intp]) -> FloatArray:
+        """κ' (E,) of some pairs for identified frequencies at these distances, NaN where there are
+        not two; infinite where nothing turns.
+        """
+        distances, (of_frequencies, of_shapes) = self.distances[which], self.variances[which].T
+        kappa = 0.5 * np.where(np.isnan(observed), distances, observed) * distances / of_frequencies
+        left = 1.0 - 4.0 * of_shapes * kappa
+        turns = np.maximum(kappa, TINY) / np.where(left > 0.0, left, 1.0)
+        return np.where((left > 0.0) & (turns < MOST_CONCENTRATION), turns, np.inf)
+
+
+def relative_distances(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(second - first) / (0.5 * (first + second)))
+
+
+def close_pairs(
+    frequencies_hz: FloatArray, observed: FloatArray, variances: FloatArray
+) -> ClosePairs | None:
+    """The pairs that turn together; None where none does.
+
+    Args:
+        frequencies_hz: (B, M), of the model.
+        observed: (M - 1, 1 or B), distances of identified frequencies of neighbours; infinite for
+            neighbours that are not compared, NaN where one of them was not identified.
+        variances: (B or 1, 2), squared prediction errors of frequencies and of shapes.
+    """
+    distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
+    others = np.where(np.isnan(observed), distances, observed)
+    with np.errstate(invalid="ignore"):  # of equal frequencies that are not compared
+        near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]  # κ < 1/(4σ_φ²)
+    rows = np.flatnonzero(near.any(axis=0))
+    if not len(rows):
+        return None
+    left = np.where(near, distances, np.inf).T[rows]
+    pairs = []
+    while np.isfinite(left).any():
+        closest = left.argmin(axis=1)
+        some = np.flatnonzero(np.isfinite(left[np.arange(len(rows)), closest]))
+        pairs.append(np.array([rows[some], closest[some]]))
+        for neighbour in (-1, 0, 1):
+            left[some, np.clip(closest[some] + neighbour, 0, left.shape[1] - 1)] = np.inf
+    row, lower = np.concatenate(pairs, axis=1)
+    own = np.broadcast_to(variances, (len(frequencies_hz), 2))[row]
+    return ClosePairs(row, lower, distances[lower, row], own)
+
+
+class CloseCases(NamedTuple):
+    """m identified shapes beside close pairs, in E cases."""
+
+    pairs: NDArray[np.intp]  # (E,), which ones of the close pairs
+    columns: NDArray[np.intp]  # (m, E), of the identified shapes; -1 for none
+    is_upper: NDArray[np.bool_]  # (m, E or 1), whether the shape is that of the upper mode
+    observed: FloatArray  # (E,), distances of the identified frequencies; NaN for one alone
+
+    def modes(self, close: ClosePairs, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The modes identified and what they turn to, (n, m, E), of shapes (B, n, n_modes)."""
+        rows, lower = close.rows[self.pairs], close.lower[self.pairs]
+        low, high = (shapes[rows, :, lower + i].T[:, None] for i in (0, 1))
+        return np.where(self.is_upper, high, low), np.where(self.is_upper, -low, high)
+
+    def turned(self, close: ClosePairs, shapes: FloatArray, angles: FloatArray) -> FloatArray:
+        """The modes identified, (n, m, E), turned by angles (E,)."""
+        modes, partners = self.modes(close, shapes)
+        return np.asarray(np.cos(angles) * modes + np.sin(angles) * partners)
+
+
+class TurningShapes(NamedTuple):
+    """m identified shapes φ_e beside two modes that turn together, in E cases.
+
+    ``(φ_e·φ(t))²`` and ``|φ(t)|²`` are each a constant and multiples of cos 2t and of sin 2t.
+    """
+
+    squares: FloatArray  # (3, m, E)
+    lengths: FloatArray  # (3, m, E)
+    # (2, m, E), cosine and sine of twice the turn at which the unit shape is nearest to φ_e, times
+    # a quarter of the bend of |φ_e·φ(t)|/σ² there.
+    pulls: FloatArray
+    variances: FloatArray  # (m, E), squared errors σ² of the shapes; infinite where there is none
+
+    @classmethod
+    def of(
+        cls,
+        shapes: FloatArray,
+        partners: FloatArray,
+        units: FloatArray,
+        measured: FloatArray,
+        variances: FloatArray,
+    ) -> "TurningShapes":
+        """Of model shapes cos t · shape + sin t · partner.
+
+        Args:
+            shapes: (s, m, E), model shapes at the sensors, of the modes identified.
+            partners: the same, of what they turn to: the upper mode, or minus the lower one.
+            units: the same, identified unit shapes, 0 where not measured.
+            measured: the same, 1 where measured and 0 elsewhere.
+            variances: (m, E).
+        """
+        products = shapes * shapes, shapes * partners, partners * partners
+        aa, ab, bb = (row_sums((each * measured)[None])[0] for each in products)
+        a, b = (row_sums((units * each)[None])[0] for each in (shapes, partners))
+        x, y = a * bb - b * ab, b * aa - a * ab  # along the projection of φ_e on the plane
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            square = x * x + y * y
+            length = (aa * x * x + 2.0 * ab * x * y + bb * y * y) / square
+            bend = abs(a * x + b * y) / np.sqrt(square * length)
+            bend *= (aa * bb - ab * ab) / (4.0 * length * length * variances)
+            pulls = np.array([x * x - y * y, 2.0 * x * y]) * (bend / square)
+        squares, lengths = (
+            np.array([0.5 * (first + last), 0.5 * (first - last), mixed])
+            for first, mixed, last in ((a * a, a * b, b * b), (aa, ab, bb))
+        )
+        # Not zero by rounding; and of one that no sensor sees, any number.
+        lengths[0] = np.where(lengths[0] > 0.0, (1.0 + ROUNDING) * lengths[0], 1.0)
+        return cls(squares, lengths, np.nan_to_num(pulls, posinf=0.0, neginf=0.0), variances)
+
+    def distances(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
+        """1 - |φ_e·φ(t)|, (m, n, E) at turns (n, E)."""
+        above, below = (
+            sums[0, :, None] + sums[1, :, None] * cos2 + sums[2, :, None] * sin2
+            for sums in (self.squares, self.lengths)
+        )
+        return np.asarray(1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0)))
+
+    def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
+        """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""
+        total = kappa * (cos2 - 1.0)
+        for distance, variance in zip(self.distances(cos2, sin2), self.variances, strict=True):
+            total -= distance / variance
+        return total
+
+    def cases(self, which: NDArray[np.intp]) -> "TurningShapes":
+        return TurningShapes(*(terms[..., which] for terms in self))
+
+
+class Turned(NamedTuple):
+    """Close modes as their identified shapes see them, in E cases."""
+
+    log_means: FloatArray  # (E,), of exp(-Σ (1 - |φ_e·φ(t)|)/σ²) over turns
+    log_gains: FloatArray  # (E,), the same over that at the mean turn
+    angles: FloatArray  # (E,), the mean turn under it
+    distances: FloatArray  # (m, E), 1 - |φ_e·φ(t)| at that turn
+
+    @classmethod
+    def of(cls, concentrations: FloatArray, shapes: TurningShapes) -> "Turned":
+        """From κ' (E,), infinite where nothing turns.
+
+        Nodes are about the highest of the turns that the density of turns, each shape, or all of
+        them together ask for. Where another of these may be a maximum by itself, or every other
+        node would give another mean, they are about each of them, and more.
+        """
+        turns = np.isfinite(concentrations)
+        kappa = np.where(turns, concentrations, 0.0)
+        of_turns = np.array([kappa, np.zeros(len(kappa))])[:, None]
+        alone = np.concatenate([of_turns, shapes.pulls], axis=1)
+        together = row_sums(alone.swapaxes(0, 1)[None]).swapaxes(0, 1)
+        pulls = np.concatenate([together, alone], axis=1)
+        strength = np.maximum(np.hypot(*pulls), TINY)
+        centres = np.where(strength > TINY, pulls / strength, [[[1.0]], [[0.0]]])
+        widths = np.minimum(0.5 * SPREAD / np.sqrt(strength), 1.0)
+        heights = shapes.exponents(kappa, *centres)
+        best = heights.argmax(axis=0), np.arange(len(kappa))
+        centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
+        apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
+        several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
+        log_means, angles = np.zeros((2, len(kappa)))
+        left, nodes = np.flatnonzero(turns), (centre, width)
+        for n in NUMBERS_OF_NODES:
+            accurate = np.empty(len(left), dtype=bool)
+            step = max(CACHED // (n * len(nodes[1])), 1)
+            for first in range(0, len(left), step):
+                part = slice(first, first + step)
+                some = left[part]
+                own = nodes[0][..., some], nodes[1][..., some]
+                log_means[some], angles[some], accurate[part] = _mean_over_turns(
+                    n, *own, kappa[some], shapes.cases(some)
+                )
+            if n == NUMBERS_OF_NODES[0]:
+                accurate &= ~several[left]
+            left, nodes = left[~accurate], (centres, widths)
+        distances = shapes.distances(*(of(2.0 * angles)[None] for of in (np.cos, np.sin)))[:, 0]
+        exponents = row_sums((distances / shapes.variances)[None])[0]
+        log_means = np.where(turns, log_means, -exponents)
+        return cls(log_means, log_means + exponents, angles, distances)
+
+
+def _mean_over_turns(
+    n: int, centres: FloatArray, widths: FloatArray, kappa: FloatArray, shapes: TurningShapes
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Log means and mean turns (E,), and whether they are accurate.
+
+    n nodes about each of K centres (2, K, E), cosines and sines of twice a turn c, have Cauchy
+    densities q_k of widths (K, E) in tan(t - c): midpoints of equal steps of their distribution
+    functions, which converges exponentially for periodic integrands. Each set integrates its part
+    q_k²/Σ q_l² of the integrand.
+    """
+    n_sets, n_cases = widths.shape
+    # Not alike on both sides, so that even and odd ones differ for a symmetric integrand, too.
+    shares = (np.arange(n) + 0.3) / n
+    tangents = widths * np.tan(math.pi * (shares - 0.5))[:, None, None]
+    twice = 2.0 / (1.0 + tangents * tangents)
+    cosine, sine = twice - 1.0, twice * tangents
+    cos2 = (centres[0] * cosine - centres[1] * sine).reshape(-1, n_cases)
+    sin2 = (centres[1] * cosine + centres[0] * sine).reshape(-1, n_cases)
+    exponents = shapes.exponents(kappa, cos2, sin2)
+    highest = exponents.max(axis=0)
+    terms, total = np.exp(exponents - highest), np.zeros(exponents.shape)
+    for k, (c, s, width) in enumerate(zip(*centres, widths, strict=True)):
+        squares = width * width
+        density = 2.0 * width / (1.0 + squares - (1.0 - squares) * (cos2 * c + sin2 * s))
+        terms[k::n_sets] *= density[k::n_sets]
+        total += density * density
+    terms /= total
+    mean = (row_sums((terms * turn).T) for turn in (sin2, cos2))
+    by_node = row_sums(terms.reshape(n, n_sets, n_cases).swapaxes(0, 1)[None])[0]
+    even, odd = (row_sums(each.T) for each in (by_node[::2], by_node[1::2]))
+    log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
+    return log_means, 0.5 * np.arctan2(*mean), np.abs(even - odd) < DISAGREE * (even + odd)

@@ -1,0 +1,354 @@
+"""Close modes: means over turns against quadrature, and their law by matrices drawn at random."""
+
+import itertools
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import i0, i1, ive
+from scipy.stats import kstest
+
+import bayes_ssi as bs
+from bayes_ssi.inference.criticism.adequacy import adequacy
+from bayes_ssi.inference.likelihood.close_modes import (
+    ClosePairs,
+    Turned,
+    TurningShapes,
+    close_pairs,
+)
+from bayes_ssi.inference.likelihood.pairings import (
+    PairingWeights,
+    log_sum,
+    pair_probabilities,
+    sample_pairings,
+)
+from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
+from bayes_ssi.inference.posterior.model_at_draws import (
+    at_draws,
+    configuration_modes,
+    remarks_on_close_modes,
+)
+from bayes_ssi.structures.modal import Modes
+from bayes_ssi.structures.structure import Structure
+
+PLACES = ("x 1", "x 2", "y 1", "y 2")
+X, Y = np.array([0.5, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.5, 1.0])
+
+
+class Pair(Structure):
+    """Two modes a distance apart about 2 Hz, in x and in y, and one far above."""
+
+    parameters = (bs.Parameter("distance", bs.Uniform(0.0, 1.0)),)
+    degrees_of_freedom = PLACES
+    n_modes = 3
+
+    def modes(self, values):
+        half = 0.5 * values[:, 0]
+        frequencies = 2.0 * np.column_stack([1.0 - half, 1.0 + half, np.full(len(half), 3.0)])
+        shapes = np.column_stack([X, Y, [1.0, -0.5, 0.0, 0.0]])
+        return Modes(frequencies, np.tile(shapes, (len(half), 1, 1)))
+
+
+def turned_data(degrees, distance=0.003, labels="ab", error=0.0):
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    shapes = {"a": c * X + s * Y, "b": c * Y - s * X}
+    frequencies = {"a": 2.0 * (1.0 - 0.5 * distance), "b": 2.0 * (1.0 + 0.5 * distance)}
+    noise = error * np.random.default_rng(0).standard_normal((2, 4))
+    modes = [
+        bs.IdentifiedMode(label, frequencies[label], shapes[label] + more)
+        for label, more in zip(labels, noise, strict=False)
+    ]
+    return bs.ModalData(tuple(modes), (0.0, 4.0), PLACES)
+
+
+def likelihood(data, distance, pairing=None, error=None):
+    error = error or bs.ErrorModel(0.01, 0.03)
+    pairing = pairing or {label: i for i, label in enumerate(data.labels, 1)}
+    candidate = bs.ModelClass("pair", Pair(), data, error, pairing=pairing)
+    return float(candidate.log_likelihood(np.array([[distance]]))[0])
+
+
+def test_angle_and_frequencies_are_those_of_matrices_drawn_at_random():
+    """A = diag(λ) + 2 σ λ̄ W: given the distance of its eigenvalues, the density of their turn."""
+    rng = np.random.default_rng(1)
+    n, sd, distance = 400_000, 0.01, 0.015
+    w = rng.standard_normal((n, 2, 2))
+    w = 0.5 * (w + w.transpose(0, 2, 1))  # off the diagonal the variance is a half
+    squares = np.array([1.0 - 0.5 * distance, 1.0 + 0.5 * distance]) ** 2
+    drawn = np.diag(squares) + 2.0 * sd * squares.mean() * w
+    eigenvalues, vectors = np.linalg.eigh(drawn)
+    f = np.sqrt(eigenvalues)
+    d = (f[:, 1] - f[:, 0]) / (0.5 * (f[:, 1] + f[:, 0]))
+    t = np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])
+    for low, high in ((0.002, 0.004), (0.01, 0.012), (0.03, 0.034)):
+        some = (d > low) & (d < high)
+        own = ClosePairs(
+            np.zeros(1, int), np.zeros(1, int), np.array([distance]), np.array([[sd**2, 1e-9]])
+        )
+        (kappa,) = own.concentrations(np.array([d[some].mean()]), np.zeros(1, int))
+        assert kappa == pytest.approx(d[some].mean() * distance / (2.0 * sd**2), rel=1e-3)
+        mean, error = np.cos(2.0 * t[some]).mean(), 1.0 / math.sqrt(2 * some.sum())
+        assert mean == pytest.approx(i1(kappa) / i0(kappa), abs=4.0 * error + 2e-3)
+        angles = np.linspace(0.0, math.pi / 2, 2001)
+        density = np.exp(kappa * np.cos(2.0 * angles)) / i0(kappa)
+        law = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+        size = np.abs((t[some] + math.pi / 2) % math.pi - math.pi / 2)
+        assert kstest(size, partial(np.interp, xp=angles, fp=law / law[-1])).pvalue > 1e-3
+
+
+def random_case(rng, kind):
+    """κ', two model shapes, two identified shapes about a turn of them, and their errors.
+
+    Of the second kind model shapes are nearly parallel at the sensors, of the third orthogonal; one
+    in four has one identified shape, one in five shapes that have nothing to do with the model's.
+    """
+    model = rng.standard_normal((2, rng.integers(2, 9)))
+    if kind == 1:
+        apart = 10.0 ** rng.uniform(-3.0, -0.5) * rng.standard_normal(model.shape[1])
+        model[1] = 10.0 ** rng.uniform(-1.0, 1.0) * model[0] + apart
+    elif kind == 2:
+        model = np.linalg.qr(model.T)[0].T * 10.0 ** rng.uniform(-0.5, 0.5, (2, 1))
+    sds, turn = 10.0 ** rng.uniform(math.log10(0.005), math.log10(0.2), 2), rng.uniform(-1.57, 1.57)
+    c, s = math.cos(turn), math.sin(turn)
+    shapes = np.array([[c, s], [-s, c]]) @ model
+    if rng.random() < 0.2:
+        shapes = rng.standard_normal(shapes.shape)
+    shapes /= np.linalg.norm(shapes, axis=1)[:, None]
+    shapes += sds[:, None] * rng.standard_normal(shapes.shape) * rng.choice([0, 1, 1, 3])
+    shapes /= np.linalg.norm(shapes, axis=1)[:, None]
+    if rng.random() < 0.25:
+        sds[1] = np.inf
+    return (0.0 if rng.random() < 0.15 else 10.0 ** rng.uniform(-3.0, 5.0)), model, shapes, sds
+
+
+def by_trapezoids(kappa, model, shapes, sds):
+    """On a grid that is finest at the turns where anything happens, halved where it is uneven."""
+
+    def exponents(t):
+        total = kappa * (np.cos(2.0 * t) - 1.0)
+        for shape, sd, turn in zip(shapes, sds, (t, t + 0.5 * math.pi), strict=True):
+            turned = np.cos(turn)[:, None] * model[0] + np.sin(turn)[:, None] * model[1]
+            total -= (1.0 - abs(turned @ shape) / np.linalg.norm(turned, axis=1)) / sd**2
+        return total
+
+    fine = np.geomspace(1e-9, 1.6, 1500)
+    nearest = [np.linalg.lstsq(model.T, shape, rcond=None)[0] for shape in shapes]
+    at = [0.0, math.atan2(*nearest[0][::-1]), math.atan2(-nearest[1][0], nearest[1][1])]
+    grid = np.concatenate(
+        [np.linspace(-1.57, 1.57, 4001), *(c + side * fine for c in at for side in (1, -1))]
+    )
+    grid = np.unique((grid + 0.5 * math.pi) % math.pi) - 0.5 * math.pi
+    grid = np.append(grid, grid[0] + math.pi)
+    values = exponents(grid)
+    for _ in range(12):
+        density, steps = np.exp(values - values.max()), np.diff(grid)
+        areas = np.maximum(density[1:], density[:-1]) * steps
+        halved = (np.abs(np.diff(values)) > 0.05) & (areas > 1e-7 * areas.sum())
+        middles = 0.5 * (grid[1:] + grid[:-1])[halved]
+        places = np.flatnonzero(halved) + 1
+        grid, values = (
+            np.insert(grid, places, middles),
+            np.insert(values, places, exponents(middles)),
+        )
+    mean = np.trapezoid(np.exp(values - values.max()), grid) / (math.pi * ive(0, kappa))
+    return math.log(mean) + values.max()
+
+
+def turning_shapes(models, units, sds):
+    """Of the lower and the upper mode (2, s, E), identified shapes (2, s, E) and errors (2, E)."""
+    low, high = models
+    modes = (np.stack(each, axis=1) for each in ((low, high), (high, -low)))
+    units = units.swapaxes(0, 1)
+    return TurningShapes.of(*modes, units, np.ones_like(units), sds**2)
+
+
+def test_means_over_turns_are_integrals():
+    rng = np.random.default_rng(11)
+    errors = []
+    for i in range(150):
+        case = kappa, model, shapes, sds = random_case(rng, i % 3)
+        turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+        (mean,) = Turned.of(np.array([kappa]), turning).log_means
+        exact = by_trapezoids(*case)
+        errors.append(abs(mean - exact) / (1.0 - 0.01 * exact))  # down to exp(-28,000)
+    assert max(errors) < 0.01
+    assert np.median(errors) < 1e-4
+
+
+def test_two_maxima_count_both():
+    """Of two shapes along one axis: |cos t| + |sin t| is largest at 45 and at -45 degrees."""
+    model, shapes, sds = np.eye(2, 3), np.eye(1, 3).repeat(2, axis=0), np.array([0.05, 0.05])
+    turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+    (mean,) = Turned.of(np.zeros(1), turning).log_means
+    assert mean == pytest.approx(by_trapezoids(0.0, model, shapes, sds), abs=1e-3)
+
+
+def test_means_over_turns_are_the_same_in_any_batch():
+    rng = np.random.default_rng(1)
+    models, units = rng.standard_normal((2, 2, 5, 60))
+    units /= np.sqrt((units**2).sum(axis=1, keepdims=True))
+    turning = turning_shapes(models, units, 10.0 ** rng.uniform(-2.0, -0.8, (2, 60)))
+    kappa = 10.0 ** rng.uniform(-2.0, 3.5, 60)
+    turned = Turned.of(kappa, turning)
+    for i in (0, 17, 59):
+        alone = Turned.of(kappa[[i]], turning.cases(np.array([i])))
+        assert [each[..., 0].tolist() for each in alone] == [
+            each[..., i].tolist() for each in turned
+        ]
+
+
+@pytest.mark.parametrize("pairing", [None, "any"])
+def test_it_does_not_matter_how_a_pair_of_one_frequency_is_turned(pairing):
+    values = [
+        likelihood(turned_data(degrees, error=0.03), 0.0, pairing) for degrees in (0, 5, 30, 45, 90)
+    ]
+    exact = [likelihood(turned_data(degrees), 0.0, pairing) for degrees in (0, 5, 30, 45, 90)]
+    np.testing.assert_allclose(exact, exact[0], atol=1e-4)  # as accurate as means over turns
+    assert np.ptp(values) < 8.0  # the noise is not turned
+
+
+def test_a_pair_of_one_frequency_is_a_plane_and_a_direction_in_it():
+    """Uniform turns: the mean of exp(-(1 - |cos t|)(1/σ_a² + 1/σ_b²)) over a circle."""
+    sd = 0.03
+    mean, _ = quad(
+        lambda t: math.exp(-2.0 * (1.0 - math.cos(t)) / sd**2) / math.pi, -0.3, 0.3,
+        points=[0.0], epsrel=1e-12,
+    )  # fmt: skip
+    data = turned_data(30.0, 0.0)
+    far = likelihood(data, 0.0, {"a": 1}, bs.ErrorModel(0.01, sd))
+    assert far < likelihood(data, 0.0)
+    candidate = bs.ModelClass(
+        "pair", Pair(), data, bs.ErrorModel(0.01, sd), pairing={"a": 1, "b": 2}
+    )
+    shapes = candidate.likelihoods[0].terms(np.zeros((1, 1))).shape.sum()
+    normaliser = 2.0 * float(log_shape_normaliser(np.array([sd]), 4)[0])
+    assert shapes == pytest.approx(math.log(mean) - normaliser, abs=1e-4)
+
+
+def test_far_modes_are_as_if_nothing_turned_and_the_limit_is_continuous():
+    error = bs.ErrorModel(0.01, 0.03)
+    limit = 0.01 / (math.sqrt(2.0) * 0.03)
+    data = turned_data(1.0, limit)
+    for distance, turns in ((1.001 * limit, False), (0.999 * limit, True)):
+        candidate = bs.ModelClass("pair", Pair(), data, error, pairing={"a": 1, "b": 2})
+        own = candidate.likelihoods[0]
+        values = np.array([[distance]])
+        modes = own.compared_modes(values)
+        assert bool(modes.turned.any()) is turns
+        shapes = own.shapes_at_sensors(own.modes(values))
+        alone = -own.pairs.shape_distances(shapes).sum() / 0.03**2
+        alone -= 2.0 * float(log_shape_normaliser(np.array([0.03]), 4)[0])
+        terms = own.terms(values, modes).shape.sum()
+        assert terms == pytest.approx(alone, abs=0.0 if not turns else 2e-3)
+
+
+def test_a_pair_of_which_one_was_identified():
+    """κ of the model's distance alone; the shape may point anywhere in a plane of one frequency."""
+    values = [likelihood(turned_data(degrees, labels="a"), 0.0) for degrees in (0, 30, 90)]
+    np.testing.assert_allclose(values, values[0], atol=1e-7)
+    sd, distance = 0.03, 0.02
+    kappa = distance**2 / (2.0 * 0.01**2)
+    kappa /= 1.0 - 4.0 * kappa * sd**2
+    mean, _ = quad(
+        lambda t: math.exp(
+            kappa * (math.cos(2.0 * t) - 1.0) - (1.0 - abs(math.cos(t - math.radians(30)))) / sd**2
+        ),
+        -0.5 * math.pi, 0.5 * math.pi, points=[math.radians(30)], epsrel=1e-11,
+    )  # fmt: skip
+    data = turned_data(30.0, labels="a")
+    candidate = bs.ModelClass("one", Pair(), data, bs.ErrorModel(0.01, sd), pairing={"a": 1})
+    shape = candidate.likelihoods[0].terms(np.array([[distance]])).shape.sum()
+    normaliser = float(log_shape_normaliser(np.array([sd]), 4)[0])
+    expected = math.log(mean / (math.pi * ive(0, kappa))) - normaliser
+    assert shape == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_closest_of_three_turn_together():
+    frequencies = np.array([[1.0, 1.03, 1.04], [1.0, 1.01, 1.04], [1.0, 1.3, 1.7], [1.0, 1.0, 1.0]])
+    variances = np.array([[1e-4, 1e-3]])
+    close = close_pairs(frequencies, np.full((2, 1), np.nan), variances)
+    assert sorted(zip(close.rows.tolist(), close.lower.tolist(), strict=True)) == [
+        (0, 1), (1, 0), (3, 0),
+    ]  # fmt: skip
+    assert close_pairs(frequencies[[2]], np.full((2, 1), np.nan), variances) is None
+
+
+@pytest.mark.parametrize("pairing", [{"a": 1, "b": 2}, "any"])
+def test_a_turned_pair_is_shown_as_it_turns_and_is_no_misfit(pairing):
+    data = turned_data(30.0, 0.003)
+    candidate = bs.ModelClass("pair", Pair(), data, bs.ErrorModel(0.01, 0.03), pairing=pairing)
+    values = np.full((50, 1), 0.003)
+    (modes,) = configuration_modes(candidate, values)
+    for mode in modes.updated.modes:
+        assert mode.mac_after[1] > 0.9999
+        shown = np.array(mode.shape_after[1])
+        identified = data.mode(mode.label).unit_shape
+        np.testing.assert_allclose(shown, identified / np.abs(identified).max(), atol=0.01)
+    model = at_draws(candidate, values)
+    assert adequacy(candidate, values, model.modes, np.random.default_rng(0)).is_adequate
+    (remark,) = remarks_on_close_modes(candidate, values, model)
+    assert remark.startswith("model modes 1 and 2, 0.3 % apart, turn together")
+    far = bs.ModelClass("far", Pair(), data, bs.ErrorModel(0.0001, 0.03), pairing=pairing)
+    assert not list(remarks_on_close_modes(far, values, at_draws(far, values)))
+
+
+@pytest.mark.parametrize("pairing", [{"a": 1, "b": 2}, "any"])
+def test_joint_errors_that_are_independent_change_nothing_of_a_turned_pair(pairing):
+    alone = turned_data(30.0, 0.003, error=0.02)
+    sds = {"frequency_cov": 0.004, "shape_sd": 0.02}
+    alone = replace(alone, modes=tuple(replace(mode, **sds) for mode in alone.modes))
+    joint = replace(
+        alone,
+        modes=turned_data(30.0, 0.003, error=0.02).modes,
+        covariance=np.diag(np.repeat([0.004**2, 0.02**2], [2, 8])),
+    )
+    assert likelihood(joint, 0.004, pairing) == pytest.approx(likelihood(alone, 0.004, pairing))
+
+
+def test_the_probability_of_pairs_is_that_of_the_pairings_with_them():
+    """Of two modes that turn together, with a third identified mode beside them."""
+    rng = np.random.default_rng(0)
+    ratios = rng.normal(2.0, 2.0, (1, 3, 3))
+    gains = np.zeros((1, 2, 3, 3))  # of the first two of three model modes
+    gains[0, 0] = rng.normal(0.0, 2.0, (3, 3))
+    weights = PairingWeights(ratios, np.arange(3.0), np.arange(3.0)[None], log_gains=gains)
+    total, of_pairs = 0.0, np.zeros((3, 3))
+    for chosen in itertools.product(range(-1, 3), repeat=3):
+        paired = [i for i in chosen if i >= 0]
+        if len(set(paired)) < len(paired):
+            continue
+        log_weight = sum(ratios[0, j, i] for j, i in enumerate(chosen) if i >= 0)
+        if 0 in chosen and 1 in chosen:
+            log_weight += gains[0, 0, chosen.index(0), chosen.index(1)]
+        assert weights.log_weight(np.array(chosen))[0] == pytest.approx(log_weight)
+        total += math.exp(log_weight)
+        for j, i in enumerate(chosen):
+            of_pairs[j, i] += math.exp(log_weight) if i >= 0 else 0.0
+    assert log_sum(weights)[0] == pytest.approx(math.log(total), rel=1e-12)
+    np.testing.assert_allclose(pair_probabilities(weights)[0], of_pairs / total, rtol=1e-10)
+    many = PairingWeights(
+        np.repeat(ratios, 20_000, axis=0), np.arange(3.0), np.tile(np.arange(3.0), (20_000, 1)),
+        log_gains=np.repeat(gains, 20_000, axis=0),
+    )  # fmt: skip
+    drawn = sample_pairings(many, rng)
+    for j in range(3):
+        shares = [(drawn[:, j] == i).mean() for i in range(3)]
+        np.testing.assert_allclose(shares, of_pairs[j] / total, atol=4.0 * 0.5 / math.sqrt(20_000))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 90.0])
+def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees):
+    data = turned_data(degrees, 0.01, error=0.03)
+    terms = [
+        likelihood(data, 0.012, pairing)
+        for pairing in (
+            {"a": 1, "b": 2}, {"a": 2, "b": 1}, {"a": 1}, {"a": 2}, {"b": 1}, {"b": 2},
+            {"a": 3, "b": 1}, {"a": 3, "b": 2}, {"a": 1, "b": 3}, {"a": 2, "b": 3},
+            {"a": 3}, {"b": 3},
+        )
+    ]  # fmt: skip
+    total = likelihood(data, 0.012, "any")
+    assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
