@@ -309,10 +309,10 @@ def counted_ensembles(monkeypatch):
     runs = []
 
     def counted(*arguments, **kwargs):
-        ensembles = run_ensembles(*arguments, **kwargs)
+        ensembles, statistics = run_ensembles(*arguments, **kwargs)
         steps = {each.n_steps + each.burn_in for each in ensembles}
         runs.append(("only" in kwargs, *steps))
-        return ensembles
+        return ensembles, statistics
 
     monkeypatch.setattr(engine, "run_ensembles", counted)
     return runs

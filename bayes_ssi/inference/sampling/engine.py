@@ -36,7 +36,6 @@ from bayes_ssi.inference.sampling.ensembles import (
     Ensemble,
     Walkers,
     run_ensembles,
-    statistics_of,
     thinned_ensembles,
 )
 from bayes_ssi.inference.sampling.importance import (
@@ -243,19 +242,19 @@ class _Sampling:
             halves, added = first.split(2, self.rng), [first]
             share = self._share(first)
             propose = partial(self.sampler.as_proposals, share=share, added=added)
-            ensembles = run(proposals=[propose(half) for half in halves])
+            ensembles, statistics = run(proposals=[propose(half) for half in halves])
             importance, unused = joined_samples(added), halves[0]
             if self._is_doubted(importance, ensembles):
                 importance, regions = self._importance(importance, (*ensembles, *others))
                 unused = importance
         else:
-            ensembles = run(proposals=self._proposals(trial, rngs))
+            ensembles, statistics = run(proposals=self._proposals(trial, rngs))
             if self._is_worth_refitting(trial):
                 trial = self._refitted(around_maxima, ensembles, trial)
             importance, regions = self._importance(trial, (*ensembles, *others))
             unused = importance
         bridge = bridge_sampling(ensembles[1], unused)
-        quoted, chains = thinned_ensembles(self.target, ensembles, self.settings)
+        quoted, chains = thinned_ensembles(self.target, ensembles, statistics, self.settings)
         return SamplingResult(
             search=search,
             compressions=compressions,
@@ -290,7 +289,7 @@ class _Sampling:
         of_ensembles = [seed.spawn(MOST_REFITS) for seed in self.seeds[2:4]]
         for seeds in zip(*of_ensembles, strict=True):
             rngs = [np.random.default_rng(seed) for seed in seeds]
-            ensembles = run_ensembles(
+            ensembles, statistics = run_ensembles(
                 self.target, walkers, self._proposals(trial, rngs), self.settings, rngs,
                 only=min(STEPS_OF_ADAPTATION, self.settings.max_steps),
             )  # fmt: skip
@@ -298,7 +297,7 @@ class _Sampling:
             others: tuple[ScoredDraws, ...] = (*ensembles, *compressions)
             if not self._is_worth_refitting(trial):
                 trial = sampler.refined(trial, wanted_error, others)
-            fast = statistics_of(self.target, ensembles).slowness <= SLOW
+            fast = statistics.slowness <= SLOW
             agree = trial.pareto_k <= PARETO_K_LIMIT
             if fast and agree and trial.share_beyond(others) <= wanted_error:
                 break
