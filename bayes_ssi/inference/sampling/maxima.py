@@ -40,10 +40,6 @@ MOST_MONOMIALS = 1200
 # Points, at least as many again as coefficients, and at least so many more, to know by how much
 # polynomials miss the ridge.
 LEAST_POINTS_LEFT = 60
-# Where polynomials are far from a ridge, which they are at few places, components so many times
-# as thick cover it. Their share costs as much of the other draws.
-THICKER = 3.0
-SHARE_OF_THICKER = 0.15
 # Polynomials are good enough where they widen a ridge by no more than this factor.
 MOST_WIDENING = 1.1
 
@@ -320,21 +316,7 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
             dof[k] = LIGHT_TAILS
     if not any(bends):
         return None
-    bent = replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
-    return bent.mixed_with(_thickened(bent), SHARE_OF_THICKER)
-
-
-def _thickened(mixture: StudentMixture) -> StudentMixture:
-    """The mixture with its bent components thicker, which covers where polynomials miss a ridge.
-
-    Along the ridge, they are as wide as before: more would be far from nearly all of it.
-    """
-    factors, bends = mixture.factors.copy(), list(mixture.bends)
-    for k, bend in enumerate(bends):
-        if bend is not None:
-            factors[k][:, bend.n_wide :] *= THICKER
-            bends[k] = replace(bend, thin=THICKER * bend.thin)
-    return replace(mixture, factors=factors, bends=tuple(bends))
+    return replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
 
 
 def _ridge(
