@@ -223,7 +223,7 @@ def sample_as_it_is(
             checks=sampled.evidence_checks,
         ),
         regions=_regions(sampled, z, values),
-        maxima=model_class.values(sampled.maxima.z),
+        maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
         burn_in=sampled.quoted[0].burn_in,
         thinned_by=sampled.quoted[0].thinned_by,

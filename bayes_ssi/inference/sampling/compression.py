@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture, tails_within
 from bayes_ssi.inference.sampling.proposals import drawn_anew
-from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 # Share of the particles that survives a level: for a given error, from 0.1 to 0.3 takes the
@@ -49,10 +48,6 @@ PARTICLES_PER_COMPONENT = 30
 # Shares of the maxima's components and of the prior in the proposals.
 MAXIMA_SHARE = 0.3
 PRIOR_SHARE = 0.02
-# Most particles from which further ascents begin, and of how many they are the local maxima:
-# the time to find neighbours in many dimensions rises with the square of that.
-MOST_CLIMBERS = 32
-MOST_COMPARED = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +70,6 @@ class Compression:
         """``n`` of the particles at random, with repetition only where there are fewer."""
         chosen = rng.choice(len(self.draws), n, replace=len(self.draws) < n)
         return Walkers(self.draws[chosen], self.log_posteriors[chosen])
-
-    def climbers(self, maxima: Maxima) -> FloatArray:
-        """Particles (m, d) above all their neighbours on all levels, but at none of the maxima."""
-        among = evenly_spaced_indices(len(self.passed), MOST_COMPARED)
-        highest = local_maxima(self.passed[among], self.log_likelihoods_passed[among])
-        return highest[~maxima.are_at(highest).any(axis=0)][:MOST_CLIMBERS]
 
 
 def compress_prior(

@@ -140,12 +140,11 @@ def run_ensembles(
     settings: SamplingSettings,
     rngs: Sequence[np.random.Generator],
     progress: Callable[[float], None] = lambda _: None,
-    only: int | None = None,
 ) -> tuple[tuple[Ensemble, ...], ChainStatistics]:
     """Sample the posterior with emcee until the chains, and statistics, are as ``settings`` aim.
 
     Most moves propose from a mixture, independently of a walker's position, so that walkers
-    change between separate regions. ``only`` so many steps, if given.
+    change between separate regions.
     """
     from bayes_ssi.inference.sampling.moves import begin
 
@@ -155,8 +154,6 @@ def run_ensembles(
         values = log_posteriors, log_posteriors - log_standard_normal(positions)
         running.append(begin(target.log_density, positions, values, independence, rng))
     n, most = min(FIRST_STEPS, settings.max_steps), settings.max_steps
-    if only:
-        n = most = only
     while True:
         running = [
             (sampler, sampler.run_mcmc(state, n - sampler.iteration, skip_initial_state_check=True))
