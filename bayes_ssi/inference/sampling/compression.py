@@ -57,8 +57,6 @@ class Compression:
     # (n_particles, d), distributed as the posterior, in standard-normal coordinates.
     draws: FloatArray
     log_posteriors: FloatArray  # (n_particles,), likelihood times prior density
-    passed: FloatArray  # (m, d), all particles on the way, at their levels
-    log_likelihoods_passed: FloatArray  # (m,)
     log_evidence: float
     # Its standard error, from the chance by which particles survive and the correlation left
     # between levels.
@@ -237,8 +235,6 @@ class _Climb:
         return Compression(
             passed[chosen],
             log_likelihoods[chosen] + log_standard_normal(passed[chosen]),
-            passed,
-            log_likelihoods,
             log_evidence,
             math.sqrt(variance),
             behind,
