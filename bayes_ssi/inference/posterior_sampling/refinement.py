@@ -8,25 +8,19 @@ likelihood, and correct the evidence:
 
     p(D | full) = p(D | reduced) · E[p(D | θ, full) / p(D | θ, reduced)]
 
-over the posterior of the reduced model. A class that no parameters bring anywhere near the data,
-such as one with two modes exchanged, is sampled roughly: its posterior lies where modes change
-places and no approximation is smooth, and would take many times as long as that of a right class.
-While a class is sampled its structures do not change, so a result depends on nothing but the seed.
+over the posterior of the reduced model. While a class is sampled its structures do not change, so a
+result depends on nothing but the seed.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.calibration.narrow_regions import (
-    PairedResiduals,
-    class_target,
-    starts_in_narrow_regions,
-)
+from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -42,9 +36,6 @@ N_SEARCHED = 1000  # prior draws of a quick search for maxima
 N_CLIMBS = 16  # from the best of them
 N_CONFIRMED = 16  # draws at which full solutions confirm the evidence, at first
 MOST_CONFIRMED = 64  # where the first leave too large an error
-# Nats by which the best fit of no right class is worse than its errors can make it; beyond, a class
-# is sampled roughly.
-HOPELESS_MISFIT = 100.0
 CORRECTION_SHARE = 0.5  # of the wanted error of the log evidence; the rest is sampling's
 # Of the share of errors, where an error is certified, but what it changes in the likelihood, which
 # is proportional to it, is not small enough.
@@ -89,14 +80,6 @@ def refined(
     rng = np.random.default_rng([seed, 2])
     z = rng.standard_normal((N_CERTIFIED, len(model_class.parameters)))
     widened = _with_errors_of_approximation(model_class, model_class.values(z))
-    misfit = least_misfit(widened, seed, workers)
-    if misfit > HOPELESS_MISFIT:
-        posterior = sample_class(model_class, roughly=True)
-        hopeless = (
-            f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
-            "sampled roughly, and the error of its evidence is not known"
-        )
-        return replace(posterior, failed_checks=(hopeless,), emulators=_emulators(model_class))
     model_class = _accurate_near_maxima(model_class, widened, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
@@ -125,42 +108,12 @@ def refined(
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
     failed += confirmation.failures(log_evidence_error, settings)
+    emulators = tuple(test.structure.emulator for test in model_class.configurations)
     return replace(
         corrected(posterior, confirmation, remarks),
         failed_checks=(*posterior.failed_checks, *failed),
-        emulators=_emulators(model_class),
+        emulators=emulators if any(emulators) else (),
     )
-
-
-def _emulators(model_class: ModelClass) -> tuple[Any, ...]:
-    emulators = tuple(test.structure.emulator for test in model_class.configurations)
-    return emulators if any(emulators) else ()
-
-
-def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) -> float:
-    """By how many nats the best fit is worse than errors can make it; at most zero if it is not.
-
-    Half the least sum of squares of the paired residuals over their errors, where descents end,
-    less twice what is expected, one half for each residual. A second search confirms the first one.
-    Zero where a pairing is inferred, which can leave out any mode.
-    """
-    if not all(likelihood.pairing_is_given for likelihood in model_class.likelihoods):
-        return 0.0
-    least = math.inf
-    for search in range(2):
-        rng = np.random.default_rng([seed, 3, search])
-        ends = starts_in_narrow_regions(model_class, workers, rng).z
-        values = model_class.values(ends)
-        halves = np.zeros(len(values))
-        for _, likelihood, columns in model_class.parts(values):
-            test = PairedResiduals(likelihood)
-            pairings, errors = test.given_pairings(len(values)), test.errors(columns, 0.0)
-            residuals = test.residuals(likelihood.modes(columns), pairings, errors)
-            halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
-        least = float(np.append(halves[np.isfinite(halves)], least).min())
-        if least <= 0.0:
-            break
-    return least if math.isfinite(least) else 0.0
 
 
 def _accurate_near_maxima(

@@ -170,14 +170,11 @@ def sample_as_it_is(
     run: Run | None = None,
     journal: Journal | None = None,
     known_starts: FloatArray | None = None,
-    *,
-    roughly: bool = False,
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
     Arguments and errors are as in :func:`bayes_ssi.inference.posterior_sampling.sample.sample`;
-    ``journal`` recalls the evaluations that it holds and records the others; ``roughly`` is as in
-    :func:`bayes_ssi.inference.sampling.engine.sample_target`.
+    ``journal`` recalls the evaluations that it holds and records the others.
     """
     settings, run = settings or SamplingSettings(), run or Run()
     started = perf_counter()
@@ -191,7 +188,6 @@ def sample_as_it_is(
                 seed_of(model_class.name, seed),
                 settings,
                 partial(run.report, model_class.name),
-                roughly=roughly,
             )
         except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
             raise

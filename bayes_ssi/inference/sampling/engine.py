@@ -18,7 +18,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -47,13 +47,11 @@ from bayes_ssi.inference.sampling.importance import (
     bridge_sampling,
     joined_samples,
 )
-from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
+from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, reached
 from bayes_ssi.inference.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
 from bayes_ssi.inference.sampling.multistart import (
-    ASCENTS_BESIDE_STARTS,
     MultistartSearch,
     search_maxima,
-    search_starts,
 )
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
@@ -64,7 +62,6 @@ from bayes_ssi.inference.sampling.target import Target
 # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
 # longer chains, not of more, R-hat falls.
 WALKERS = 16
-ROUGH_STEPS = 100  # of the chains of a rough result
 # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
 # draws by less than this factor.
 MOST_REFITS = 4
@@ -82,23 +79,18 @@ def sample_target(
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
     progress: StepProgress = lambda _step, _done: None,
-    *,
-    roughly: bool = False,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
     Args:
         target: log-likelihood over coordinates whose prior is N(0, I).
-        roughly: by Laplace's approximation around the maxima of one small search, and importance
-            draws from it, however poor they are.
     """
     settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
-        sampling = _Sampling(target, settings, seeds, rng, progress)
-        result = sampling.rough_result() if roughly else sampling.result()
+        result = _Sampling(target, settings, seeds, rng, progress).result()
         progress("evidence", 1.0)
         return result
 
@@ -131,20 +123,6 @@ class _Sampling:
         if result is None or result.failed_checks:
             result = self._from_particles(search)
         return result
-
-    def rough_result(self) -> SamplingResult:
-        """The result of one small search, with short chains."""
-        few = ASCENTS_BESIDE_STARTS
-        n_draws = few * self.target.n_dimensions
-        highest, suggested = search_starts(self.target, n_draws, self.rng)
-        maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
-        search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
-        first = self.sampler.sample(maxima.as_mixture().widened())
-        settings = replace(self.settings, log_evidence_error=1e3, max_steps=ROUGH_STEPS)
-        coarse = replace(self, settings=settings)
-        return coarse._sampled(
-            search, maxima.as_mixture(), first, self._starts(first.split(2, self.rng)), []
-        )
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice."""
