@@ -20,20 +20,15 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
-from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Requirement, Structure
 
 ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
-N_SEARCHED = 1000  # prior draws of a quick search for maxima
-N_CLIMBS = 16  # from the best of them
 N_CONFIRMED = 16  # draws at which full solutions confirm the evidence, at first
 MOST_CONFIRMED = 64  # where the first leave too large an error
 CORRECTION_SHARE = 0.5  # of the wanted error of the log evidence; the rest is sampling's
@@ -50,17 +45,14 @@ class RefinementSettings:
     # Largest error of the approximation, as a share of the data's and the model's own errors: added
     # in quadrature, a tenth widens them by half a per cent.
     error_share: float = 0.1
-    most_searches: int = 50  # each of which may refine the structures
-    most_rounds: int = 4  # of sampling
+    most_rounds: int = 6  # of sampling
     largest_correction: float = 0.3  # of the log evidence, that so few draws can support
 
 
 def refined(
     model_class: ModelClass,
-    sample_class: Callable[..., Posterior],
-    seed: int,
+    sample_class: Callable[[ModelClass], Posterior],
     log_evidence_error: float,
-    workers: Workers | None = None,
     settings: RefinementSettings | None = None,
     report: Callable[[str, float], None] = lambda *_: None,
 ) -> Posterior:
@@ -77,10 +69,6 @@ def refined(
         return done
 
     model_class.check_structure()
-    rng = np.random.default_rng([seed, 2])
-    z = rng.standard_normal((N_CERTIFIED, len(model_class.parameters)))
-    widened = _with_errors_of_approximation(model_class, model_class.values(z))
-    model_class = _accurate_near_maxima(model_class, widened, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
@@ -114,69 +102,6 @@ def refined(
         failed_checks=(*posterior.failed_checks, *failed),
         emulators=emulators if any(emulators) else (),
     )
-
-
-def _accurate_near_maxima(
-    model_class: ModelClass,
-    widened: ModelClass,
-    seed: int,
-    workers: Workers | None,
-    settings: RefinementSettings,
-) -> ModelClass:
-    """The class with structures accurate where quick searches expect the posterior.
-
-    The searches count the errors of the approximation as errors of the data, at first those over
-    the prior, so that no region is lost because its modes are not accurate yet. They narrow as the
-    structures become accurate.
-    """
-    for _ in range(settings.most_searches):
-        values = _near_maxima(widened, seed, workers)
-        better = improved(model_class, values, settings)
-        if better is model_class:
-            break
-        model_class = better
-        widened = _with_errors_of_approximation(model_class, values)
-    return model_class
-
-
-def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -> ModelClass:
-    """The class with the structures' errors at ``values`` added to those of the identification."""
-    widened = []
-    for test, likelihood, columns in model_class.parts(values):
-        structure = likelihood.structure
-        if not structure.is_approximate:
-            widened.append(test)
-            continue
-        frequency, shape, *_ = structure.accuracy(
-            columns[:, : len(structure.parameters)], n_needed(likelihood, columns)
-        )
-        modes = tuple(
-            replace(
-                mode,
-                frequency_cov=math.hypot(mode.frequency_cov or 0.0, frequency) or None,
-                shape_sd=(mode.shape is not None and math.hypot(mode.shape_sd or 0.0, shape))
-                or None,
-            )
-            for mode in test.data.modes
-        )
-        widened.append(replace(test, data=replace(test.data.without_covariance(), modes=modes)))
-    return replace(model_class, configurations=tuple(widened))
-
-
-def _near_maxima(model_class: ModelClass, seed: int, workers: Workers | None) -> FloatArray:
-    """Parameter values where a quick search expects the posterior."""
-    rng = np.random.default_rng([seed, 1])
-    n = len(model_class.parameters)
-    target = class_target(model_class, workers)
-    z = rng.standard_normal((N_SEARCHED, n))
-    best = np.argsort(-target.log_likelihood(z), kind="stable")[:N_CLIMBS]
-    starts = np.concatenate([z[best], target.suggested(rng)])
-    try:
-        mixture = find_maxima(target, starts).as_mixture()
-    except ValueError:  # the likelihood is zero everywhere, which sampling reports
-        return model_class.values(starts)
-    draws = mixture.draw(rng.multinomial(N_CERTIFIED, mixture.all_weights), rng)
-    return model_class.values(draws)
 
 
 class Confirmation(NamedTuple):

@@ -112,9 +112,8 @@ def sample(
             if not is_approximate(emulated):
                 return sample_class(emulated)
             refine = partial(
-                refined, emulated, sample_class, seed, settings.log_evidence_error,
-                own_run.workers, refinement,
-            )  # fmt: skip
+                refined, emulated, sample_class, settings.log_evidence_error, refinement
+            )
             if is_emulated:
                 return _with_solutions_counted(refine(), emulated)
             return refine(report=partial(run.report, model_class.name))
