@@ -233,13 +233,6 @@ class Structure(ABC):
         """This structure if it is accurate enough, otherwise a more accurate one."""
         return self
 
-    def with_solutions_at(self, values: FloatArray) -> Self:
-        """This structure with the exact solutions at ``values`` (B, n_parameters) made use of.
-
-        They are known already. Where the error is certified, they are not needed.
-        """
-        return self
-
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         """The largest errors of the lowest ``n_modes`` at all of ``values`` (B, n_parameters)."""
         return Accuracy(0.0, 0.0, "its modes are exact")

@@ -25,7 +25,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.structure import Requirement, Structure
+from bayes_ssi.structures.structure import Requirement
 
 ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
@@ -81,9 +81,7 @@ def refined(
         better = more_accurate(model_class, values, settings)
         if better is model_class:
             confirmation = confirmed_by_full_solutions()
-            if confirmation.error > log_evidence_error:
-                better = with_solutions_at(model_class, confirmation.values)
-            if better is model_class and confirmation.failures(log_evidence_error, settings):
+            if confirmation.failures(log_evidence_error, settings):
                 settings = replace(settings, error_share=STRICTER * settings.error_share)
                 better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -263,16 +261,6 @@ def improved(
     """The class with structures accurate enough at ``values``, or more accurate than they were."""
     needed = requirements(model_class, values, settings)
     return model_class.with_structures(lambda structure, i: structure.accurate_at(needed[i]))
-
-
-def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:
-    """The class with its approximate structures making use of the exact ones at ``values``."""
-    columns = [part for _, _, part in model_class.parts(values)]
-
-    def better(structure: Structure, i: int) -> Structure:
-        return structure.with_solutions_at(columns[i][:, : len(structure.parameters)])
-
-    return model_class.with_structures(better)
 
 
 def certified(
