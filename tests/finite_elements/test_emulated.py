@@ -33,7 +33,7 @@ def test_modes_that_cross_are_emulated_exactly(representation):
     vectors = representation.encoded(x[:, None], uncoupled(x))
     process = GaussianProcess.fitted(x[:, None], vectors)
     modes = representation.decoded(process.mean(between[:, None]))
-    assert mode_errors(modes, uncoupled(between)).max() < 1e-6
+    assert mode_errors(modes, uncoupled(between), 2).max() < 1e-6
 
 
 def test_modes_that_veer_are_emulated_by_their_operator():
@@ -52,7 +52,7 @@ def test_modes_that_veer_are_emulated_by_their_operator():
         vectors = representation.encoded(x[:, None], modes(x))
         process = GaussianProcess.fitted(x[:, None], vectors)
         decoded = representation.decoded(process.mean(between[:, None]))
-        errors.append(mode_errors(decoded, modes(between)).max())
+        errors.append(mode_errors(decoded, modes(between), 2).max())
     assert errors[0] < 1e-3 < errors[1]
 
 
@@ -116,13 +116,13 @@ def test_claimed_errors_are_those_of_points_never_seen():
     exact = building()
     emulated = EmulatedStructure(exact)
     values = np.exp(0.3 * np.random.default_rng(3).standard_normal((300, 3)))
-    errors = mode_errors(emulated.modes(values), exact.modes(values))
+    errors = mode_errors(emulated.modes(values), exact.modes(values), exact.n_modes)
     claimed = np.array(emulated.accuracy(values)[:2])
     np.testing.assert_array_less(np.median(errors, axis=0) / 2.0, claimed)
     better = emulated
     for _ in range(3):
         better = better.accurate_at(Requirement(values, *(0.1 * claimed)))
-    errors_after = mode_errors(better.modes(values), exact.modes(values))
+    errors_after = mode_errors(better.modes(values), exact.modes(values), exact.n_modes)
     assert (np.median(errors_after, axis=0) < np.median(errors, axis=0)).all()
 
 

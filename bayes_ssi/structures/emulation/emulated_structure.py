@@ -156,22 +156,22 @@ class EmulatedStructure(ApproximateStructure):
         One batch of solutions is added, where its error is largest in units of what is required,
         unless it is small enough at nearly all values or ``most_solutions`` are made.
         """
-        values, *errors, _ = required
-        fit, x = self.emulator, self._coordinates(values)
+        values, *errors, n_modes = required
+        fit, x = self._fit_for(n_modes), self._coordinates(values)
         allowed = float((errors / fit.errors_per_spread(x)).min())
         by_odds, by_nearest = fit.failing.votes(x)
         is_open = by_odds != by_nearest
         accurate = np.quantile(fit.spreads(x), CLAIMED_AT) <= allowed
         if accurate and is_open.mean() <= MOST_OPEN:
-            return self
+            return self if fit is self._fit else self._of_fit(fit)
         if fit.n_solutions >= self.most_solutions:
             return self
         if accurate:  # only the boundary of the region that fails is missing
             values, x, allowed = values[is_open], x[is_open], 0.0
         return self._of_fit(self._with(fit, values[self._worst(fit, x, allowed)]))
 
-    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:  # noqa: ARG002
-        fit, x = self.emulator, self._coordinates(values)
+    def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
+        fit, x = self._fit_for(n_modes), self._coordinates(values)
         spread = float(np.quantile(fit.spreads(x), CLAIMED_AT))
         frequency, shape = (spread * fit.errors_per_spread(x)).tolist()
         return Accuracy(
@@ -186,6 +186,13 @@ class EmulatedStructure(ApproximateStructure):
         better = copy(self)
         better._fit = fit
         return better
+
+    def _fit_for(self, n_modes: int | None) -> "EmulatorFit":
+        """The fit in which the lowest ``n_modes`` decide."""
+        fit, n_needed = self.emulator, n_modes or self.n_modes
+        if n_needed == fit.n_needed:
+            return fit
+        return EmulatorFit.best(fit.x, fit.modes, fit.failing, n_needed, fit)
 
     def _with(self, fit: "EmulatorFit | None", values: FloatArray) -> "EmulatorFit":
         """The fit to the solutions of ``fit`` and those at ``values``."""
@@ -203,8 +210,9 @@ class EmulatedStructure(ApproximateStructure):
                 f"the structure has modes at {len(solved)} of {len(solved) + len(failed)} "
                 "points of the prior, too few to emulate it"
             )
+        n_needed = self.n_modes if fit is None else fit.n_needed
         failing = FailingPoints.fitted(failed, values_failed, solved)
-        return EmulatorFit.best(solved, modes, failing, fit)
+        return EmulatorFit.best(solved, modes, failing, n_needed, fit)
 
     def _worst(self, fit: "EmulatorFit", x: FloatArray, allowed: float) -> NDArray[np.intp]:
         """Rows of ``x`` where the spread is largest, each given that those before are known."""
@@ -245,6 +253,7 @@ class EmulatorFit(NamedTuple):
     # (N, 2), errors of the frequencies and shapes of each solution, predicted from all others, as
     # multiples of the process's spread there.
     ratios: FloatArray
+    n_needed: int
 
     @classmethod
     def best(
@@ -252,6 +261,7 @@ class EmulatorFit(NamedTuple):
         x: FloatArray,
         modes: Modes,
         failing: FailingPoints,
+        n_needed: int,
         before: "EmulatorFit | None",
     ) -> "EmulatorFit":
         """The fit by the representation that predicts the last half of the solutions best."""
@@ -263,16 +273,15 @@ class EmulatorFit(NamedTuple):
             if vectors is None:
                 continue
             same = before if before and isinstance(before.representation, kind) else None
-            n_shapes = n_dof * n_modes  # outputs, the last ones
-            weights = np.repeat([1.0, SHAPE_WEIGHT], [vectors.shape[1] - n_shapes, n_shapes])
+            weights = representation.weights(vectors, n_needed)
             process = GaussianProcess.fitted(x, vectors, weights, same.process if same else None)
             left_out, spreads = process.left_out
-            errors = mode_errors(representation.decoded(left_out), modes)
+            errors = mode_errors(representation.decoded(left_out), modes, n_needed)
             of_frequencies, of_shapes = errors[len(errors) // 2 :].T
             weighted = np.maximum(of_frequencies, SHAPE_WEIGHT * of_shapes)
             scores.append(float(np.median(weighted)))
             ratios = errors / spreads[:, None]
-            fits.append(cls(x, modes, failing, representation, process, ratios))
+            fits.append(cls(x, modes, failing, representation, process, ratios, n_needed))
         return fits[int(np.argmin(scores))]
 
     def spreads(self, x: FloatArray, known: FloatArray | None = None) -> FloatArray:
@@ -298,10 +307,10 @@ class EmulatorFit(NamedTuple):
         return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
 
 
-def mode_errors(modes: Modes, exact: Modes) -> FloatArray:
+def mode_errors(modes: Modes, exact: Modes, n_modes: int) -> FloatArray:
     """Largest errors (B, 2) of frequencies, as fractions, and of shapes at unit length."""
-    frequency = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0).max(axis=1)
-    ours, theirs = (unit_shapes(each.shapes) for each in (modes, exact))
+    frequency = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0)[:, :n_modes].max(axis=1)
+    ours, theirs = (unit_shapes(each.shapes[:, :, :n_modes]) for each in (modes, exact))
     alike = np.abs(np.einsum("bdm,bdm->bm", ours, theirs))
     # |a - b|² = 2 - 2 a·b; zero where a shape is not measured at all.
     shape = np.sqrt(np.maximum(2.0 - 2.0 * alike, 0.0)).max(axis=1)

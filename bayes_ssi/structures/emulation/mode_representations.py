@@ -10,8 +10,9 @@ are smooth there:
   veering are exact. It needs no fewer degrees of freedom than modes;
 * modes tracked one by one by their shapes and frequencies, which is right at crossings.
 
-Either encodes the modes at points (N, d) as vectors (N, n_outputs), the shapes last, and decodes
-vectors into modes in ascending order, row by row.
+Either encodes the modes at points (N, d) as vectors (N, n_outputs), says how much each output
+counts where the lowest ``n_needed`` modes are needed, and decodes vectors into modes in ascending
+order, row by row.
 """
 
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ WORST_CONDITION = 1e3
 FREQUENCY_STEP = 0.1
 # Shapes at unit length are usually known five times less precisely than frequencies.
 SHAPE_WEIGHT = 0.2
+# Weight of modes that are not needed, which should not decide how smooth the others are.
+NOT_NEEDED = 0.01
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,9 @@ class ModalOperator:
         operators = np.einsum("nij,nj,njk->nik", coordinates, logs, inverse)
         parts = (operators, shapes @ inverse)
         return np.hstack([part.reshape(len(shapes), -1) for part in parts])
+
+    def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:  # noqa: ARG002
+        return np.repeat([1.0, SHAPE_WEIGHT], [self.n_modes**2, self.n_dof * self.n_modes])
 
     def decoded(self, vectors: FloatArray) -> Modes:
         n, n_operator = self.n_modes, self.n_modes**2
@@ -96,6 +102,14 @@ class TrackedModes:
                     logs[row], shapes[row], of_others[row, : self.n_modes], expected_shapes[row]
                 )
         return np.hstack([logs, shapes.reshape(len(x), -1)])
+
+    def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:
+        # The last half are where the posterior lies, once there are any.
+        recent = vectors[len(vectors) // 2 :, : self.n_modes]
+        rank = recent.argsort(axis=1).argsort(axis=1)
+        needed = (rank < n_needed).mean(axis=0) > 0.05
+        of_modes = np.where(needed, 1.0, NOT_NEEDED)
+        return np.concatenate([of_modes, SHAPE_WEIGHT * np.tile(of_modes, self.n_dof)])
 
     def decoded(self, vectors: FloatArray) -> Modes:
         shapes = vectors[:, self.n_modes :].reshape(len(vectors), self.n_dof, self.n_modes)
