@@ -206,13 +206,6 @@ class ModalLikelihood:
         log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
         return log_likelihoods
 
-    @cached_property
-    def scored(self) -> Structure:
-        """The structure with no more shapes than the likelihood needs."""
-        # And the next mode's, with which the last one may turn.
-        n_shapes = min(int(self.pairs.model_modes.max(initial=0)) + 2, self.structure.n_modes)
-        return self.structure.with_shapes(n_shapes)
-
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
         return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))
