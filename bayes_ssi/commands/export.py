@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import (
-    configuration_option,
-    flag,
-    path_option,
-    result_argument,
-    study_option,
-)
-from bayes_ssi.commands.terminal import say
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
@@ -23,14 +16,14 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@result_argument
-@study_option
+@options.result_argument
+@options.study_option
 @click.option("--class", "name", metavar="NAME",
               help="Model class, or hypothesis of a search.  "
               "[default: the most probable]")  # fmt: skip
-@configuration_option
-@path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
-@flag("--overwrite", text="Replace existing files.")
+@options.configuration_option
+@options.path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
+@options.flag("--overwrite", text="Replace existing files.")
 def export(
     result: Path,
     study: Path | None,
@@ -79,7 +72,7 @@ def export(
                 write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
             except ValueError as error:
                 without = f"(!) modes.uff is not written: {error}."
-    say(
+    terminal.say(
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
         f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
@@ -89,7 +82,7 @@ def export(
         *([without] if without else []),
     )
     if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
-        say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")
+        terminal.say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")
 
 
 PARAMETERS = "parameters.csv"

@@ -149,7 +149,7 @@ QUIET_OPTION = click.Option(
 
 
 def json_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option ``--json`` to a command that calls :func:`print_record`."""
+    """Add the option ``--json`` to a command that ends with :func:`conclude`."""
 
     @functools.wraps(command)
     def wrapped(**options: Any) -> None:
@@ -172,12 +172,6 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
     )(wrapped)
 
 
-def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
-    """Print a JSON record at the end of the command, if one is wanted."""
-    if _meta().get(JSON, False):
-        _meta()[RECORD] = json_text(record())
-
-
 def _console() -> Console:
     from rich.console import Console
 
@@ -188,13 +182,15 @@ def _console() -> Console:
     return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=80)
 
 
-def exit_if_failed(checks: Sequence[str]) -> None:
-    if not checks:
-        return
-    if is_quiet():
-        several = "s" if len(checks) > 1 else ""
-        click.echo(f"(!) {len(checks)} failed check{several}: {'; '.join(checks)}", err=True)
-    sys.exit(ExitCode.FAILED_CHECK)
+def conclude(record: Mapping[str, Any], failed: Sequence[str] = ()) -> None:
+    """Print the command's JSON record, if it is wanted, and exit by its failed checks."""
+    if _meta().get(JSON, False):
+        _meta()[RECORD] = json_text(record)
+    if failed and is_quiet():
+        several = "s" if len(failed) > 1 else ""
+        click.echo(f"(!) {len(failed)} failed check{several}: {'; '.join(failed)}", err=True)
+    if failed:
+        sys.exit(ExitCode.FAILED_CHECK)
 
 
 def show(*shown: RenderableType) -> None:

@@ -113,8 +113,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
             )
     else:
         raise FileExistsError(
-            f"{directory}: exists already and is not overwritten; name another with --out, or "
-            "pass --overwrite"
+            f"{directory}: exists already and is not overwritten; name another, or overwrite it"
         )
 
 

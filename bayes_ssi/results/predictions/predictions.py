@@ -249,32 +249,31 @@ def predicted_modes(
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
     """The main structure's places to show: all, or, where they are many, those with sensors."""
-    places, most = predictions.main_places, MOST_PLACES
-    if len(places) <= most:
+    places = predictions.main_places
+    if len(places) <= MOST_PLACES:
         return places
-    return tuple(place for place in places if place in data.sensors) or places[:most]
+    return tuple(place for place in places if place in data.sensors) or places[:MOST_PLACES]
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
     """Name → model class, for all that were sampled, from the study of ``study_file``."""
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
+
+    def only(name: str) -> ModelClass:
+        return study.only([name]).model_classes[0]
+
     try:
         if search is not None:
             return {name: search.model_class(study, name) for name in names}
         return {
-            name: _only(study, stands_for[name][0]).with_any_pairing(name)
+            name: only(stands_for[name][0]).with_any_pairing(name)
             if name in stands_for
-            else _only(study, name)
+            else only(name)
             for name in names
         }
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
-
-
-def _only(study: Study, name: str) -> ModelClass:
-    (model_class,) = study.only([name]).model_classes
-    return model_class
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,6 +372,5 @@ def _recorded_study(stored: StoredResult) -> tuple[Path, Study]:
             with contextlib.chdir(start):
                 return start / recorded, load_study(recorded)
     raise ValueError(
-        f"{stored.directory}: its study file {recorded!r} is not there; say where it is "
-        "(--study FILE)"
+        f"{stored.directory}: its study file {recorded!r} is not there; say where it is"
     )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from bayes_ssi.results.predictions.predictions import (
     predicted_modes,
     shown_places,
 )
-from bayes_ssi.results.result_files import read_stored, write_csv
+from bayes_ssi.results.result_files import read_json, write_csv
 from bayes_ssi.structures.response import (
     GROUND,
     Damping,
@@ -147,8 +147,12 @@ def predict_responses(
     Raises:
         ValueError: there is no such class, place or mode, or a damping ratio is not usable.
     """
-    request = request or default_request(predicted)
     predictions = predicted.of(name)
+    if request is None:
+        ratio, _ = default_damping(predicted.data)
+        acts = not structures_of_unknown_ground(predictions)
+        hz = default_frequencies(predicted.data, ratio) if acts else None
+        request = ResponseRequest(default_output(predictions, "acceleration"), ratio, hz)
     damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
 
     def response(compute: Callable[[Output], Prediction], n_points: int) -> Response:
@@ -228,8 +232,7 @@ def default_frequencies(
     lowest = max(low, min(mode.frequency_hz for mode in data.modes))
     # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
     needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
-    most = MOST_FREQUENCIES
-    return np.linspace(low, high, min(max(needed, 400), most))
+    return np.linspace(low, high, min(max(needed, 400), MOST_FREQUENCIES))
 
 
 def structures_of_unknown_ground(predictions: Predictions) -> list[Structure]:
@@ -238,68 +241,41 @@ def structures_of_unknown_ground(predictions: Predictions) -> list[Structure]:
     return [s for s in structures if not predictions.main_places or ground_influence(s) is None]
 
 
-def default_request(
-    predicted: StoredPredictions, quantity: Quantity = "acceleration"
-) -> ResponseRequest:
-    """The quantity at the top, and its transfer functions where the ground's motion acts."""
-    predictions = predicted.of()
-    damping, _ = default_damping(predicted.data)
-    acts = not structures_of_unknown_ground(predictions)
-    frequencies = default_frequencies(predicted.data, damping) if acts else None
-    return ResponseRequest(default_output(predictions, quantity), damping, frequencies)
-
-
 # The file that every directory of predictions holds.
 MARKER = "predictions.json"
 # Tables that fit on a page; the others are curves, shown as figures.
 TABLES = ("frequencies.csv", "peaks.csv")
 
 
-@dataclass(frozen=True)
-class PredictionsRecord:
-    study: str
-    result_created: str
-    configuration: str  # the one that is predicted; empty where there is only one
-    predictions_of: tuple[str, ...]
-    draws: int
-    level: float
-    quantity: str
-    places: tuple[str, ...]
-    damping: float | tuple[float, ...]
-    transfer_functions: str | None  # their output and input; None where there are none
-    records: tuple[Mapping[str, str | float], ...]  # name, samples and dt_s of ground motions
-    versions: Mapping[str, str]
-
-
 def predictions_record(
     predicted: StoredPredictions, names: tuple[str, ...], request: ResponseRequest
-) -> PredictionsRecord:
-    transfer = None if request.frequencies_hz is None else request.transfer_name
+) -> dict[str, Any]:
+    """What the file of that name says of the saved predictions of these classes."""
     damping = request.damping
-    return PredictionsRecord(
-        study=predicted.stored.record.study,
-        result_created=predicted.stored.record.created,
-        configuration=predicted.configuration,
-        predictions_of=names,
-        draws=predicted.n_draws,
-        level=request.level,
-        quantity=request.output.quantity,
-        places=tuple(request.output.labels),
-        damping=damping if isinstance(damping, (int, float)) else tuple(damping),
-        transfer_functions=transfer,
-        records=tuple(
+    return {
+        "study": predicted.stored.record.study,
+        "result_created": predicted.stored.record.created,
+        "configuration": predicted.configuration,
+        "predictions_of": names,
+        "draws": predicted.n_draws,
+        "level": request.level,
+        "quantity": request.output.quantity,
+        "places": request.output.labels,
+        "damping": damping if isinstance(damping, (int, float)) else tuple(damping),
+        "transfer_functions": None if request.frequencies_hz is None else request.transfer_name,
+        "records": [
             {"name": motion.name, "samples": len(motion), "dt_s": motion.dt}
             for motion in request.motions
-        ),
-        versions=versions(),
-    )
+        ],
+        "versions": versions(),
+    }
 
 
 @dataclass(frozen=True)
 class SavedPredictions:
     """Saved predictions: their record, tables (the first row names columns) and figures."""
 
-    record: PredictionsRecord
+    record: Mapping[str, Any]
     tables: Mapping[str, list[list[str]]]
     figures: tuple[Path, ...]
 
@@ -315,7 +291,7 @@ def load_saved_predictions(result: Path) -> SavedPredictions | None:
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
     figures = tuple(sorted(directory.glob("figures/*.png")))
-    return SavedPredictions(read_stored(PredictionsRecord, directory / MARKER), tables, figures)
+    return SavedPredictions(read_json(directory / MARKER), tables, figures)
 
 
 BAND = ("low", "median", "high")

@@ -51,6 +51,15 @@ def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
     return size >= BARE_MENTION and size > STANDARD_ERRORS * error
 
 
+def evidence_against(log_bayes_factor: float, error: float) -> str:
+    """The evidence against a hypothesis, by its Bayes factor over the most probable one."""
+    if not is_distinguishable(log_bayes_factor, error):
+        return "not distinguishable"
+    if log_bayes_factor > 0.0:
+        return "prior probability only"
+    return bayes_factor_scale(log_bayes_factor)
+
+
 @dataclass(frozen=True)
 class Check:
     """A failed check of an answer, or a remark on it."""
@@ -290,15 +299,6 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
     evidence, top, fit = posterior.evidence, best.evidence, posterior.adequacy
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
-    distinguishable = posterior is not best and is_distinguishable(difference, error)
-    if posterior is best:
-        against = "best"
-    elif distinguishable and difference > 0:
-        against = "prior probability only"
-    elif distinguishable:
-        against = bayes_factor_scale(difference)
-    else:
-        against = "not distinguishable"
     return RankedClass(
         name=posterior.name,
         log_evidence=evidence.log_evidence,
@@ -307,8 +307,8 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
         probability=probability,
         log_bayes_factor=difference,
         log_bayes_factor_error=error,
-        against=against,
-        distinguishable=distinguishable,
+        against="best" if posterior is best else evidence_against(difference, error),
+        distinguishable=posterior is not best and is_distinguishable(difference, error),
         mean_log_likelihood=evidence.mean_log_likelihood,
         information_gained=evidence.information_gained,
         n_parameters=len(posterior.parameter_names),
