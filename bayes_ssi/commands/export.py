@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 
-if TYPE_CHECKING:
-    from bayes_ssi.inference.posterior.posterior import Posterior
+PARAMETERS = "parameters.csv"
+# Fields of a parameter's summary, the columns after its name and its most probable value.
+SUMMARY_COLUMNS = (
+    "mean", "sd", "mean_error", "sd_error", "quantile_05", "median", "quantile_95",
+    "relative_spread",
+)  # fmt: skip
 
 
 @click.command()
@@ -49,7 +51,7 @@ def export(
         write_universal_file,
     )
     from bayes_ssi.results.predictions.predictions import load_predictions
-    from bayes_ssi.results.result_files import new_directory, require_new
+    from bayes_ssi.results.result_files import new_directory, require_new, write_csv
 
     directory = out or result / "updated"
     require_new(directory, marker=PARAMETERS, overwrite=overwrite)
@@ -65,7 +67,9 @@ def export(
     except NoNodesError as error:
         without = f"(!) No modes at nodes are written: {error}."
     with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
-        _write_parameters(partial / PARAMETERS, posterior, list(likeliest.values()))
+        summaries = zip(posterior.summary, likeliest.values(), strict=True)
+        rows = ([row.name, x, *columns(row, SUMMARY_COLUMNS).values()] for row, x in summaries)
+        write_csv(partial / PARAMETERS, ["name", "most_probable", *SUMMARY_COLUMNS], rows)
         if modes is not None:
             write_modes_csv(partial / "modes.csv", modes)
             try:
@@ -83,21 +87,3 @@ def export(
     )
     if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
         terminal.say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")
-
-
-PARAMETERS = "parameters.csv"
-# Fields of a parameter's summary, the columns after its name and its most probable value.
-SUMMARY_COLUMNS = (
-    "mean", "sd", "mean_error", "sd_error", "quantile_05", "median", "quantile_95",
-    "relative_spread",
-)  # fmt: skip
-
-
-def _write_parameters(path: Path, posterior: Posterior, likeliest: Sequence[float]) -> None:
-    from bayes_ssi.results.result_files import write_csv
-
-    rows = (
-        [row.name, value, *columns(row, SUMMARY_COLUMNS).values()]
-        for row, value in zip(posterior.summary, likeliest, strict=True)
-    )
-    write_csv(path, ["name", "most_probable", *SUMMARY_COLUMNS], rows)

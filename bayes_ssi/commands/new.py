@@ -17,18 +17,6 @@ KINDS = ("shear-building", "matrices", "function")
 TEMPLATES = Path(__file__).with_name("templates")
 
 
-def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
-    """Write a study and its data, named with or without ``.py``; the paths of both."""
-    study, data = new_paths(Path(name), ".py", ".csv")
-    template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
-    for own in (study, data):
-        template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
-    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
-        with file.open("x", encoding="utf-8") as new:
-            new.write(text)
-    return study, data
-
-
 def new_paths(name: Path, *endings: str) -> tuple[Path, ...]:
     """Paths of a study named with or without ``.py``, none of which exists."""
     name = name.with_suffix("") if name.suffix == ".py" else name
@@ -62,7 +50,13 @@ def new(name: Path, kind: str) -> None:
 
     The example runs unchanged: bayes-ssi rank NAME.py. Existing files are not overwritten.
     """
-    study, data = write_study(name, kind)
+    study, data = new_paths(name, ".py", ".csv")
+    template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
+    for own in (study, data):
+        template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
+    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
+        with file.open("x", encoding="utf-8") as written:
+            written.write(text)
     terminal.say(
         f"Wrote {study} and {data}. Next:",
         *next_commands(study, data),

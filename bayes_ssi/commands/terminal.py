@@ -242,27 +242,20 @@ def _print_end(name: str, step: str, done: float) -> None:
 
 @contextmanager
 def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[step]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
+    with bars.Progress(
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.TextColumn("{task.fields[step]}"),
+        bars.TimeElapsedColumn(),
+        bars.TextColumn("left"),
         # Steps differ in pace: estimate the time left from the whole run, not the last seconds.
-        TimeRemainingColumn(),
+        bars.TimeRemainingColumn(),
         console=stderr,
         speed_estimate_period=3600.0,
     ) as progress:
-        tasks: dict[str, TaskID] = {}
+        tasks: dict[str, bars.TaskID] = {}
 
         def show(name: str, step: str, done: float) -> None:
             if name not in tasks:

@@ -35,8 +35,13 @@ from bayes_ssi.results.result_files import (
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.studies.ranking.result_record import IN_THE_FILE_OF_DRAWS, ResultRecord
-from bayes_ssi.studies.ranking.study import RankedStudy, Ranking, Study
+from bayes_ssi.studies.ranking.study import (
+    IN_THE_FILE_OF_DRAWS,
+    RankedStudy,
+    Ranking,
+    ResultRecord,
+    Study,
+)
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 # The file that every result directory holds.

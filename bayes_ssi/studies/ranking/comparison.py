@@ -1,9 +1,9 @@
 """Ranking of model classes by their evidence on the same data."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
+from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -248,7 +249,7 @@ def by_evidence(
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
-    _require_same_data(posteriors)
+    require_same_data("compare", posteriors)
     weights = checked_weights(names, prior_weights)
     log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
     probabilities = class_probabilities(log_evidences, weights)
@@ -354,15 +355,24 @@ def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterato
             yield from (Check("edge", edge.statement, True, each.name) for edge in each.edges)
 
 
-def _require_same_data(posteriors: Sequence[Posterior]) -> None:
-    first = posteriors[0]
-    for other in posteriors[1:]:
+Explained = TypeVar("Explained", ModelClass, Posterior)
+
+
+def require_same_data(
+    where: str,
+    classes: Sequence[Explained],
+    differing: Callable[[Explained, Explained], str] = lambda first, other: (
+        f" (digests {first.data_digest} and {other.data_digest})"
+    ),
+) -> None:
+    """Refuse classes whose data differ, of which ``differing`` says more."""
+    first = classes[0]
+    for other in classes[1:]:
         if other.data_digest != first.data_digest:
             raise ValueError(
-                f"compare: {first.name!r} and {other.name!r} explain different data (digests "
-                f"{first.data_digest} and {other.data_digest}), so their evidences cannot be "
-                "compared; give every class the same ModalData and leave out of a pairing what a "
-                "class does not explain"
+                f"{where}: model classes {first.name!r} and {other.name!r} explain different data"
+                f"{differing(first, other)}, so their evidences cannot be compared; give every "
+                "class the same ModalData and leave out of a pairing what a class does not explain"
             )
 
 
