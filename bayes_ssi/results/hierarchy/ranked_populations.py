@@ -21,7 +21,6 @@ from bayes_ssi.inference.criticism.adequacy import (
     misfits_in_words,
 )
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
@@ -99,7 +98,12 @@ def hierarchy(
             unknown, or the covariate is missing, not finite or constant.
     """
     class_name, tests = single_tests(results, class_name)
-    names = _population_names(tests[0].parameters, parameters)
+    of_structure = [each.name for each in tests[0].parameters if not each.is_error]
+    wanted = of_structure if parameters is None else parameters
+    require_known("hierarchy: the structure has no parameter", wanted, of_structure)
+    if not wanted:
+        raise ValueError("hierarchy: no parameter is named; name one or more")
+    names = tuple(name for name in of_structure if name in wanted)
     scale, x = _standardised(tests, covariate, covariate_name)
     report = (run or Run()).report
     fits = fit_tests(tests, seed, partial(report, "single tests", "likelihoods"))
@@ -141,18 +145,6 @@ def hierarchy(
         ),
         remarks=(*remarks[:1], *unusual),
     )
-
-
-def _population_names(
-    own: Sequence[ParameterRecord], wanted: Sequence[str] | None
-) -> tuple[str, ...]:
-    of_structure = tuple(parameter.name for parameter in own if not parameter.is_error)
-    if wanted is None:
-        return of_structure
-    require_known("hierarchy: the structure has no parameter", wanted, of_structure)
-    if not wanted:
-        raise ValueError("hierarchy: no parameter is named; name one or more")
-    return tuple(name for name in of_structure if name in wanted)
 
 
 def _standardised(

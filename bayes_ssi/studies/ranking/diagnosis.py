@@ -387,6 +387,10 @@ def _fitted(
 
 def _other_pairing(repair: Repair, values: FloatArray) -> str:
     """How the best pairing at ``values`` (1, d) differs from the given ones, in words."""
+
+    def model_mode(number: int | None) -> str:
+        return "spurious" if number is None else f"model mode {number}"
+
     differences = []
     parts = repair.model_class.parts(values)
     for (test, likelihood, own), given in zip(parts, repair.given_pairings, strict=True):
@@ -395,12 +399,8 @@ def _other_pairing(repair: Repair, values: FloatArray) -> str:
             best = inferred.best
             differences += [
                 f"mode {label_in(test.name, label)!r} seems to be "
-                f"{_model_mode(best.get(label))}, not {_model_mode(given.get(label))}"
+                f"{model_mode(best.get(label))}, not {model_mode(given.get(label))}"
                 for label in test.data.labels
                 if best.get(label) != given.get(label)
             ]
     return "; ".join(differences)
-
-
-def _model_mode(number: int | None) -> str:
-    return "spurious" if number is None else f"model mode {number}"
