@@ -101,6 +101,8 @@ def _one_line_errors() -> Iterator[None]:
         if type(error).__name__ == "LinAlgError":  # a ValueError, but no fault of the input's
             raise
         text = str(error)
+        if type(error).__name__ == "ResultExistsError":
+            text += " (--out, --overwrite)"
         if isinstance(error, OSError) and error.errno is not None:
             # An error of a file that has no name is one of standard output.
             text = f"{error.filename or 'output'}: {error.strerror}"

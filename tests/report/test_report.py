@@ -131,7 +131,7 @@ def test_a_report_is_not_overwritten_unless_asked(run, reported, tmp_path):
     ("file", "content", "words"),
     [
         ("result.json", '{"format": 2}', "a result of format 2, this version reads"),
-        ("predictions/predictions.json", "{}", "predictions.json: study: missing"),
+        ("predictions/predictions.json", "{}", "predictions.json: damaged: no configuration"),
     ],
 )
 def test_a_damaged_result_is_one_line(run, reported, tmp_path, file, content, words):

@@ -291,7 +291,10 @@ def load_saved_predictions(result: Path) -> SavedPredictions | None:
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
     figures = tuple(sorted(directory.glob("figures/*.png")))
-    return SavedPredictions(read_json(directory / MARKER), tables, figures)
+    record = read_json(directory / MARKER)
+    if missing := {"configuration", "damping", "draws", "level", "predictions_of"} - record.keys():
+        raise ValueError(f"{directory / MARKER}: damaged: no {', '.join(sorted(missing))}")
+    return SavedPredictions(record, tables, figures)
 
 
 BAND = ("low", "median", "high")
