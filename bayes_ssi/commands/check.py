@@ -1,17 +1,12 @@
 """``bayes-ssi check``: show a file of identified modes, or a vibration record, as it is read."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    from bayes_ssi.measurements.records.record import Record
 
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
@@ -43,7 +38,15 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
             f"run: bayes-ssi report {data[0]}"
         )
     if len(data) > 1 or is_record(data[0]):
-        _check_record(read_record(data, **stated))
+        record = read_record(data, **stated)
+        remarks = record.warnings()
+        terminal.say(
+            f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
+            f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
+            f"Sensors: {', '.join(record.sensors)}.",
+            *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
+        )
+        terminal.conclude(columns(record, RECORD_FIELDS) | {"remarks": remarks})
         return
     for option in click.get_current_context().command.params:
         if stated.get(str(option.name)):
@@ -51,17 +54,6 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
                 f"{option.opts[0]}: applies to vibration records, but {data[0]} holds modes"
             )
     _check_modes(data[0])
-
-
-def _check_record(record: Record) -> None:
-    remarks = record.warnings()
-    terminal.say(
-        f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
-        f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
-        f"Sensors: {', '.join(record.sensors)}.",
-        *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
-    )
-    terminal.conclude(columns(record, RECORD_FIELDS) | {"remarks": remarks})
 
 
 def _check_modes(path: Path) -> None:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from bayes_ssi.commands import options, terminal
 from bayes_ssi.commands.saved_run import RESULTS
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()
