@@ -58,7 +58,7 @@ def calibrate(
 
     candidates = options.load(study, names).model_classes
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
-    failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
+    failed = list(dict.fromkeys(check for test in tests for check in failed_data_checks(test)))
 
     def calibrated(candidate: ModelClass) -> Calibration:
         with terminal.progress_bars() as progress:
@@ -69,7 +69,7 @@ def calibrate(
     for group in _same_to_the_reader(calibrations):
         _show(group)
     if calibrations:
-        shapes = any(each.has_shapes for each in calibrations)
+        shapes = any(calibration.has_shapes for calibration in calibrations)
         terminal.say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
         terminal.say_in_paragraphs(*map(_conclusion, calibrations))
     terminal.say_warnings(data_warnings(failed))

@@ -125,7 +125,7 @@ def predict(
     terminal.say(f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
     if predicted.n_draws < draws:
         terminal.say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
-    terminal.say(*(each.predictions.composition for each in responses), *remarks)
+    terminal.say(*(response.predictions.composition for response in responses), *remarks)
     terminal.show(frequency_table(responses))
     shapes = shape_table(responses[0])
     if shapes is not None:

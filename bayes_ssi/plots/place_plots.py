@@ -180,7 +180,7 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
 
 def _places(search: FamilyRecord) -> list[Any]:
     """The places of a search, without what all places have in common."""
-    return [each for each in search.places if not getattr(each.place, "is_common", False)]
+    return [one for one in search.places if not getattr(one.place, "is_common", False)]
 
 
 def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
@@ -190,7 +190,7 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     bars. Axes that are given must have three dimensions for a drawing in space.
     """
     places = _places(search)
-    heights = [each.place.height for each in places]
+    heights = [one.place.height for one in places]
     drawn = {(_kind(each.place), each.place.height) for each in places}
     if len(drawn) == len(places) and all(
         height is not None and height <= MOST_FLOORS for height in heights

@@ -165,7 +165,7 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
         )
     for row, posterior in zip(alike[:MOST_LISTED], posteriors, strict=False):
         record = result.record.model_class(row.name)
-        errors = {each.name for each in record.parameters if each.is_error}
+        errors = {parameter.name for parameter in record.parameters if parameter.is_error}
         parts = _claims(posterior, record, {
             "claims": disputed - errors,
             "needs sizes of errors": disputed & errors,
@@ -190,7 +190,7 @@ def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     posterior = result.posterior(row.name)
     record = result.record.model_class(row.name)
     different, same = differing(posterior, best)
-    errors = {each.name for each in record.parameters if each.is_error}
+    errors = {parameter.name for parameter in record.parameters if parameter.is_error}
     own = set(posterior.parameter_names) - set(best.parameter_names) - errors
     claims = _claims(posterior, record, {
         "claims": own.union(different) - errors,
@@ -251,7 +251,7 @@ def _title(result: StoredResult, row: RankedClass, *further: str) -> str:
 
 def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
     """The parameters of a class: structural ones, errors, and what the data say nothing about."""
-    errors = {each.name for each in record.parameters if each.is_error}
+    errors = {parameter.name for parameter in record.parameters if parameter.is_error}
     structural = [row for row in posterior.summary if row.name not in errors]
     sentences = []
     if structural:
@@ -279,7 +279,7 @@ def best_determined(rows: Sequence[ParameterSummary]) -> list[ParameterSummary]:
 
 def quantities(rows: Sequence[Summary], record: ClassRecord) -> str:
     """Names, medians and 90 % intervals."""
-    units = {each.name: each.unit for each in record.parameters}
+    units = {parameter.name: parameter.unit for parameter in record.parameters}
     return "; ".join(
         f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95, units[row.name])}"
         for row in rows

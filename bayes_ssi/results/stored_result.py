@@ -112,7 +112,7 @@ def load_result(directory: str | Path) -> StoredResult:
         search = read_stored(kind, directory / SEARCH)
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
-    posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
+    posteriors = (from_record(Posterior, posterior, **not_here) for posterior in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
     return StoredResult(directory, record, tests, with_draws, comparison, search)
 

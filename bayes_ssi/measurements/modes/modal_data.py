@@ -181,9 +181,9 @@ class ModalData(Displayed):
         return (
             *self.failed_checks,
             *(
-                f"identified from {each.record.source or 'a record'}: {check}"
-                for each in self.identifications
-                for check in each.failed_checks
+                f"identified from {summary.record.source or 'a record'}: {check}"
+                for summary in self.identifications
+                for check in summary.failed_checks
             ),
         )
 

@@ -98,7 +98,7 @@ def hierarchy(
             unknown, or the covariate is missing, not finite or constant.
     """
     class_name, tests = single_tests(results, class_name)
-    of_structure = [each.name for each in tests[0].parameters if not each.is_error]
+    of_structure = [parameter.name for parameter in tests[0].parameters if not parameter.is_error]
     wanted = of_structure if parameters is None else parameters
     require_known("hierarchy: the structure has no parameter", wanted, of_structure)
     if not wanted:
@@ -235,7 +235,7 @@ def single_tests(
     tests: list[SingleTest] = []
     for name, result in results.items():
         stored = as_stored(result)
-        known = [each.name for each in stored.record.model_classes]
+        known = [model_class.name for model_class in stored.record.model_classes]
         class_name = known[0] if class_name is None and len(known) == 1 else class_name
         if class_name not in known:
             what = "which model class?" if class_name is None else f"no model class {class_name!r};"
@@ -264,7 +264,7 @@ def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest
         log_likelihoods=posterior.log_likelihoods.reshape(-1)[some],
         evidence=Estimate(posterior.evidence.log_evidence, posterior.evidence.error),
         data_digest=posterior.data_digest,
-        definitions=tuple(each.definition for each in record.configurations),
+        definitions=tuple(configuration.definition for configuration in record.configurations),
         failed_checks=tuple(
             f"test {name!r}: {check}" for check in (*failed, *posterior.failed_checks)
         ),

@@ -55,7 +55,7 @@ class Predictions:
 
     @property
     def n_draws(self) -> int:
-        return sum(len(each.values) for each in self.classes)
+        return sum(len(draws.values) for draws in self.classes)
 
     @property
     def composition(self) -> str:
@@ -110,7 +110,7 @@ class Predictions:
     @property
     def main_places(self) -> tuple[str, ...]:
         """Degrees of freedom of the main structure that all classes have."""
-        first, *others = (each.main_places for each in self.classes)
+        first, *others = (draws.main_places for draws in self.classes)
         return tuple(place for place in first if all(place in other for other in others))
 
     def transfer_functions(
@@ -353,8 +353,8 @@ def load_predictions(
     else:
         path, study = Path(study_file), load_study(study_file)
     classes = stored_classes(stored, study, path)
-    for each in classes.values():
-        name = each.configuration(configuration).name
+    for model_class in classes.values():
+        name = model_class.configuration(configuration).name
         require_known(f"{directory}: it has no configuration", [name], stored.tests)
     n_stored = max(len(posterior.values) for posterior in stored.posteriors)
     return StoredPredictions(stored, classes, min(n_draws, n_stored), name)

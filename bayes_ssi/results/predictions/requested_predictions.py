@@ -237,7 +237,7 @@ def default_frequencies(
 
 def structures_of_unknown_ground(predictions: Predictions) -> list[Structure]:
     """Structures on which it is not known how the ground's motion acts."""
-    structures = [each.structure for each in predictions.classes]
+    structures = [draws.structure for draws in predictions.classes]
     return [s for s in structures if not predictions.main_places or ground_influence(s) is None]
 
 

@@ -206,7 +206,7 @@ def _searched(
     shifted = np.repeat(z[:, :, None], d + 1, axis=2)
     shifted[:, :, np.arange(1, d + 1), np.arange(d)] += h
     modes = planned.modes(shifted)
-    at = SeenModes(*(each[:, :, 0] for each in modes))
+    at = SeenModes(*(array[:, :, 0] for array in modes))
     layout = np.repeat(np.arange(len(seen.sensors)), r // len(seen.sensors))
     ratios, _ = log_ratios(planned, seen, at, added)
     chosen, _ = _sampled_pairings(ratios, layout, rng)

@@ -130,7 +130,7 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
         posteriors: Mapping[str, Posterior] = {each.name: each for each in after.posteriors}
         if not set(posteriors) <= set(study.names):
             study = study.with_any_pairing()
-        classes = {each.name: each for each in study.model_classes}
+        classes = {model_class.name: model_class for model_class in study.model_classes}
         require_known("plan: the study has no model class", posteriors, classes)
         for name, posterior in posteriors.items():
             if posterior.data_digest != classes[name].data_digest:
@@ -173,9 +173,9 @@ def _with_candidates(
         candidates = _default_candidates(classes)
     places = [Candidate(each, each) if isinstance(each, str) else each for each in candidates]
     require_distinct(places)
-    for each in classes:
-        of_class = f"model class {each.model_class.name!r}: candidate"
-        each.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
+    for planned in classes:
+        of_class = f"model class {planned.model_class.name!r}: candidate"
+        planned.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
     heights: dict[str, float] = {}
     for each in classes:
         heights |= each.structure.heights()
@@ -188,7 +188,7 @@ def _with_candidates(
 
 def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
     """Labels that all classes have: of sensors where a structure defines them, else of all."""
-    structures = [each.structure for each in classes]
+    structures = [planned.structure for planned in classes]
     labels: dict[str, None] = {}
     for structure in structures:
         own = [sensor.label for sensor in structure.sensors]

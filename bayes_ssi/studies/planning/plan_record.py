@@ -120,7 +120,7 @@ class Plan(Displayed):
 
     def _rows(self) -> list[dict[str, Any]]:
         return [
-            {"layout": ", ".join(each.sensors), "gain": each.gain, "error": each.error,
-             "naming": each.naming, "largest MAC": each.largest_mac}
-            for each in self.layouts
+            {"layout": ", ".join(layout.sensors), "gain": layout.gain, "error": layout.error,
+             "naming": layout.naming, "largest MAC": layout.largest_mac}
+            for layout in self.layouts
         ]  # fmt: skip

@@ -147,9 +147,9 @@ class _MovableStudy:
         for move in moves:
             answers = self._answers(move)
             problems = (
-                f"{each.name!r}: {answers[each.name].problem}"
-                for each in self.comparison.classes
-                if each.probability >= PROBABLE and answers[each.name].problem
+                f"{other.name!r}: {answers[other.name].problem}"
+                for other in self.comparison.classes
+                if other.probability >= PROBABLE and answers[other.name].problem
             )
             if problem := next(problems, ""):
                 return check(f"what {move.name} would change is not known: {problem}")

@@ -117,7 +117,7 @@ class RankedClass:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        return tuple(each.words for each in self.checks if not each.fails)
+        return tuple(check.words for check in self.checks if not check.fails)
 
     @property
     def probability_text(self) -> str:
@@ -325,7 +325,7 @@ def can_matter(probability: float, too_low_by: float = WRONG_BY) -> bool:
 
 def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
     """What of the data the best class does not explain, and likely causes."""
-    fits = {each.name: each.adequacy for each in posteriors}
+    fits = {posterior.name: posterior.adequacy for posterior in posteriors}
     ranked = [row.name for row in comparison.classes]
     best = fits[ranked[0]]
     if best is None or best.is_adequate:
@@ -340,11 +340,11 @@ def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> I
 def failed_sampling(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
     """Failed checks of the sampling of classes; remarks where they can change no answer."""
     probabilities = {row.name: row.probability for row in comparison.classes}
-    for each in posteriors:
-        matters = can_matter(probabilities[each.name])
+    for posterior in posteriors:
+        matters = can_matter(probabilities[posterior.name])
         harmless = "" if matters else "; the class is too improbable for this to change the answer"
-        for words in each.failed_checks:
-            yield Check("sampling", words + harmless, matters, each.name)
+        for words in posterior.failed_checks:
+            yield Check("sampling", words + harmless, matters, posterior.name)
 
 
 def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:

@@ -245,7 +245,7 @@ def diagnose(
             _fitted(repair, points, int(log_posteriors.argmax()), best, workers)
             for repair, log_posteriors in scored[:FITTED]
         ]
-        return [each for each in hints if each.gain > least_gain and not each.misfit.is_small]
+        return [hint for hint in hints if hint.gain > least_gain and not hint.misfit.is_small]
 
     hints = [hint for kind in kinds for hint in convincing(kind)]
     if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
