@@ -295,15 +295,6 @@ class _Points:
     # Configuration of the class → log density (n,) of its data.
     log_densities: Mapping[Configuration, FloatArray]
 
-    @classmethod
-    def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> "_Points":
-        parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
-        densities = {
-            test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))
-            for (test, likelihood, own), of_test in parts
-        }
-        return cls(model_class.parameter_names, z, modes, densities)
-
     def of(self, model_class: ModelClass) -> FloatArray:
         """The coordinates of another class's parameters; those that it alone has are zero."""
         return np.column_stack(
@@ -323,12 +314,19 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
     values = model_class.values(z)
     if workers is None:
-        return _Points.at(model_class, z, model_class.modes_or_nan(values))
-    parts = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
-    known = workers.try_each(model_class.modes_or_nan, [values[part] for part in parts])
-    kept = np.concatenate([parts[i] for i in sorted(known)])
-    of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
-    return _Points.at(model_class, z[kept], [joined(of_test) for of_test in of_tests])
+        modes = model_class.modes_or_nan(values)
+    else:
+        shares = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
+        known = workers.try_each(model_class.modes_or_nan, [values[share] for share in shares])
+        z = z[np.concatenate([shares[i] for i in sorted(known)])]
+        of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
+        modes = [joined(of_test) for of_test in of_tests]
+    parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
+    densities = {
+        test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+        for (test, likelihood, own), of_test in parts
+    }
+    return _Points(model_class.parameter_names, z, modes, densities)
 
 
 def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:
