@@ -81,27 +81,21 @@ class Repair:
 
 def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them."""
-    changes = [
-        (mistake + where, tests, change)
-        for where, tests in _tests(model_class)
-        for mistake, change in _changes([test.data for test in tests])
-    ]
-    return _different(model_class, changes)
+    return _different(model_class, [(*place, None) for place in _tests(model_class)])
 
 
 def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
-    changes = [
-        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], change)
+    places = [
+        (f" in mode {label_in(test.name, mode.label)!r}", [test], mode.label)
         for test in model_class.configurations
         for mode in test.data.modes
         if mode.scored_shape is not None
-        for mistake, change in _changes([test.data], mode.label)
     ]
-    return _different(model_class, changes)
+    return _different(model_class, places)
 
 
-def _changes(tests: Sequence[ModalData], label: str | None = None) -> Iterator[tuple[str, Change]]:
+def _changes(tests: Sequence[ModalData], label: str | None) -> Iterator[tuple[str, Change]]:
     """Mistakes in the sensors that all tests have, in one mode or in all, and what undoes them."""
     sensors = [s for s in tests[0].sensors if all(s in data.sensors for data in tests)]
     if len(sensors) <= MOST_CHANNELS:
@@ -129,16 +123,20 @@ def _with_shapes(
 
 
 def _different(
-    model_class: ModelClass, changes: Sequence[tuple[str, list[Configuration], Change]]
+    model_class: ModelClass, places: Sequence[tuple[str, list[Configuration], str | None]]
 ) -> list[Repair]:
-    """The changed classes; changes that come to the same are one, as two signs of two sensors."""
+    """Repairs of the shapes of tests, of one mode or of all; those that come to the same are one.
+
+    Of two sensors, the sign of the one is as good as that of the other.
+    """
     by_digest: dict[str, Repair] = {}
-    for mistake, tests, change in changes:
-        repair = Repair(mistake, model_class, _with_data(model_class, tests, change))
-        digest = repair.data_digest
-        if same := by_digest.get(digest):
-            repair = replace(repair, mistake=f"{same.mistake}, or {mistake}")
-        by_digest[digest] = repair
+    for where, tests, label in places:
+        for mistake, change in _changes([test.data for test in tests], label):
+            configurations = _with_data(model_class, tests, change)
+            repair = Repair(mistake + where, model_class, configurations)
+            if same := by_digest.get(repair.data_digest):
+                repair = replace(repair, mistake=f"{same.mistake}, or {repair.mistake}")
+            by_digest[repair.data_digest] = repair
     by_digest.pop(model_class.data_digest, None)
     return list(by_digest.values())
 
