@@ -144,8 +144,8 @@ class PopulationLikelihood:
             scales = spreads[:, :, None] * spreads[:, None]
             matrices = joined.precisions * scales[:, None] + np.eye(spreads.shape[1])
             choleskys: FloatArray = np.linalg.cholesky(matrices).astype(float, copy=False)
-            solved = np.linalg.solve(matrices, linear[..., None])[..., 0]
-            log_parts += 0.5 * np.einsum("bti,bti->bt", linear, solved)
+            solved = _forward_substituted(choleskys, linear)
+            log_parts += 0.5 * np.einsum("bti,bti->bt", solved, solved)
             log_parts -= np.log(np.diagonal(choleskys, axis1=2, axis2=3)).sum(axis=-1)
         first = np.cumsum(self._counts) - self._counts
         return np.logaddexp.reduceat(log_parts, first, axis=1)
@@ -158,6 +158,15 @@ class PopulationLikelihood:
     @cached_property
     def _counts(self) -> NDArray[np.intp]:
         return np.array([len(components.constants) for components in self.components])
+
+
+def _forward_substituted(lower: FloatArray, right: FloatArray) -> FloatArray:
+    """x (..., k) with lower·x = right, (..., k, k); of few rows a tenth of a solver's time."""
+    solved = np.empty_like(right)
+    for i in range(right.shape[-1]):
+        known = (lower[..., i, :i] * solved[..., :i]).sum(axis=-1)
+        solved[..., i] = (right[..., i] - known) / lower[..., i, i]
+    return solved
 
 
 @dataclass(frozen=True, eq=False)
