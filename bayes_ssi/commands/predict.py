@@ -10,11 +10,9 @@ import click
 from bayes_ssi.commands import options, terminal
 
 if TYPE_CHECKING:
-    from bayes_ssi.foundations.arrays import FloatArray
-    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
     from bayes_ssi.results.predictions.requested_predictions import ResponseRequest
-    from bayes_ssi.structures.response import Damping, GroundMotion, Output, Quantity
+    from bayes_ssi.structures.response import Output, Quantity
 
 
 @click.command()
@@ -160,107 +158,32 @@ def _requested(
     level: float,
 ) -> tuple[ResponseRequest, list[str]]:
     """The request from the options, and remarks on it."""
-    from bayes_ssi.results.predictions.requested_predictions import ResponseRequest, default_output
-    from bayes_ssi.structures.response import GROUND
+    from bayes_ssi.measurements.records.record_files import read_ground_motion
+    from bayes_ssi.results.predictions.requested_predictions import completed_request
 
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
             raise ValueError(f"{name}: applies to records, but no --record is given")
-    if not first.main_places and (places or records or transfer not in (None, "none")):
-        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
-    ratios, of_damping = _damping(predicted.data, damping)
-    output = _output(quantity, places) if places else default_output(first, quantity)
-    source, computed, of_transfer = _transfer(predicted, first, transfer, ratios, frequencies)
-    motions, of_motions = _motions(first, records, unit, dt)
-    force_at = None if source in (GROUND, "none") else source
-    request = ResponseRequest(output, ratios, computed, force_at, motions, level)
-    return request, [*of_damping, *of_transfer, *of_motions]
-
-
-def _transfer(
-    predicted: StoredPredictions,
-    first: Predictions,
-    source: str | None,
-    ratios: Damping,
-    band: tuple[float, float] | None,
-) -> tuple[str, FloatArray | None, list[str]]:
-    """Input of transfer functions, their frequencies in Hz if there are any, and remarks."""
-    import numpy as np
-
-    from bayes_ssi.results.predictions.posterior_draws import MOST_FREQUENCIES
-    from bayes_ssi.results.predictions.requested_predictions import (
-        default_frequencies,
-        structures_of_unknown_ground,
+    try:
+        ratios = [float(part) for part in damping.split(",")] if damping is not None else []
+    except ValueError:
+        raise ValueError(
+            f"--damping: must be a fraction, or one for each mode separated by commas, got "
+            f"{damping!r}"
+        ) from None
+    request, remarks = completed_request(
+        predicted,
+        first,
+        _output(quantity, places) if places else quantity,
+        damping=ratios[0] if len(ratios) == 1 else tuple(ratios) or None,
+        source=transfer,
+        band_hz=frequencies,
+        motions=tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records),
+        level=level,
     )
-    from bayes_ssi.structures.response import GROUND, damping_ratios
-
-    if source is None and (unknown := structures_of_unknown_ground(first)):
-        remark = (
-            "No transfer functions: how ground motion acts on the degrees of freedom of the "
-            f"{type(unknown[0]).__name__} is not known."
-        )
-        source, remarks = "none", [remark]
-    else:
-        source, remarks = source or GROUND, []
-    if source == "none":
-        if band is not None:
-            raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")
-        return source, None, remarks
-    lowest = float(damping_ratios(ratios, np.size(ratios)).min())
-    hz = default_frequencies(predicted.data, lowest, band)
-    acting = "the ground's acceleration" if source == GROUND else f"a force at {source!r}"
-    remarks.append(
-        f"Transfer functions: from {acting}, {len(hz)} frequencies from {hz[0]:g} to {hz[-1]:g} Hz."
-    )
-    if len(hz) == MOST_FREQUENCIES:
-        remarks.append(
-            "(!) The frequencies may miss the top of a narrow peak; narrow --frequencies."
-        )
-    return source, hz, remarks
-
-
-def _motions(
-    first: Predictions, records: tuple[Path, ...], unit: str | None, dt: float | None
-) -> tuple[tuple[GroundMotion, ...], list[str]]:
-    """Ground motions from their files, and remarks."""
-    import numpy as np
-
-    from bayes_ssi.measurements.records.record_files import read_ground_motion
-    from bayes_ssi.structures.response import UNITS
-
-    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
-    remarks = [
-        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
-        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
-        for motion in motions
-    ]
-    hz = np.median(first.classes[0].frequencies_hz, axis=0)
-    return motions, remarks + [f"(!) {text}." for each in motions for text in each.warnings(hz)]
-
-
-def _damping(data: ModalData, text: str | None) -> tuple[Damping, list[str]]:
-    """The damping, and remarks."""
-    from bayes_ssi.results.predictions.requested_predictions import default_damping
-    from bayes_ssi.structures.response import HEAVY_DAMPING, heavy_damping_warning
-
-    if text is None:
-        default, source = default_damping(data)
-        ratios: tuple[float, ...] = (default,)
-    else:
-        source = "as given"
-        try:
-            ratios = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            raise ValueError(
-                "--damping: must be a fraction, or one for each mode separated by commas, "
-                f"got {text!r}"
-            ) from None
-    where = "in all modes" if len(ratios) == 1 else "mode by mode"
-    shown = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
-    remarks = [f"Damping: {shown} % {where}, {source}."]
-    if max(ratios) > HEAVY_DAMPING:
-        remarks.append(f"(!) {heavy_damping_warning(max(ratios))}")
-    return ratios[0] if len(ratios) == 1 else ratios, remarks
+    if frequencies is not None and request.frequencies_hz is None:
+        raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")
+    return request, remarks
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:

@@ -35,6 +35,8 @@ from bayes_ssi.results.predictions.predictions import (
 from bayes_ssi.results.result_files import read_json, write_csv
 from bayes_ssi.structures.response import (
     GROUND,
+    HEAVY_DAMPING,
+    UNITS,
     Damping,
     GroundMotion,
     Output,
@@ -42,6 +44,7 @@ from bayes_ssi.structures.response import (
     checked_frequencies,
     damping_ratios,
     ground_influence,
+    heavy_damping_warning,
 )
 from bayes_ssi.structures.structure import Structure
 
@@ -149,10 +152,7 @@ def predict_responses(
     """
     predictions = predicted.of(name)
     if request is None:
-        ratio, _ = default_damping(predicted.data)
-        acts = not structures_of_unknown_ground(predictions)
-        hz = default_frequencies(predicted.data, ratio) if acts else None
-        request = ResponseRequest(default_output(predictions, "acceleration"), ratio, hz)
+        request, _ = completed_request(predicted, predictions)
     damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
 
     def response(compute: Callable[[Output], Prediction], n_points: int) -> Response:
@@ -190,6 +190,64 @@ def predict_responses(
 
 def _joined(bands: list[Band]) -> Band:
     return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
+
+
+def completed_request(
+    predicted: StoredPredictions,
+    predictions: Predictions,
+    output: Output | Quantity = "acceleration",
+    *,
+    damping: Damping | None = None,
+    source: str | None = None,
+    band_hz: tuple[float, float] | None = None,
+    motions: tuple[GroundMotion, ...] = (),
+    level: float = ResponseRequest.level,
+) -> tuple[ResponseRequest, list[str]]:
+    """The request with what is given and defaults for the rest, and remarks on it.
+
+    Args:
+        output: a quantity alone is predicted at the top.
+        source: of transfer functions, the ground or a degree of freedom; "none" for none. The
+            ground, where it is known how its motion acts, if None.
+        band_hz: of transfer functions; that of the data if None.
+    """
+    given = isinstance(output, Output) or motions or source not in (None, "none")
+    if given and not predictions.main_places:
+        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
+    output = output if isinstance(output, Output) else default_output(predictions, output)
+    origin = "as given"
+    if damping is None:
+        damping, origin = default_damping(predicted.data)
+    ratios = damping_ratios(damping, np.size(damping))
+    where = "in all modes" if len(ratios) == 1 else "mode by mode"
+    shown = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    remarks = [f"Damping: {shown} % {where}, {origin}."]
+    if ratios.max() > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(float(ratios.max()))}")
+    if source is None and (unknown := structures_of_unknown_ground(predictions)):
+        source = "none"
+        remarks.append(
+            "No transfer functions: how ground motion acts on the degrees of freedom of the "
+            f"{type(unknown[0]).__name__} is not known."
+        )
+    hz, force_at = None, None if source in (None, GROUND, "none") else source
+    if source != "none":
+        hz = default_frequencies(predicted.data, float(ratios.min()), band_hz)
+        acting = f"a force at {force_at!r}" if force_at else "the ground's acceleration"
+        remarks.append(
+            f"Transfer functions: from {acting}, {len(hz)} frequencies from {hz[0]:g} to "
+            f"{hz[-1]:g} Hz."
+        )
+        if len(hz) == MOST_FREQUENCIES:
+            remarks.append("(!) The frequencies may miss the top of a narrow peak; narrow them.")
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    modes_hz = np.median(predictions.classes[0].frequencies_hz, axis=0)
+    remarks += [f"(!) {text}." for motion in motions for text in motion.warnings(modes_hz)]
+    return ResponseRequest(output, damping, hz, force_at, motions, level), remarks
 
 
 def default_damping(data: ModalData) -> tuple[float, str]:
