@@ -12,25 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from bayes_ssi.commands.options import (
-    classes_option,
-    default_option,
-    flag,
-    load,
-    path_option,
-    seed_option,
-    study_argument,
-)
-from bayes_ssi.commands.terminal import (
-    exit_if_failed,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    say_in_paragraphs,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
@@ -48,16 +30,16 @@ LEGEND = (
 
 
 @click.command()
-@study_argument
-@classes_option("Calibrate only these model classes.")
+@options.study_argument
+@options.classes_option("Calibrate only these model classes.")
 @click.option("--shape-weight", type=float,
               help="λ, weight of shapes relative to frequencies; 0 leaves shapes out.  "
               "[default: σ_f/σ_φ of the class's error model]")  # fmt: skip
-@default_option("--starts", 64, "Number of local searches.")
-@seed_option("Seed of their starting points.")
-@flag("--with-prior", text="Fit the prior, too (regularised least squares): it determines what the "
-      "data leave open.")  # fmt: skip
-@json_option
+@options.default_option("--starts", 64, "Number of local searches.")
+@options.seed_option("Seed of their starting points.")
+@options.flag("--with-prior", text="Fit the prior, too (regularised least squares): it determines "
+              "what the data leave open.")  # fmt: skip
+@terminal.json_option
 def calibrate(
     study: Path,
     names: tuple[str, ...],
@@ -74,12 +56,12 @@ def calibrate(
     from bayes_ssi.inference.model_class.configuration import failed_data_checks
     from bayes_ssi.results.wording import data_warnings
 
-    candidates = load(study, names).model_classes
+    candidates = options.load(study, names).model_classes
     tests = [{each.name: each.data for each in one.configurations} for one in candidates]
-    failed = list(dict.fromkeys(check for each in tests for check in failed_data_checks(each)))
+    failed = list(dict.fromkeys(check for test in tests for check in failed_data_checks(test)))
 
     def calibrated(candidate: ModelClass) -> Calibration:
-        with progress_bars() as progress:
+        with terminal.progress_bars() as progress:
             report = partial(progress, candidate.name)
             return calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
 
@@ -87,12 +69,11 @@ def calibrate(
     for group in _same_to_the_reader(calibrations):
         _show(group)
     if calibrations:
-        shapes = any(each.has_shapes for each in calibrations)
-        say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
-        say_in_paragraphs(*map(_conclusion, calibrations))
-    say_warnings(data_warnings(failed))
-    print_record(lambda: {"calibrations": calibrations, "failed_checks": failed})
-    exit_if_failed(failed)
+        shapes = any(calibration.has_shapes for calibration in calibrations)
+        terminal.say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
+        terminal.say_in_paragraphs(*map(_conclusion, calibrations))
+    terminal.say_warnings(data_warnings(failed))
+    terminal.conclude({"calibrations": calibrations, "failed_checks": failed}, failed)
 
 
 def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], T]) -> list[T]:
@@ -106,7 +87,7 @@ def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], 
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
-            say(f"(!) {error}")
+            terminal.say(f"(!) {error}")
     return results
 
 
@@ -127,30 +108,30 @@ def _show(group: list[Calibration]) -> None:
     )
 
     calibration, *others = group
-    show(calibration_table(calibration, [each.name for each in others]))
-    show(calibration_modes_table(calibration))
+    terminal.show(calibration_table(calibration, [each.name for each in others]))
+    terminal.show(calibration_modes_table(calibration))
     tables = determination_tables(calibration)
-    show(*tables)
+    terminal.show(*tables)
     if calibration.errors_are_correlated and tables:
-        show(
+        terminal.show(
             "(!) The model class has correlated prediction errors, but a calibration takes them "
             "for independent: standard errors differ from those of a ranking."
         )
     open_ = calibration.undetermined_directions
     if open_:
-        show(
+        terminal.show(
             f"(!) The data leave {open_} direction(s) of the "
             "parameters undetermined: minimum 1 is, among equally good points, the one "
             "closest to the prior median."
         )
     elif calibration.determination.undetermined and not calibration.with_prior:
-        show(
+        terminal.show(
             "(!) The data do not determine every parameter, and their errors enter the minima "
             "where they do not; --with-prior fits the data and the prior."
         )
     elif not calibration.with_prior and _is_not_unique(calibration):
-        show("(!) The fit is not unique: several minima are equally good.")
-    say("")
+        terminal.show("(!) The fit is not unique: several minima are equally good.")
+    terminal.say("")
 
 
 def _conclusion(calibration: Calibration) -> str:
@@ -174,10 +155,10 @@ def _is_not_unique(calibration: Calibration) -> bool:
 
 
 @click.command()
-@study_argument
-@classes_option("Only these model classes.")
-@path_option("--figures", text="Directory for a heat map of each class, a new one.")
-@json_option
+@options.study_argument
+@options.classes_option("Only these model classes.")
+@options.path_option("--figures", text="Directory for a heat map of each class, a new one.")
+@terminal.json_option
 def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> None:
     """Print how the modes of STUDY's model classes change with their parameters.
 
@@ -192,13 +173,13 @@ def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> 
 
     if figures is not None:
         require_new_files(figures)
-    found = _of_each(load(study, names).model_classes, modal_sensitivities)
+    found = _of_each(options.load(study, names).model_classes, modal_sensitivities)
     for each in found:
-        show(sensitivities_table(each))
+        terminal.show(sensitivities_table(each))
         signals = [
             f"{name} ({signal:.2g})" for name, signal in zip(each.order, each.signals, strict=True)
         ]
-        say(
+        terminal.say(
             f"Signal over noise, in prior standard deviations, beside those before: "
             f"{', '.join(signals)}.",
             f"Proposed for updating: {listed(each.proposed) if each.proposed else 'none'}.",
@@ -212,7 +193,6 @@ def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> 
         with style():
             for each in found:
                 save_figure(plot_modal_sensitivities(each), figures / files[each.name])
-        say(f"Wrote {len(found)} figures in {figures}.")
-    print_record(
-        lambda: {"sensitivities": [columns(each) | {"proposed": each.proposed} for each in found]}
-    )
+        terminal.say(f"Wrote {len(found)} figures in {figures}.")
+    records = [columns(each) | {"proposed": each.proposed} for each in found]
+    terminal.conclude({"sensitivities": records})

@@ -6,37 +6,28 @@ from typing import Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    classes_option,
-    default_option,
-    flag,
-    load,
-    named_values,
-    path_option,
-    repeated_option,
-    study_argument,
-)
+from bayes_ssi.commands import options
 from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 GROUP = "NAME=PARAMETER,…"
 
 
 @click.command()
-@study_argument
-@repeated_option("--from", "before", "TEST", "Configuration before; may be repeated.")
-@repeated_option("--to", "after", "TEST", "Configuration after; may be repeated.")
-@classes_option("Model classes of the study to average over; all if not given.")
-@repeated_option(
+@options.study_argument
+@options.repeated_option("--from", "before", "TEST", "Configuration before; may be repeated.")
+@options.repeated_option("--to", "after", "TEST", "Configuration after; may be repeated.")
+@options.classes_option("Model classes of the study to average over; all if not given.")
+@options.repeated_option(
     "--join", "joined", GROUP, "Parameters that lose one share, as one place; may be repeated."
 )
-@repeated_option(
+@options.repeated_option(
     "--place",
     "places",
     GROUP,
     "Parameters of one place, of which each loses a share of its own; may be repeated. Every other "
     "parameter of the structure is a place by itself.",
 )
-@repeated_option(
+@options.repeated_option(
     "--leave-out", "left_out", "PARAMETER", "Parameter that did not change; may be repeated."
 )
 @click.option(
@@ -54,20 +45,22 @@ GROUP = "NAME=PARAMETER,…"
     help="Consider that all places lost or gained a share in common, as by temperature, which is "
     "no change; the share's standard deviation, such as 0.03.",
 )
-@path_option(
+@options.path_option(
     "--covariate",
     metavar="FILE",
     text="CSV file of tests and degrees, say, that the common share is proportional to; --common "
     "is then its standard deviation at the test that differs most from those before.",
 )
-@flag("--independent", text="Tests share no prediction errors, unless the study says so.")
-@default_option("--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20))
+@options.flag("--independent", text="Tests share no prediction errors, unless the study says so.")
+@options.default_option(
+    "--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20)
+)
 @partial(run_options, error=0.05)
 def changes(
     study: Path, before: tuple[str, ...], after: tuple[str, ...], names: tuple[str, ...],
     joined: tuple[str, ...], places: tuple[str, ...], left_out: tuple[str, ...],
     loss: tuple[float, float], common: float | None, covariate: Path | None, independent: bool,
-    most: int, options: RunOptions,
+    most: int, sampling: RunOptions,
 ) -> None:  # fmt: skip
     """Compare two tests of the structure of STUDY: did anything change, where, and how much?
 
@@ -81,7 +74,7 @@ def changes(
     from bayes_ssi.studies.changes.change_search import change_findings
     from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
 
-    loaded = load(study, names)
+    loaded = options.load(study, names)
     settings = ChangeSettings(
         loss=Uniform(*loss),
         common_sd=common,
@@ -90,13 +83,13 @@ def changes(
         shared=None if independent else ChangeSettings().shared,
     )
     grouping: dict[str, Any] = {
-        "joined": named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),
-        "places": named_values("--place", places, GROUP, r"([^=]+)=(.+)", _names),
+        "joined": options.named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),
+        "places": options.named_values("--place", places, GROUP, r"([^=]+)=(.+)", _names),
         "left_out": left_out,
     }
     family = choose_changes(loaded, before, after, settings, **grouping)
     inputs = (settings, family.before, family.after, family.features)
-    options.search(loaded, study, "changes", family, inputs, change_findings)
+    sampling.search(loaded, study, "changes", family, inputs, change_findings)
 
 
 def _names(text: str) -> list[str]:

@@ -1,26 +1,12 @@
 """``bayes-ssi check``: show a file of identified modes, or a vibration record, as it is read."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from bayes_ssi.commands.options import PATH, record_options
-from bayes_ssi.commands.terminal import (
-    exit_if_failed,
-    json_option,
-    print_record,
-    say,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    from bayes_ssi.measurements.modes.modal_data import ModalData
-    from bayes_ssi.measurements.records.record import Record
 
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
@@ -29,9 +15,9 @@ RECORD_FIELDS = ("source", "quantity", "unit", "rate_hz", "n_samples", "sensors"
 
 
 @click.command()
-@click.argument("data", type=PATH, nargs=-1, required=True)
-@record_options
-@json_option
+@click.argument("data", type=options.PATH, nargs=-1, required=True)
+@options.record_options
+@terminal.json_option
 def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
     """Show the identified modes read from DATA (CSV), with warnings about them.
 
@@ -52,7 +38,15 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
             f"run: bayes-ssi report {data[0]}"
         )
     if len(data) > 1 or is_record(data[0]):
-        _check_record(read_record(data, **stated))
+        record = read_record(data, **stated)
+        remarks = record.warnings()
+        terminal.say(
+            f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
+            f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
+            f"Sensors: {', '.join(record.sensors)}.",
+            *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
+        )
+        terminal.conclude(columns(record, RECORD_FIELDS) | {"remarks": remarks})
         return
     for option in click.get_current_context().command.params:
         if stated.get(str(option.name)):
@@ -60,17 +54,6 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
                 f"{option.opts[0]}: applies to vibration records, but {data[0]} holds modes"
             )
     _check_modes(data[0])
-
-
-def _check_record(record: Record) -> None:
-    remarks = record.warnings()
-    say(
-        f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
-        f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
-        f"Sensors: {', '.join(record.sensors)}.",
-        *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
-    )
-    print_record(lambda: columns(record, RECORD_FIELDS) | {"remarks": remarks})
 
 
 def _check_modes(path: Path) -> None:
@@ -81,22 +64,21 @@ def _check_modes(path: Path) -> None:
     modes = read_modal_data(path)
     failed = modes.all_failed_checks
     low, high = modes.band_hz
-    show(modes_table(modes))
-    print_record(lambda: _record(modes))
+    terminal.show(modes_table(modes))
     remarks = modes.warnings()[len(failed) :]
-    say(
+    terminal.say(
         f"Band: {low:g} to {high:g} Hz. Sensors: {', '.join(modes.sensors) or 'none'}. "
         f"Digest: {modes.digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
         *([f"(!) {remark}" for remark in remarks] or ([] if failed else ["No warnings."])),
     )
-    say_warnings(data_warnings(failed))
-    exit_if_failed(failed)
-
-
-def _record(data: ModalData) -> dict[str, Any]:
-    return columns(data, ("source", "band_hz", "sensors", "digest", "covariance_digest")) | {
-        "modes": [columns(mode, MODE_FIELDS) for mode in data.modes],
-        "remarks": data.warnings()[len(data.all_failed_checks) :],
-        "failed_checks": data.all_failed_checks,
-    }
+    terminal.say_warnings(data_warnings(failed))
+    terminal.conclude(
+        columns(modes, ("source", "band_hz", "sensors", "digest", "covariance_digest"))
+        | {
+            "modes": [columns(mode, MODE_FIELDS) for mode in modes.modes],
+            "remarks": remarks,
+            "failed_checks": failed,
+        },
+        failed,
+    )

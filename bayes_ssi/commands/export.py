@@ -2,35 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import (
-    configuration_option,
-    flag,
-    path_option,
-    result_argument,
-    study_option,
-)
-from bayes_ssi.commands.terminal import say
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 
-if TYPE_CHECKING:
-    from bayes_ssi.inference.posterior.posterior import Posterior
+PARAMETERS = "parameters.csv"
+# Fields of a parameter's summary, the columns after its name and its most probable value.
+SUMMARY_COLUMNS = (
+    "mean", "sd", "mean_error", "sd_error", "quantile_05", "median", "quantile_95",
+    "relative_spread",
+)  # fmt: skip
 
 
 @click.command()
-@result_argument
-@study_option
+@options.result_argument
+@options.study_option
 @click.option("--class", "name", metavar="NAME",
               help="Model class, or hypothesis of a search.  "
               "[default: the most probable]")  # fmt: skip
-@configuration_option
-@path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
-@flag("--overwrite", text="Replace existing files.")
+@options.configuration_option
+@options.path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
+@options.flag("--overwrite", text="Replace existing files.")
 def export(
     result: Path,
     study: Path | None,
@@ -56,7 +51,7 @@ def export(
         write_universal_file,
     )
     from bayes_ssi.results.predictions.predictions import load_predictions
-    from bayes_ssi.results.result_files import new_directory, require_new
+    from bayes_ssi.results.result_files import new_directory, require_new, write_csv
 
     directory = out or result / "updated"
     require_new(directory, marker=PARAMETERS, overwrite=overwrite)
@@ -72,14 +67,16 @@ def export(
     except NoNodesError as error:
         without = f"(!) No modes at nodes are written: {error}."
     with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
-        _write_parameters(partial / PARAMETERS, posterior, list(likeliest.values()))
+        summaries = zip(posterior.summary, likeliest.values(), strict=True)
+        rows = ([row.name, x, *columns(row, SUMMARY_COLUMNS).values()] for row, x in summaries)
+        write_csv(partial / PARAMETERS, ["name", "most_probable", *SUMMARY_COLUMNS], rows)
         if modes is not None:
             write_modes_csv(partial / "modes.csv", modes)
             try:
                 write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
             except ValueError as error:
                 without = f"(!) modes.uff is not written: {error}."
-    say(
+    terminal.say(
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
         f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
@@ -89,22 +86,4 @@ def export(
         *([without] if without else []),
     )
     if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
-        say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")
-
-
-PARAMETERS = "parameters.csv"
-# Fields of a parameter's summary, the columns after its name and its most probable value.
-SUMMARY_COLUMNS = (
-    "mean", "sd", "mean_error", "sd_error", "quantile_05", "median", "quantile_95",
-    "relative_spread",
-)  # fmt: skip
-
-
-def _write_parameters(path: Path, posterior: Posterior, likeliest: Sequence[float]) -> None:
-    from bayes_ssi.results.result_files import write_csv
-
-    rows = (
-        [row.name, value, *columns(row, SUMMARY_COLUMNS).values()]
-        for row, value in zip(posterior.summary, likeliest, strict=True)
-    )
-    write_csv(path, ["name", "most_probable", *SUMMARY_COLUMNS], rows)
+        terminal.say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.terminal import say
+from bayes_ssi.commands import terminal
 
 
 @click.command()
@@ -19,6 +19,6 @@ def guide(no_browser: bool) -> None:
         raise FileNotFoundError(
             f"the guide is not built: {page} does not exist; 'pip install' of bayes_ssi makes it"
         )
-    say(str(page))
+    terminal.say(str(page))
     if not no_browser:
         webbrowser.open(page.as_uri())

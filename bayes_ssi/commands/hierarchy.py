@@ -3,49 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    PATH,
-    default_option,
-    flag,
-    named_paths,
-    path_option,
-    renamed,
-    seed_option,
-)
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.commands.saved_run import RESULTS
-from bayes_ssi.commands.terminal import (
-    command_line,
-    exit_if_failed,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    show,
-)
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 
 
 @click.command()
-@click.argument("results", nargs=-1, required=True, type=PATH)
+@click.argument("results", nargs=-1, required=True, type=options.PATH)
 @click.option("--class", "class_name", metavar="NAME",
               help="Model class; not needed where the results are of one class.")  # fmt: skip
-@path_option("--covariate", "covariate_file", metavar="FILE",
+@options.path_option("--covariate", "covariate_file", metavar="FILE",
              text="CSV file with two columns: test (the name of its result directory), and the "
              "covariate, such as the temperature, named by the heading.")  # fmt: skip
 @click.option("--parameters", metavar="NAME,…",
               help="Parameters that are related between tests; the others are independent.  "
               "[default: all of the structure]")  # fmt: skip
-@default_option("--spread", 0.5, "Scale of the half-normal prior of the standard deviation from "
-                "test to test, in standard deviations of the parameter's prior.")  # fmt: skip
-@default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by one "
-                "standard deviation of the covariate, in the same unit.")  # fmt: skip
+@options.default_option("--spread", 0.5, "Scale of the half-normal prior of the standard deviation "
+                "from test to test, in standard deviations of the parameter's prior.")  # fmt: skip
+@options.default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by "
+                "one standard deviation of the covariate, in the same unit.")  # fmt: skip
 @click.option(
     "--next",
     "at",
@@ -53,12 +32,12 @@ if TYPE_CHECKING:
     metavar="VALUE",
     help="Covariate of the next test.  [default: mean of the tests]",
 )
-@renamed("--at", "--next")
-@seed_option("The result follows from it.")
-@path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
-@flag("--overwrite", text="Replace a result that exists.")
-@flag("--accept-failed-checks", text="Exit with code 0 where checks failed.")
-@json_option
+@options.renamed("--at", "--next")
+@options.seed_option("The result follows from it.")
+@options.path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
+@options.flag("--overwrite", text="Replace a result that exists.")
+@options.flag("--accept-failed-checks", text="Exit with code 0 where checks failed.")
+@terminal.json_option
 def hierarchy(
     results: tuple[Path, ...], class_name: str | None, covariate_file: Path | None,
     parameters: str | None, spread: float, slope: float, at: float | None, seed: int,
@@ -69,6 +48,7 @@ def hierarchy(
     The parameters of one model class are the same in all tests, vary from test to test, follow a
     covariate, or both. Nothing is sampled again: the posteriors are those stored.
     """
+    from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.parameters.families import HalfNormal, Normal
     from bayes_ssi.plots.class_plots import plot_population
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
@@ -88,8 +68,8 @@ def hierarchy(
     name, covariate = ("", None) if covariate_file is None else read_covariate(covariate_file)
     if at is not None and covariate is None:
         raise ValueError("--next: there is no covariate; give one with --covariate FILE")
-    tests = named_paths(results)
-    with progress_bars() as progress:
+    tests = options.named_paths(results)
+    with terminal.progress_bars() as progress:
         ranked = rank_populations(
             tests,
             covariate,
@@ -98,7 +78,7 @@ def hierarchy(
             parameters=None if parameters is None else [p.strip() for p in parameters.split(",")],
             priors=PopulationPriors(HalfNormal(spread), Normal(0.0, slope)),
             seed=seed,
-            progress=progress,
+            run=Run(progress=progress),
         )
     save_hierarchy(
         ranked,
@@ -106,28 +86,19 @@ def hierarchy(
         covariate=at,
         results={test: str(path) for test, path in tests.items()},
         overwrite=overwrite,
-        command=command_line(),
+        command=terminal.command_line(),
     )
     with figures_for_files():
         save_figure(plot_population(ranked), directory / "population.png")
 
-    show(populations_table(ranked), population_table(ranked, at))
-    say(*hierarchy_notes(ranked, at), f"Saved in {directory}.")
-    print_record(lambda: _record(ranked, directory))
-    if not accept_failed_checks:
-        exit_if_failed(ranked.all_failed_checks)
-
-
-def _record(ranked: Hierarchy, directory: Path) -> dict[str, Any]:
-    return {
+    terminal.show(populations_table(ranked), population_table(ranked, at))
+    terminal.say(*hierarchy_notes(ranked, at), f"Saved in {directory}.")
+    failed = ranked.all_failed_checks
+    fields = ("name", "log_evidence", "error", "probability", "against")
+    record = {
         "directory": str(directory),
-        "model_class": ranked.model_class,
-        "populations": [
-            columns(population, ("name", "log_evidence", "error", "probability", "against"))
-            for population in ranked.populations
-        ],
-        "tests": list(ranked.tests),
-        "covariate": ranked.covariate,
-        "failed_checks": list(ranked.all_failed_checks),
-        "remarks": list(ranked.remarks),
+        **columns(ranked, ("model_class", "tests", "covariate", "remarks")),
+        "populations": [columns(population, fields) for population in ranked.populations],
+        "failed_checks": failed,
     }
+    terminal.conclude(record, () if accept_failed_checks else failed)

@@ -8,22 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    default_option,
-    files_argument,
-    flag,
-    modes_option,
-    path_option,
-    range_option,
-    record_options,
-    renamed,
-)
-from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
-    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 
 MODE_FIELDS = (
@@ -32,8 +21,8 @@ MODE_FIELDS = (
 
 
 @click.command()
-@files_argument
-@range_option("--band", "Frequencies of the search in Hz.", required=True)
+@options.files_argument
+@options.range_option("--band", "Frequencies of the search in Hz.", required=True)
 @click.option(
     "--mode",
     "at",
@@ -42,26 +31,26 @@ MODE_FIELDS = (
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
-@renamed("--at", "--mode")
+@options.renamed("--at", "--mode")
 @click.option(
     "--ground",
     metavar="SENSOR",
     help="The sensor that measures the motion of the base, which drives the structure; by default "
     "one that is named ground or base, if the others follow it. '' for none.",
 )
-@record_options
-@default_option(
+@options.record_options
+@options.default_option(
     "--method",
     BAYESIAN_FFT,
     "Whose modes are written; the others look near those of the Bayesian FFT.",
     click.Choice(list(METHOD_NAMES)),
 )
-@flag("--compare", text="Print the modes by every method in one table.")
-@modes_option
-@path_option(
+@options.flag("--compare", text="Print the modes by every method in one table.")
+@options.modes_option
+@options.path_option(
     "--figures", text="Directory for figures of spectra, poles, residuals and shapes, a new one."
 )
-@json_option
+@terminal.json_option
 def identify(
     files: tuple[Path, ...],
     band: tuple[float, float],
@@ -81,7 +70,7 @@ def identify(
     from bayes_ssi.measurements.modes.modal_files import modal_files, write_modal_data
     from bayes_ssi.measurements.records import modal_identification, other_methods
     from bayes_ssi.measurements.records.record_files import read_record
-    from bayes_ssi.report.tables.mode_tables import estimates_table
+    from bayes_ssi.report.tables.mode_tables import estimates_table, methods_table
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
@@ -91,18 +80,14 @@ def identify(
     found = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
-    by_others: dict[str, ModalData | str] = {}
+    chosen = other_methods.modes_by(method, record, found.quoted)
+    terminal.show(estimates_table(found.quoted, found.method))
     if compare:
         by_others = other_methods.compared(record, found.quoted)
-    chosen = other_methods.modes_by(method, record, found.quoted)
-    show(estimates_table(found.quoted, found.method))
-    if compare:
-        from bayes_ssi.report.tables.mode_tables import methods_table
-
-        show(methods_table(by_others, METHOD_NAMES))
+        terminal.show(methods_table(by_others, METHOD_NAMES))
         failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
-        say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
-    say(
+        terminal.say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
+    terminal.say(
         f"The record shows {found.loads}; chi-square of its spectra over degrees of freedom is up "
         f"to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}.",
         *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
@@ -114,7 +99,7 @@ def identify(
         from bayes_ssi.plots.record_plots import save_record_figures
 
         drawn = save_record_figures(figures, found)
-        say(f"Wrote {len(drawn)} figures in {figures}.")
+        terminal.say(f"Wrote {len(drawn)} figures in {figures}.")
     if out is not None:
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
@@ -123,9 +108,8 @@ def identify(
             data = replace(chosen, source=data.source)
             own = replace(own, method=METHOD_NAMES[method])
         data = replace(data, identifications=(own,))
-        say(f"Wrote {listed(write_modal_data(data, out))}.")
-    print_record(lambda: _record(found, warnings))
-    exit_if_failed(found.failed_checks)
+        terminal.say(f"Wrote {listed(write_modal_data(data, out))}.")
+    terminal.conclude(_record(found, warnings), found.failed_checks)
 
 
 def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:

@@ -6,18 +6,15 @@ Its sensors are found by label, by the data's names, or by coordinates.
 from __future__ import annotations
 
 import csv
-import io
 import json
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
-from bayes_ssi.commands.options import PATH, named_values, number_option, path_option, range_option
-from bayes_ssi.commands.terminal import command_line, say
+from bayes_ssi.commands import options, terminal
+from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths, next_commands
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names
 
@@ -33,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @click.command("import")
-@click.argument("name", type=PATH)
+@click.argument("name", type=options.PATH)
 @click.option("--nominal", required=True, metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
@@ -46,7 +43,7 @@ if TYPE_CHECKING:
               "repeatable.")  # fmt: skip
 @click.option("--keys", metavar="STIFFNESS,MASS",
               help="Names of the two matrices in files that hold several.")  # fmt: skip
-@path_option("--labels", metavar="FILE",
+@options.path_option("--labels", metavar="FILE",
              text="Text file with a line such as '12 x' for every row, where the exports do not "
              "state which degree of freedom it is.")  # fmt: skip
 @click.option("--data", "files", multiple=True, metavar="CSV",
@@ -55,7 +52,7 @@ if TYPE_CHECKING:
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
-@path_option(
+@options.path_option(
     "--points", metavar="FILE",
     text="Where sensors are, of which the nearest nodes are taken: CSV with columns sensor, "
     "x_coord, y_coord, z_coord, direction, or the universal file of the data.",
@@ -64,11 +61,11 @@ if TYPE_CHECKING:
     "--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
     help="Factor of these coordinates, to those of the model after --units.",
 )  # fmt: skip
-@range_option("--band", "Band of the search in Hz, where the data are a universal file.")
+@options.range_option("--band", "Band of the search in Hz, where the data are a universal file.")
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
-@number_option(
+@options.number_option(
     "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
 )
 def import_model(
@@ -101,12 +98,12 @@ def import_model(
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
-    of_sensors = named_values(
+    of_sensors = options.named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
     if not changed:
         raise ValueError("--changed: give at least one export with an altered property")
-    names = None if keys is None else _keys(keys)
+    names = _keys(keys)
 
     def exported(text: str, known_kg: float | None = None) -> ExportedModel:
         path, mass = _model_files(text)
@@ -133,26 +130,21 @@ def import_model(
     data = data or {"": study.with_suffix(".csv")}
     arguments = {test: _read(path, study, band) for test, path in data.items()}
     _write_study(study, folder, matrices, arguments, places)
-    say(
+    terminal.say(
         str(model),
         *_formulas(matrices),
         *said,
         f"Wrote {study} and its matrices.{to_come}",
         "Next:",
-        *(
-            f"  {shlex.join(['bayes-ssi', 'check', str(file)])}"
-            for file in data.values()
-            if band is None
-        ),
-        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+        *next_commands(study, *(data.values() if band is None else ())),
     )
 
 
-def _keys(text: str) -> tuple[str, str]:
-    names = tuple(name.strip() for name in text.split(","))
-    if len(names) != 2 or not all(names):
+def _keys(text: str | None) -> tuple[str, str] | None:
+    stiffness, _, mass = (part.strip() for part in (text or "").partition(","))
+    if text is not None and not (stiffness and mass and "," not in mass):
         raise ValueError(f"--keys: expected STIFFNESS,MASS, got {text!r}")
-    return names[0], names[1]
+    return None if text is None else (stiffness, mass)
 
 
 def _model_files(text: str) -> tuple[Path, Path | None]:
@@ -165,7 +157,7 @@ def _model_files(text: str) -> tuple[Path, Path | None]:
 
 def _data(files: tuple[str, ...]) -> dict[str, Path]:
     """Name of the test ("" where there is one without a name) → file of its modes."""
-    data = named_values("--data", files, "[TEST=]CSV", r"(?:([^=]+)=)?([^=]+)", Path)
+    data = options.named_values("--data", files, "[TEST=]CSV", r"(?:([^=]+)=)?([^=]+)", Path)
     if len(files) > 1 and "" in data:
         raise ValueError(f"--data: must be TEST=CSV where there are several, got {str(data[''])!r}")
     return data
@@ -173,17 +165,12 @@ def _data(files: tuple[str, ...]) -> dict[str, Path]:
 
 def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:
     """Property → factor, and the file, of PROPERTY=FACTOR,PROPERTY=FACTOR:FILE."""
-    pairs, colon, path = text.partition(":")
+    pairs, _, path = text.partition(":")
     try:
-        factors = {}
-        for pair in pairs.split(","):
-            name, _, value = (each.strip() for each in pair.partition("="))
-            if not name or name in factors:
-                raise ValueError(name)
-            factors[name] = float(value)
+        factors = options.named_values(option, pairs.split(","), "", r"([^=]*[^=\s])=(.*)", float)
     except ValueError:
-        colon = ""
-    if not colon or not path:
+        path = ""
+    if not path:
         raise ValueError(f"{option}: expected PROPERTY=FACTOR:FILE, got {text!r}")
     return factors, path
 
@@ -237,7 +224,10 @@ def _sensors(
     names = list(measured or {**{point.name: "" for point in points}, **labels})
 
     def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
-        return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
+        try:
+            return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
+        except ValueError as error:
+            raise ValueError(f"--points, --points-scale: {error}") from None
 
     def places(axes: Axes) -> dict[str, str]:
         found = {}
@@ -281,20 +271,36 @@ def _write_study(
     places: Mapping[str, str],
 ) -> None:
     """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
+    import scipy.sparse as sp
+
     from bayes_ssi.results.result_files import new_directory
 
-    files = file_names(_named(matrices), "npz")
-    text = _study(folder, tests, matrices, files, places)
+    stiffness, mass = (
+        {_name(symbol, term): term for term in terms}
+        for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass))
+    )
+    files = file_names([*stiffness, *mass], "npz")
+    text = _study(
+        matrices.nominal,
+        folder=folder.name,
+        tests=tests,
+        sensors={name: label for name, label in places.items() if name != label},
+        stiffness=[(term.powers, files[name]) for name, term in stiffness.items()],
+        mass=[(term.powers, files[name]) for name, term in mass.items()],
+    )
     with new_directory(folder, marker=LABELS) as partial:
-        _write_matrices(partial, matrices, files)
+        for name, term in (stiffness | mass).items():
+            sp.save_npz(partial / files[name], term.matrix)
+        labels = matrices.nominal.labels or ()
+        (partial / LABELS).write_text("\n".join([*labels, ""]), encoding="utf-8")
+        if (geometry := matrices.nominal.geometry) is not None:
+            nodes = ([node, *map(repr, at)] for node, at in geometry.nodes.items())
+            tables = {"nodes": nodes, "lines": geometry.lines, "faces": geometry.faces}
+            for name, rows in tables.items():
+                with (partial / f"{name}.csv").open("x", newline="", encoding="utf-8") as file:
+                    csv.writer(file, lineterminator="\n").writerows(rows)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
-
-
-def _named(matrices: ParameterMatrices) -> dict[str, MatrixTerm]:
-    """Every term of stiffness and mass by a name, from which that of its file is made."""
-    terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
-    return {_name(symbol, term): term for symbol, term in terms}
 
 
 def _name(symbol: str, term: MatrixTerm) -> str:
@@ -302,33 +308,14 @@ def _name(symbol: str, term: MatrixTerm) -> str:
     return "_".join([symbol, *parts])
 
 
-def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
-    import scipy.sparse as sp
-
-    for name, term in _named(matrices).items():
-        sp.save_npz(folder / files[name], term.matrix)
-    model = matrices.nominal
-    (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
-    if model.geometry is not None:
-        nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
-        _write_csv(folder / "nodes.csv", nodes)
-        _write_csv(folder / "lines.csv", model.geometry.lines)
-        _write_csv(folder / "faces.csv", model.geometry.faces)
-
-
-def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
-
-
 def _study(
-    folder: Path,
-    tests: Mapping[str, str],
-    matrices: ParameterMatrices,
-    files: Mapping[str, str],
-    places: Mapping[str, str],
+    model: ExportedModel,
+    *,
+    stiffness: Sequence[tuple[Powers, str]],
+    mass: Sequence[tuple[Powers, str]],
+    **values: Any,
 ) -> str:
+    """The text of a study, whose terms of stiffness and mass have powers and files."""
     import jinja2
 
     from bayes_ssi.structures.modal import BATCHED_UP_TO
@@ -341,21 +328,18 @@ def _study(
         keep_trailing_newline=True,
     )
     environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
-    terms = (*matrices.stiffness, *matrices.mass)
-    model = matrices.nominal
     in_si = model.units == "N, m, kg"
+    properties = dict.fromkeys(name for powers, _ in (*stiffness, *mass) for name, _ in powers)
     return environment.get_template("imported.py.txt").render(
         model=model,
-        command=command_line(),
-        folder=folder.name,
-        tests=tests,
-        sensors={name: label for name, label in places.items() if name != label},
-        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
-        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
-        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        command=terminal.command_line(),
+        properties=list(properties),
+        stiffness=stiffness,
+        mass=mass,
         unit="m" if in_si else "",
         mass_unit="kg" if in_si else "",
         is_large=model.size > BATCHED_UP_TO,
+        **values,
     )
 
 

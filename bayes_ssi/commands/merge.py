@@ -1,26 +1,19 @@
 """``bayes-ssi merge``: one file of modes from those of several setups or records."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import files_argument, modes_option, named_paths
-from bayes_ssi.commands.terminal import exit_if_failed, json_option, print_record, say, show
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    from bayes_ssi.measurements.modes.merging import MergedModes
 
 MODE_FIELDS = ("frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
 
 
 @click.command()
-@files_argument
-@modes_option
-@json_option
+@options.files_argument
+@options.modes_option
+@terminal.json_option
 def merge(files: tuple[Path, ...], out: Path | None) -> None:
     """Merge the modes in FILES: of setups that share reference sensors, of several records, or of
     bands that touch or overlap.
@@ -41,32 +34,27 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
 
     require_new_files(*(() if out is None else modal_files(out)))
     merged = merge_modal_data(
-        {name: read_modal_data(file) for name, file in named_paths(files).items()}
+        {name: read_modal_data(file) for name, file in options.named_paths(files).items()}
     )
-    show(merged_table(merged))
-    say(
+    terminal.show(merged_table(merged))
+    terminal.say(
         "Band: {:g} to {:g} Hz.".format(*merged.data.band_hz),
         *(f"(!) {remark}" for remark in merged.remarks),
         *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
     if out is not None:
-        say(f"Wrote {listed(write_modal_data(merged.data, out))}.")
-    print_record(lambda: _record(merged))
-    exit_if_failed(merged.data.all_failed_checks)
-
-
-def _record(merged: MergedModes) -> dict[str, Any]:
-    return columns(merged.data, ("source", "band_hz", "sensors")) | {
-        "modes": [
-            {
-                "label": row.label,
-                "labels": dict(row.labels),
-                **columns(mode, MODE_FIELDS),
-                "frequency_scatter": row.frequency,
-                "shape_scatter": row.shape,
-            }
-            for row, mode in zip(merged.modes, merged.data.modes, strict=True)
-        ],
-        "remarks": merged.remarks,
-        "failed_checks": merged.data.all_failed_checks,
-    }
+        terminal.say(f"Wrote {listed(write_modal_data(merged.data, out))}.")
+    failed = merged.data.all_failed_checks
+    modes = [
+        {
+            "label": row.label,
+            "labels": dict(row.labels),
+            **columns(mode, MODE_FIELDS),
+            "frequency_scatter": row.frequency,
+            "shape_scatter": row.shape,
+        }
+        for row, mode in zip(merged.modes, merged.data.modes, strict=True)
+    ]
+    of_data = columns(merged.data, ("source", "band_hz", "sensors"))
+    further = {"modes": modes, "remarks": merged.remarks, "failed_checks": failed}
+    terminal.conclude(of_data | further, failed)

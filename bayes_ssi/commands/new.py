@@ -11,23 +11,10 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.options import PATH, default_option
-from bayes_ssi.commands.terminal import say
+from bayes_ssi.commands import options, terminal
 
 KINDS = ("shear-building", "matrices", "function")
 TEMPLATES = Path(__file__).with_name("templates")
-
-
-def write_study(name: str | Path, kind: str) -> tuple[Path, Path]:
-    """Write a study and its data, named with or without ``.py``; the paths of both."""
-    study, data = new_paths(Path(name), ".py", ".csv")
-    template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
-    for own in (study, data):
-        template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
-    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
-        with file.open("x", encoding="utf-8") as new:
-            new.write(text)
-    return study, data
 
 
 def new_paths(name: Path, *endings: str) -> tuple[Path, ...]:
@@ -42,14 +29,20 @@ def new_paths(name: Path, *endings: str) -> tuple[Path, ...]:
     return paths
 
 
+def next_commands(study: Path, *data: Path) -> list[str]:
+    """To check files of modes, and to rank a study of them."""
+    commands = [*(("check", file) for file in data), ("rank", study)]
+    return [f"  {shlex.join(['bayes-ssi', what, str(path)])}" for what, path in commands]
+
+
 def in_a_docstring(text: str) -> str:
     """The text as it is written there, in Python."""
     return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 @click.command()
-@click.argument("name", type=PATH)
-@default_option("--kind", KINDS[0], "Kind of structure: storeys and floors, matrices of a "
+@click.argument("name", type=options.PATH)
+@options.default_option("--kind", KINDS[0], "Kind of structure: storeys and floors, matrices of a "
                 "finite-element program, or a Python function (around OpenSees, for instance).",
                 click.Choice(KINDS))  # fmt: skip
 def new(name: Path, kind: str) -> None:
@@ -57,9 +50,14 @@ def new(name: Path, kind: str) -> None:
 
     The example runs unchanged: bayes-ssi rank NAME.py. Existing files are not overwritten.
     """
-    study, data = write_study(name, kind)
-    say(
+    study, data = new_paths(name, ".py", ".csv")
+    template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
+    for own in (study, data):
+        template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
+    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
+        with file.open("x", encoding="utf-8") as written:
+            written.write(text)
+    terminal.say(
         f"Wrote {study} and {data}. Next:",
-        f"  {shlex.join(['bayes-ssi', 'check', str(data)])}",
-        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+        *next_commands(study, data),
     )

@@ -163,8 +163,8 @@ def record_options(command: Command) -> Command:
             "--key", "keys", "NAME",
             "Array of a .mat, .npz or HDF5 file, or group of a TDMS file; may be repeated."),
     }  # fmt: skip
-    return gathered(command, "stated", _stated, options)
 
+    def stated(sensors: tuple[str, ...], **others: Any) -> dict[str, Any]:
+        return {"sensors": sensors or None, **others}
 
-def _stated(sensors: tuple[str, ...], **others: Any) -> dict[str, Any]:
-    return {"sensors": sensors or None, **others}
+    return gathered(command, "stated", stated, options)

@@ -7,53 +7,32 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    configuration_option,
-    default_option,
-    flag,
-    path_option,
-    range_option,
-    renamed,
-    repeated_option,
-    result_argument,
-    study_option,
-)
-from bayes_ssi.commands.terminal import (
-    exit_if_failed,
-    is_quiet,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 
 if TYPE_CHECKING:
-    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
     from bayes_ssi.results.predictions.requested_predictions import ResponseRequest
-    from bayes_ssi.structures.response import Damping, Output, Quantity
+    from bayes_ssi.structures.response import Output, Quantity
 
 
 @click.command()
-@result_argument
-@study_option
-@repeated_option(
+@options.result_argument
+@options.study_option
+@options.repeated_option(
     "--class",
     "classes",
     "NAME",
     "Model class, or hypothesis of a search; may be repeated.  [default: average, over all by "
     "their probabilities]",
 )
-@configuration_option
-@default_option(
+@options.configuration_option
+@options.default_option(
     "--quantity",
     "acceleration",
     "Displacement relative to the ground, absolute acceleration, or drift.",
     click.Choice(["displacement", "acceleration", "drift"]),
 )
-@repeated_option(
+@options.repeated_option(
     "--at",
     "places",
     "PLACE",
@@ -72,9 +51,9 @@ if TYPE_CHECKING:
     help="Input of transfer functions: acceleration of the 'ground', a force at a degree of "
     "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
 )
-@range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
-@renamed("--band", "--frequencies")
-@path_option(
+@options.range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
+@options.renamed("--band", "--frequencies")
+@options.path_option(
     "--record",
     "records",
     metavar="FILE",
@@ -83,11 +62,13 @@ if TYPE_CHECKING:
 )
 @click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
-@default_option("--level", 0.95, "Probability of the credible bands.")
-@default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
-@path_option("--out", text="Directory for tables and figures.  [default: RESULT/predictions]")
-@flag("--overwrite", text="Replace existing predictions.")
-@json_option
+@options.default_option("--level", 0.95, "Probability of the credible bands.")
+@options.default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
+@options.path_option(
+    "--out", text="Directory for tables and figures.  [default: RESULT/predictions]"
+)
+@options.flag("--overwrite", text="Replace existing predictions.")
+@terminal.json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,
     configuration: str | None, draws: int, **options: Any,
@@ -98,7 +79,6 @@ def predict(
     motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
     of the study file. The exit code is 3 where a failed check of RESULT was not accepted.
     """
-    from bayes_ssi.foundations.codec import to_record
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
@@ -119,14 +99,14 @@ def predict(
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = predictions_record(predicted, tuple(names), request)
     longest = max(map(len, request.motions), default=0)
-    if predicted.n_draws * longest > ARRAY_SIZE and not is_quiet():
+    if predicted.n_draws * longest > ARRAY_SIZE and not terminal.is_quiet():
         click.echo(
             f"{predicted.n_draws} time histories of {longest} samples take a while; fewer --draws "
             "take less.",
             err=True,
         )
     responses = []
-    with progress_bars() as report:
+    with terminal.progress_bars() as report:
         for name in names:
             report(name, "predictions", 0.0)
             responses.append(predict_responses(predicted, name, request))
@@ -140,33 +120,28 @@ def predict(
 
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
-    say(f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
+    terminal.say(f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
     if predicted.n_draws < draws:
-        say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
-    say(*(each.predictions.composition for each in responses), *remarks)
-    show(frequency_table(responses))
+        terminal.say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
+    terminal.say(*(response.predictions.composition for response in responses), *remarks)
+    terminal.show(frequency_table(responses))
     shapes = shape_table(responses[0])
     if shapes is not None:
-        show(shapes)
+        terminal.show(shapes)
     if request.frequencies_hz is not None or request.motions:
-        show(peak_table(responses))
+        terminal.show(peak_table(responses))
     n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
-    say(f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
-    say_warnings(answer(predicted.stored).warnings)
+    terminal.say(f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    terminal.say_warnings(answer(predicted.stored).warnings)
     failed = predicted.stored.comparison.failed_checks
-    print_record(
-        lambda: {
-            "directory": str(directory),
-            **to_record(record),
-            "modes": {
-                each.name: {mode.label: list(mode.after_hz) for mode in each.modes}
-                for each in responses
-            },
-            "failed_checks": failed,
-        }
+    modes = {
+        each.name: {mode.label: list(mode.after_hz) for mode in each.modes} for each in responses
+    }
+    accepted = predicted.stored.record.failed_checks_accepted
+    terminal.conclude(
+        {"directory": str(directory), **record, "modes": modes, "failed_checks": failed},
+        () if accepted else failed,
     )
-    if not predicted.stored.record.failed_checks_accepted:
-        exit_if_failed(failed)
 
 
 def _requested(
@@ -183,89 +158,32 @@ def _requested(
     level: float,
 ) -> tuple[ResponseRequest, list[str]]:
     """The request from the options, and remarks on it."""
-    import numpy as np
-
     from bayes_ssi.measurements.records.record_files import read_ground_motion
-    from bayes_ssi.results.predictions.posterior_draws import MOST_FREQUENCIES
-    from bayes_ssi.results.predictions.requested_predictions import (
-        ResponseRequest,
-        default_frequencies,
-        default_output,
-        structures_of_unknown_ground,
-    )
-    from bayes_ssi.structures.response import (
-        GROUND,
-        HEAVY_DAMPING,
-        UNITS,
-        damping_ratios,
-        heavy_damping_warning,
-    )
+    from bayes_ssi.results.predictions.requested_predictions import completed_request
 
     for name, value in (("--unit", unit), ("--dt", dt)):
         if value is not None and not records:
             raise ValueError(f"{name}: applies to records, but no --record is given")
-    ratios, remark = _damping(predicted.data, damping)
-    lowest = damping_ratios(ratios, np.size(ratios)).min()
-    if not first.main_places and (places or records or transfer not in (None, "none")):
-        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
-    output = _output(quantity, places) if places else default_output(first, quantity)
-    remarks = [remark]
-    heaviest = float(np.max(ratios))
-    if heaviest > HEAVY_DAMPING:
-        remarks.append(f"(!) {heavy_damping_warning(heaviest)}")
-    computed = None
-    if transfer is None:
-        unknown = structures_of_unknown_ground(first)
-        transfer = "none" if unknown else GROUND
-        if unknown:
-            remarks.append(
-                "No transfer functions: how ground motion acts on the degrees of freedom of the "
-                f"{type(unknown[0]).__name__} is not known."
-            )
-    if transfer != "none":
-        computed = default_frequencies(predicted.data, lowest, frequencies)
-        source = "the ground's acceleration" if transfer == GROUND else f"a force at {transfer!r}"
-        remarks.append(
-            f"Transfer functions: from {source}, {len(computed)} frequencies from "
-            f"{computed[0]:g} to {computed[-1]:g} Hz."
-        )
-        if len(computed) == MOST_FREQUENCIES:
-            remarks.append(
-                "(!) The frequencies may miss the top of a narrow peak; narrow --frequencies."
-            )
-    elif frequencies is not None:
-        raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")
-    motions = tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records)
-    remarks += [
-        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
-        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
-        for motion in motions
-    ]
-    frequencies_of_modes = np.median(first.classes[0].frequencies_hz, axis=0)
-    remarks += [
-        f"(!) {warning}." for motion in motions for warning in motion.warnings(frequencies_of_modes)
-    ]
-    force_at = None if transfer in (GROUND, "none") else transfer
-    return ResponseRequest(output, ratios, computed, force_at, motions, level), remarks
-
-
-def _damping(data: ModalData, text: str | None) -> tuple[Damping, str]:
-    """The damping, and a sentence about it."""
-    from bayes_ssi.results.predictions.requested_predictions import default_damping
-
-    if text is None:
-        default, source = default_damping(data)
-        return default, f"Damping: {100 * default:.3g} % in all modes, {source}."
     try:
-        ratios = tuple(float(part) for part in text.split(","))
+        ratios = [float(part) for part in damping.split(",")] if damping is not None else []
     except ValueError:
         raise ValueError(
-            f"--damping: must be a fraction, or one for each mode separated by commas, got {text!r}"
+            f"--damping: must be a fraction, or one for each mode separated by commas, got "
+            f"{damping!r}"
         ) from None
-    each = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
-    if len(ratios) == 1:
-        return ratios[0], f"Damping: {each} % in all modes, as given."
-    return ratios, f"Damping: {each} % mode by mode, as given."
+    request, remarks = completed_request(
+        predicted,
+        first,
+        _output(quantity, places) if places else quantity,
+        damping=ratios[0] if len(ratios) == 1 else tuple(ratios) or None,
+        source=transfer,
+        band_hz=frequencies,
+        motions=tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records),
+        level=level,
+    )
+    if frequencies is not None and request.frequencies_hz is None:
+        raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")
+    return request, remarks
 
 
 def _output(quantity: Quantity, places: tuple[str, ...]) -> Output:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import classes_option, flag, load, study_argument
+from bayes_ssi.commands import options
 from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 if TYPE_CHECKING:
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@study_argument
-@classes_option("Rank only these model classes.")
-@flag("--any-pairing", text="Infer which identified mode is which model mode; classes that differ "
-      "in nothing else become one.")  # fmt: skip
+@options.study_argument
+@options.classes_option("Rank only these model classes.")
+@options.flag("--any-pairing", text="Infer which identified mode is which model mode; classes "
+              "that differ in nothing else become one.")  # fmt: skip
 @run_options
-def rank(study: Path, names: tuple[str, ...], any_pairing: bool, options: RunOptions) -> None:
+def rank(study: Path, names: tuple[str, ...], any_pairing: bool, sampling: RunOptions) -> None:
     """Sample every model class of STUDY, rank them by evidence, and save the result.
 
     A run that was interrupted is resumed when the same command is given again. Workers take whole
@@ -33,14 +33,14 @@ def rank(study: Path, names: tuple[str, ...], any_pairing: bool, options: RunOpt
     from bayes_ssi.studies.questions import rank as rank_study
     from bayes_ssi.studies.ranking.study import averaged_parameters
 
-    loaded = load(study, names)
+    loaded = options.load(study, names)
     if any_pairing:
         loaded = loaded.with_any_pairing()
     loaded.require_same_data()
 
     def sample(run: Run) -> tuple[Ranking, Mapping[str, Any]]:
-        ranking = rank_study(loaded, options.seed, options.settings, run)
+        ranking = rank_study(loaded, sampling.seed, sampling.settings, run)
         averages = averaged_parameters(ranking.posteriors, ranking.comparison)
         return ranking, {"averaged_parameters.json": averages}
 
-    options.answer(loaded, study, study.stem, ("rank",), sample, ranked)
+    sampling.answer(loaded, study, study.stem, ("rank",), sample, ranked)

@@ -4,15 +4,14 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.options import flag, path_option, result_argument
-from bayes_ssi.commands.terminal import json_option, print_record, say
+from bayes_ssi.commands import options, terminal
 
 
 @click.command()
-@result_argument
-@path_option("--out", text="Directory of the report.  [default: RESULT/report]")
-@flag("--overwrite", text="Replace an existing report.")
-@json_option
+@options.result_argument
+@options.path_option("--out", text="Directory of the report.  [default: RESULT/report]")
+@options.flag("--overwrite", text="Replace an existing report.")
+@terminal.json_option
 def report(result: Path, out: Path | None, overwrite: bool) -> None:
     """Write a report of RESULT, a directory that rank or search saved.
 
@@ -23,5 +22,5 @@ def report(result: Path, out: Path | None, overwrite: bool) -> None:
     from bayes_ssi.report.write import write_report
 
     page = write_report(result, out, overwrite=overwrite)
-    print_record(lambda: {"page": str(page)})
-    say(f"Report saved in {page}.")
+    terminal.say(f"Report saved in {page}.")
+    terminal.conclude({"page": str(page)})

@@ -12,20 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import Command, Decorator, flag, gathered, path_option, seed_option
-from bayes_ssi.commands.terminal import (
-    ExitCode,
-    command_line,
-    exit_if_failed,
-    is_quiet,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    say_in_paragraphs,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
 
 if TYPE_CHECKING:
@@ -85,7 +72,12 @@ class RunOptions:
             inputs: what the run depends on besides the study and these options.
             screen: tables and notes, in the order in which they are read.
             n_classes: number of classes that are sampled, at least; the study's by default.
+
+        The exit code says whether a check failed that was not accepted.
         """
+        from bayes_ssi.results.answer import answer as say_answer
+        from bayes_ssi.results.stored_result import FIGURES
+
         directory = RESULTS / name if self.out is None else self.out
         checkpoint, overwrite = self._checkpoint(study, directory, inputs)
         with self._running(study, checkpoint, n_classes) as run:
@@ -95,14 +87,19 @@ class RunOptions:
         checkpoint.remove()
         for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
             if text:
-                say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
+                terminal.say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
         for each in screen(result):
             if isinstance(each, str):
-                say(each)
+                terminal.say(each)
             else:
-                show(each)
-        say(*_notes(result))
-        self._end(result, records)
+                terminal.show(each)
+        n_figures = len(list((result.directory / FIGURES).glob("*")))
+        terminal.say(*_notes(result), f"Saved in {result.directory}, with {n_figures} figures.")
+        answered = say_answer(result)
+        terminal.say_warnings(answered.warnings)
+        terminal.say_in_paragraphs(*answered.paragraphs)
+        failed = () if self.accept_failed_checks else result.comparison.failed_checks
+        terminal.conclude(_json_record(result, answered.paragraphs, records), failed)
 
     def _checkpoint(
         self, study: Study, directory: Path, inputs: Sequence[object]
@@ -131,15 +128,19 @@ class RunOptions:
         from bayes_ssi.inference.workers.run import Run
 
         workers = self._workers(study.model_classes, n_classes or len(study.model_classes))
-        if not self.economical and not is_quiet():
+        if not self.economical and not terminal.is_quiet():
             _print_performance_hints(study)
         try:
             # Workers begin first: the progress bars have a thread of their own.
-            with workers or nullcontext(), progress_bars() as progress, _reminder_of_checkpoint():
+            with (
+                workers or nullcontext(),
+                terminal.progress_bars() as progress,
+                _reminder_of_checkpoint(),
+            ):
                 yield Run(workers, checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
-            click.echo(f"Interrupted; resume with: {command_line()}", err=True)
-            sys.exit(ExitCode.INTERRUPTED)
+            click.echo(f"Interrupted; resume with: {terminal.command_line()}", err=True)
+            sys.exit(terminal.ExitCode.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
@@ -154,7 +155,7 @@ class RunOptions:
         if self.workers == 1:
             return None
         n_cores = usable_cores()
-        if self.workers > n_cores and not is_quiet():
+        if self.workers > n_cores and not terminal.is_quiet():
             click.echo(
                 f"--workers {self.workers}: reduced to {n_cores}, the number of cores that can be "
                 "used; more processes would only wait for one another.",
@@ -188,7 +189,7 @@ class RunOptions:
             study_file=str(study_file if below else study_file.absolute()),
             overwrite=overwrite,
             accept_failed_checks=self.accept_failed_checks,
-            command=command_line(),
+            command=terminal.command_line(),
             extra=records,
             figures=partial(save_result_figures, ranking, records.get(SEARCH)),
         )
@@ -216,39 +217,22 @@ class RunOptions:
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
         self.answer(study, study_file, name, (kind, *inputs), sample, found, n_classes)
 
-    def _end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
-        """Print where the result is, and the answer; then exit.
 
-        The exit code says whether a check failed that was not accepted.
-        """
-        from bayes_ssi.results.answer import answer
-        from bayes_ssi.results.stored_result import FIGURES
-
-        n_figures = len(list((result.directory / FIGURES).glob("*")))
-        say(f"Saved in {result.directory}, with {n_figures} figures.")
-        answered = answer(result)
-        say_warnings(answered.warnings)
-        say_in_paragraphs(*answered.paragraphs)
-        print_record(lambda: _json_record(result, answered.paragraphs, records))
-        if not self.accept_failed_checks:
-            exit_if_failed(result.comparison.failed_checks)
-
-
-def run_options(command: Command, error: float = 0.01) -> Command:
-    """The command with the options of :class:`RunOptions`, as one argument ``options``.
+def run_options(command: options.Command, error: float = 0.01) -> options.Command:
+    """The command with the options of :class:`RunOptions`, as one argument ``sampling``.
 
     ``error`` is the wanted standard error of log evidences by default, in nats.
     """
-    options: dict[str, Decorator] = {
-        "seed": seed_option("The result follows from it."),
+    own: dict[str, options.Decorator] = {
+        "seed": options.seed_option("The result follows from it."),
         "log_evidence_error": click.option(
             "--error", "log_evidence_error", type=float, default=error, show_default=True,
             help="Wanted standard error of each log evidence, in nats."),
-        "economical": flag(
+        "economical": options.flag(
             "--economical", text="Emulate the modes of slow models from some hundred solutions, "
             "hundreds of times fewer."),
-        "out": path_option("--out", text="Result directory; in runs/results if not given."),
-        "overwrite": flag(
+        "out": options.path_option("--out", text="Result directory; in runs/results if not given."),
+        "overwrite": options.flag(
             "--overwrite", text="Replace a result, or an unfinished run, that exists."),
         "workers": click.option(
             "--workers", type=click.IntRange(min=1), metavar="N",
@@ -258,11 +242,11 @@ def run_options(command: Command, error: float = 0.01) -> Command:
         "dask": click.option(
             "--dask", metavar="ADDRESS",
             help="Sample on a Dask cluster, by its scheduler's address."),
-        "accept_failed_checks": flag(
+        "accept_failed_checks": options.flag(
             "--accept-failed-checks", text="Exit with code 0 where checks failed; they are shown "
             "and saved all the same."),
     }  # fmt: skip
-    return json_option(gathered(command, "options", RunOptions, options))
+    return terminal.json_option(options.gathered(command, "sampling", RunOptions, own))
 
 
 @contextmanager

@@ -4,33 +4,25 @@ from pathlib import Path
 
 import click
 
-from bayes_ssi.commands.options import (
-    classes_option,
-    default_option,
-    listed_names,
-    load,
-    path_option,
-    repeated_option,
-    study_argument,
-)
+from bayes_ssi.commands import options
 from bayes_ssi.commands.saved_run import RunOptions, run_options
 
 
 @click.command()
-@study_argument
-@classes_option(
+@options.study_argument
+@options.classes_option(
     "Model classes to hang appendages on. Every class of the study without an appendage of its "
     "own, averaged over, if not given.",
     old="--baseline",
 )
-@path_option(
+@options.path_option(
     "--candidates",
     "candidates_file",
     metavar="FILE",
     text="CSV file of the places where appendages may hang, with columns name and place. Floors "
     "and storeys where a structure has them, else all sensors, if not given.",
 )
-@repeated_option(
+@options.repeated_option(
     "--in",
     "present_in",
     "TEST",
@@ -50,7 +42,7 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
     help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
     "identified frequency to the band's upper limit if not given.",
 )
-@default_option(
+@options.default_option(
     "--most",
     2,
     "Largest number of appendages at once.",
@@ -66,7 +58,7 @@ def search(
     mass: tuple[float, float] | None,
     frequency: tuple[float, float] | None,
     most: int,
-    options: RunOptions,
+    sampling: RunOptions,
 ) -> None:
     """Search for appendages that hide in the identified modes of STUDY.
 
@@ -80,14 +72,14 @@ def search(
     from bayes_ssi.studies.appendages.baselines import choose_baselines
     from bayes_ssi.studies.appendages.candidates import SearchSettings, read_candidates
 
-    loaded = load(study)
+    loaded = options.load(study)
     settings = SearchSettings(
         mass=mass,
         frequency=None if frequency is None else LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
     candidates = None if candidates_file is None else read_candidates(candidates_file)
-    baselines = listed_names(loaded, names)
+    baselines = options.listed_names(loaded, names)
     chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None, settings)
     inputs = (settings, baselines, candidates, present_in)
-    options.search(loaded, study, "search", chosen, inputs, appendage_findings)
+    sampling.search(loaded, study, "search", chosen, inputs, appendage_findings)

@@ -101,6 +101,8 @@ def _one_line_errors() -> Iterator[None]:
         if type(error).__name__ == "LinAlgError":  # a ValueError, but no fault of the input's
             raise
         text = str(error)
+        if type(error).__name__ == "ResultExistsError":
+            text += " (--out, --overwrite)"
         if isinstance(error, OSError) and error.errno is not None:
             # An error of a file that has no name is one of standard output.
             text = f"{error.filename or 'output'}: {error.strerror}"
@@ -149,7 +151,7 @@ QUIET_OPTION = click.Option(
 
 
 def json_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option ``--json`` to a command that calls :func:`print_record`."""
+    """Add the option ``--json`` to a command that ends with :func:`conclude`."""
 
     @functools.wraps(command)
     def wrapped(**options: Any) -> None:
@@ -172,12 +174,6 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
     )(wrapped)
 
 
-def print_record(record: Callable[[], Mapping[str, Any]]) -> None:
-    """Print a JSON record at the end of the command, if one is wanted."""
-    if _meta().get(JSON, False):
-        _meta()[RECORD] = json_text(record())
-
-
 def _console() -> Console:
     from rich.console import Console
 
@@ -188,13 +184,15 @@ def _console() -> Console:
     return made if made.is_terminal or "COLUMNS" in os.environ else Console(width=80)
 
 
-def exit_if_failed(checks: Sequence[str]) -> None:
-    if not checks:
-        return
-    if is_quiet():
-        several = "s" if len(checks) > 1 else ""
-        click.echo(f"(!) {len(checks)} failed check{several}: {'; '.join(checks)}", err=True)
-    sys.exit(ExitCode.FAILED_CHECK)
+def conclude(record: Mapping[str, Any], failed: Sequence[str] = ()) -> None:
+    """Print the command's JSON record, if it is wanted, and exit by its failed checks."""
+    if _meta().get(JSON, False):
+        _meta()[RECORD] = json_text(record)
+    if failed and is_quiet():
+        several = "s" if len(failed) > 1 else ""
+        click.echo(f"(!) {len(failed)} failed check{several}: {'; '.join(failed)}", err=True)
+    if failed:
+        sys.exit(ExitCode.FAILED_CHECK)
 
 
 def show(*shown: RenderableType) -> None:
@@ -246,27 +244,20 @@ def _print_end(name: str, step: str, done: float) -> None:
 
 @contextmanager
 def _bars(stderr: Console) -> Iterator[Callable[[str, str, float], None]]:
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as bars
 
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[step]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
+    with bars.Progress(
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.TextColumn("{task.fields[step]}"),
+        bars.TimeElapsedColumn(),
+        bars.TextColumn("left"),
         # Steps differ in pace: estimate the time left from the whole run, not the last seconds.
-        TimeRemainingColumn(),
+        bars.TimeRemainingColumn(),
         console=stderr,
         speed_estimate_period=3600.0,
     ) as progress:
-        tasks: dict[str, TaskID] = {}
+        tasks: dict[str, bars.TaskID] = {}
 
         def show(name: str, step: str, done: float) -> None:
             if name not in tasks:

@@ -8,24 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bayes_ssi.commands.options import (
-    flag,
-    named_values,
-    number_option,
-    repeated_option,
-    result_argument,
-    study_option,
-)
-from bayes_ssi.commands.terminal import (
-    exit_if_failed,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    say_in_paragraphs,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 
 if TYPE_CHECKING:
     from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -35,31 +18,33 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 
 
 @click.command(name="what-if")
-@result_argument
-@repeated_option(
+@options.result_argument
+@options.repeated_option(
     "--prior",
     "priors",
     "NAME=PRIOR",
     'New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
 )
-@number_option("--frequency-cov", "COV", "Prediction error of frequencies, a fraction.")
-@number_option("--shape-sd", "SD", "Prediction error of shapes.")
-@number_option("--detection", "PROBABILITY", "Probability that a mode in the band is identified.")
-@number_option("--spurious", "NUMBER", "Expected number of spurious modes in the band.")
-@repeated_option(
+@options.number_option("--frequency-cov", "COV", "Prediction error of frequencies, a fraction.")
+@options.number_option("--shape-sd", "SD", "Prediction error of shapes.")
+@options.number_option(
+    "--detection", "PROBABILITY", "Probability that a mode in the band is identified."
+)
+@options.number_option("--spurious", "NUMBER", "Expected number of spurious modes in the band.")
+@options.repeated_option(
     "--band",
     "bands",
     "LOW,HIGH",
     "Band of the search for modes in Hz, NAME=LOW,HIGH of configuration NAME where there are "
     "several; may be repeated.",
 )
-@repeated_option(
+@options.repeated_option(
     "--weight", "weights", "NAME=WEIGHT", "Prior weight of a model class; may be repeated."
 )
-@flag("--sample-again", text="Without other options: sample classes again where their draws do not "
-      "cover a setting, which takes as long as a ranking.")  # fmt: skip
-@study_option
-@json_option
+@options.flag("--sample-again", text="Without other options: sample classes again where their "
+              "draws do not cover a setting, which takes as long as a ranking.")  # fmt: skip
+@options.study_option
+@terminal.json_option
 def what_if(
     result: Path, priors: tuple[str, ...], bands: tuple[str, ...], weights: tuple[str, ...],
     frequency_cov: float | None, shape_sd: float | None, detection: float | None,
@@ -94,36 +79,40 @@ def what_if(
         raise ValueError("--sample-again: applies where no setting is given")
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
-        priors=named_values(
+        priors=options.named_values(
             "--prior", priors, PRIOR_FORM, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text
         ),
         frequency_cov=frequency_cov,
         shape_sd=shape_sd,
         detection_probability=detection,
         expected_spurious_modes=spurious,
-        bands_hz=named_values("--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band),
-        prior_weights=named_values("--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number),
+        bands_hz=options.named_values(
+            "--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band
+        ),
+        prior_weights=options.named_values(
+            "--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number
+        ),
     )
     answer = ask(stored, settings)
-    say(f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
+    terminal.say(f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
     accepted = stored.record.failed_checks_accepted
-    say_warnings(data_warnings(answer.failed_data_checks, accepted))
+    terminal.say_warnings(data_warnings(answer.failed_data_checks, accepted))
     if answer.misfit:
-        say_in_paragraphs(f"(!) {answer.misfit}.")
-    show(what_if_table(answer))
+        terminal.say_in_paragraphs(f"(!) {answer.misfit}.")
+    terminal.show(what_if_table(answer))
     if stored.search is not None and stored.search.n_unsampled:
-        say(
+        terminal.say(
             f"{stored.search.n_unsampled} hypotheses that were not sampled are left out. Before, "
             "their probability together was at most "
             f"{probability_text(stored.search.most_probability_unsampled)}."
         )
     for row in dict.fromkeys((answer.best_before, answer.best_after)):
         if row is not None:
-            show(changed_parameters_table(row))
-    say(*what_if_notes(answer, _how_to_sample_again(stored)))
-    print_record(lambda: {"directory": str(result), "answer": answer})
+            terminal.show(changed_parameters_table(row))
+    terminal.say(*what_if_notes(answer, _how_to_sample_again(stored)))
     of_data = () if accepted else answer.failed_data_checks
-    exit_if_failed([text for text in (*of_data, answer.misfit, *answer.problems) if text])
+    failed = [text for text in (*of_data, answer.misfit, *answer.problems) if text]
+    terminal.conclude({"directory": str(result), "answer": answer}, failed)
 
 
 def _show_every_setting(stored: StoredResult, sample_again: bool, study: Path | None) -> None:
@@ -135,13 +124,12 @@ def _show_every_setting(stored: StoredResult, sample_again: bool, study: Path | 
     classes: list[ModelClass] = []
     if sample_again:
         classes = [*load_predictions(stored.directory, study).model_classes.values()]
-    with progress_bars() as progress:
+    with terminal.progress_bars() as progress:
         found = every_setting(stored, classes, Run(progress=progress))
-    show(sensitivity_table(found))
+    terminal.show(sensitivity_table(found))
     again = "Sample again where the draws do not say: --sample-again."
-    say(*sensitivity_notes(found), *([again] if found.problems and not classes else []))
-    print_record(lambda: {"directory": str(stored.directory), "sensitivity": found})
-    exit_if_failed(found.problems)
+    terminal.say(*sensitivity_notes(found), *([again] if found.problems and not classes else []))
+    terminal.conclude({"directory": str(stored.directory), "sensitivity": found}, found.problems)
 
 
 def _band(text: str) -> tuple[float, float]:

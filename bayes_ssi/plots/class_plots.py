@@ -21,22 +21,7 @@ from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.model_at_draws import INTERVAL_LEVEL, UpdatedMode
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.figure_style import (
-    BLUE,
-    FIGURE_WIDTH,
-    GREY,
-    SMALL_TEXT,
-    VERMILION,
-    axes_of,
-    figure_of,
-    hover,
-    interval_after,
-    legend_below,
-    legend_of_figure,
-    rows_of,
-    without_math,
-    wrapped,
-)
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.predictions import PredictedMode
 
@@ -57,7 +42,7 @@ def plot_frequency_change(
     """
     identified = [data.mode(mode.label).frequency_hz for mode in modes]
     names = [f"{mode.label}\n{hz:.4g} Hz" for mode, hz in zip(modes, identified, strict=True)]
-    ax = rows_of(ax, names, 1.1)
+    ax = look.rows_of(ax, names, 1.1)
     ax.axvline(0.0, color="black", linewidth=0.8)
     for y, (mode, hz) in enumerate(zip(modes, identified, strict=True)):
         before, *after = 100.0 * (np.array([mode.before_hz, *mode.after_hz]) / hz - 1.0)
@@ -83,7 +68,7 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
     }
     if not macs:
         raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = rows_of(ax, list(macs), 1.1)
+    ax = look.rows_of(ax, list(macs), 1.1)
     for y, (label, (before, after)) in enumerate(macs.items()):
         low, median, high = after
         _draw_change(
@@ -97,18 +82,18 @@ def _draw_change(
     ax: Axes, y: int, before: float, after: Sequence[float], level: float, *texts: str
 ) -> None:
     """A circle before updating, joined to a square with its interval (low, median, high) after."""
-    ax.plot([before, after[1]], [y, y], color=GREY, linewidth=0.8)
-    (circle,) = ax.plot(before, y, "o", color=VERMILION, markerfacecolor="white",
+    ax.plot([before, after[1]], [y, y], color=look.GREY, linewidth=0.8)
+    (circle,) = ax.plot(before, y, "o", color=look.VERMILION, markerfacecolor="white",
                         markersize=6, label=None if y else "before: prior medians")  # fmt: skip
-    hover(circle, texts[0])
-    interval_after(ax, y, after, f"after: posterior, {100 * level:g} %", texts[1])
+    look.hover(circle, texts[0])
+    look.interval_after(ax, y, after, f"after: posterior, {100 * level:g} %", texts[1])
 
 
 def _finished(ax: Axes, label: str) -> Axes:
     ax.set_xlabel(label)
     ax.set_ylabel("identified mode")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
+    look.legend_below(ax, columns=2)
     return ax
 
 
@@ -126,7 +111,7 @@ def plot_mac(
         matrix: (n_rows, n_columns), as of :func:`~bayes_ssi.structures.modal.mac`; NaN is left
             blank.
     """
-    ax = axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
+    ax = look.axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
     image = _annotate(ax, matrix, rows, columns, of, ".2f")
     ax.figure.colorbar(image, ax=ax, label="MAC")
     return ax
@@ -136,7 +121,7 @@ def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None
     """The probability that each identified mode is each model mode, or spurious."""
     labels = list(inferred.of_modes)
     columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
-    ax = axes_of(ax, (1.3 + 0.5 * len(columns), 1.1 + 0.34 * len(labels)))
+    ax = look.axes_of(ax, (1.3 + 0.5 * len(columns), 1.1 + 0.34 * len(labels)))
     probabilities = np.array(
         [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
     )
@@ -152,7 +137,7 @@ def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None 
     Parameters proposed for updating are in bold.
     """
     modes, names = sensitivities.modes, sensitivities.parameters
-    ax = axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
+    ax = look.axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
     matrix = sensitivities.of_frequencies
     largest = max(float(np.abs(matrix).max()), np.finfo(float).tiny)
     # Values that round to 0.00 are left blank.
@@ -181,11 +166,11 @@ def _annotate(
     image = ax.imshow(matrix, cmap=colours, vmin=least, vmax=most, aspect="auto")
     for (i, k), value in np.ndenumerate(matrix):
         if np.isfinite(value):
-            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=SMALL_TEXT,
+            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=look.SMALL_TEXT,
                     color="white" if abs(value) > 0.6 * most else "black")  # fmt: skip
     ax.set_xticks(range(len(columns)), columns)
     ax.set_yticks(range(len(rows)), rows)
-    without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
+    look.without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
     ax.set_ylabel(of[0])
     ax.set_xlabel(of[1])
     ax.spines[:].set_visible(False)
@@ -200,23 +185,23 @@ def plot_parameters(posterior: Posterior, ax: Axes | None = None) -> Axes:
     90 % interval, and between them the scale is linear.
     """
     rows = posterior.summary
-    ax = rows_of(ax, [row.name for row in rows], 1.3)
-    ax.axvline(0.0, color=GREY, linewidth=0.8, linestyle=":")
+    ax = look.rows_of(ax, [row.name for row in rows], 1.3)
+    ax.axvline(0.0, color=look.GREY, linewidth=0.8, linestyle=":")
     for y, row in enumerate(rows):
         low, median, high = posterior.prior_quantiles[y]
         after = (row.quantile_05, row.median, row.quantile_95)
-        bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=GREY, alpha=0.25,
+        bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=look.GREY, alpha=0.25,
                       label=None if y else "prior, 90 %")  # fmt: skip
-        hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g})")
+        look.hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g})")
         scaled = [
             (value - median) / (median - low if value < median else high - median)
             for value in after
         ]
         text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g})"
-        interval_after(ax, y, scaled, "posterior, 90 %", text)
+        look.interval_after(ax, y, scaled, "posterior, 90 %", text)
     ax.set_xlabel("0: prior median\n-1 and 1: ends of the prior's 90 % interval")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
+    look.legend_below(ax, columns=2)
     return ax
 
 
@@ -246,7 +231,7 @@ def plot_corner(
     # draw far away does not shrink all others to a point; and within one and two of a density of
     # two variables.
     shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
-    figure = figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
+    figure = look.figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
     arviz()  # corner imports it, and would show its warnings
     import corner
 
@@ -254,10 +239,10 @@ def plot_corner(
         # Constrained layout replaces corner's own.
         warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         corner.corner(
-            values, bins=30, range=[shown] * n, fig=figure, color=BLUE, quantiles=LEVELS,
+            values, bins=30, range=[shown] * n, fig=figure, color=look.BLUE, quantiles=LEVELS,
             smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
-            truths=[truths.get(name) for name in names], truth_color=VERMILION,
+            truths=[truths.get(name) for name in names], truth_color=look.VERMILION,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     # Panels above the diagonal are empty; the layout need not look for what they hold.
@@ -266,18 +251,18 @@ def plot_corner(
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
-        label = wrapped(name, 1.3, SMALL_TEXT)
+        label = look.wrapped(name, 1.3, look.SMALL_TEXT)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
-        panels[i, i].set_title(title, fontsize=SMALL_TEXT, loc="center", parse_math=False)
-        panels[-1, i].set_xlabel(label, fontsize=SMALL_TEXT, parse_math=False)
+        panels[i, i].set_title(title, fontsize=look.SMALL_TEXT, loc="center", parse_math=False)
+        panels[-1, i].set_xlabel(label, fontsize=look.SMALL_TEXT, parse_math=False)
         if i:
-            panels[i, 0].set_ylabel(label, fontsize=SMALL_TEXT, parse_math=False)
+            panels[i, 0].set_ylabel(label, fontsize=look.SMALL_TEXT, parse_math=False)
     for ax in panels.flat:
         # Three numbers at most, none of them at a corner, where those of two panels would meet.
         for axis in (ax.xaxis, ax.yaxis):
             if isinstance(axis.get_major_locator(), MaxNLocator):
                 axis.set_major_locator(MaxNLocator(3, prune="both", min_n_ticks=1))
-        ax.tick_params(labelsize=SMALL_TEXT, labelrotation=0)
+        ax.tick_params(labelsize=look.SMALL_TEXT, labelrotation=0)
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
@@ -290,7 +275,7 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
     interval. Light: the 90 % interval of the next test, averaged over all populations.
     """
     k = len(hierarchy.names)
-    figure = figure_of(figure, (FIGURE_WIDTH, 1.0 + 2.1 * k))
+    figure = look.figure_of(figure, (look.FIGURE_WIDTH, 1.0 + 2.1 * k))
     panels = figure.subplots(k, 1, squeeze=False, sharex=True)[:, 0]
     tests, scale = hierarchy.tests, hierarchy.covariate
     at = np.arange(len(tests), dtype=float)
@@ -307,23 +292,23 @@ def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figur
     nexts = np.stack([np.quantile(drawn[:, columns], LEVELS, axis=0) for _, drawn in draws])
     for i, (ax, parameter) in enumerate(zip(panels, hierarchy.of_population, strict=True)):
         low, _, high = nexts[:, :, i].T
-        ax.fill_between(grid, low, high, color=BLUE, alpha=0.15, linewidth=0,
+        ax.fill_between(grid, low, high, color=look.BLUE, alpha=0.15, linewidth=0,
                         label="next test, 90 % interval")  # fmt: skip
         low, middle, high = centres[:, :, i].T
-        ax.fill_between(grid, low, high, color=BLUE, alpha=0.4, linewidth=0,
+        ax.fill_between(grid, low, high, color=look.BLUE, alpha=0.4, linewidth=0,
                         label="centre of the population, 90 % interval")  # fmt: skip
-        ax.plot(grid, middle, color=BLUE)
+        ax.plot(grid, middle, color=look.BLUE)
         _draw_tests(ax, hierarchy, at, i)
         ax.set_ylabel(f"{parameter.name} ({parameter.unit})" if parameter.unit else parameter.name)
-        without_math(ax.yaxis.label)
+        look.without_math(ax.yaxis.label)
     panels[-1].set_xlabel("test" if scale is None else scale.name)
-    without_math(panels[-1].xaxis.label)
+    look.without_math(panels[-1].xaxis.label)
     if scale is None and len(tests) <= MOST_NAMED_TESTS:
         panels[-1].set_xticks(at, [test.name for test in tests], rotation=30, ha="right")
-        without_math(*panels[-1].get_xticklabels())
+        look.without_math(*panels[-1].get_xticklabels())
     title = f"{hierarchy.model_class!r}: {hierarchy.best.name}"
     panels[0].set_title(title, parse_math=False)
-    legend_of_figure(figure, panels)
+    look.legend_of_figure(figure, panels)
     return figure
 
 
@@ -332,7 +317,7 @@ def _draw_tests(ax: Axes, hierarchy: Hierarchy, at: FloatArray, i: int) -> None:
         low, median, high = test.intervals[i]
         label = None if test is not hierarchy.tests[0] else "each test by itself, 90 % interval"
         point = ax.errorbar(
-            x, median, [[median - low], [high - median]], fmt="o", color=VERMILION,
+            x, median, [[median - low], [high - median]], fmt="o", color=look.VERMILION,
             markersize=3, linewidth=0.8, label=label,
         )  # fmt: skip
-        hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")
+        look.hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")

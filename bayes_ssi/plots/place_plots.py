@@ -13,23 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.ticker import MaxNLocator
 
-from bayes_ssi.plots.figure_style import (
-    BLUE,
-    FIGURE_WIDTH,
-    GREY,
-    MOST_VECTORS,
-    ORANGE,
-    SDS_OF_90_PERCENT,
-    SMALL_TEXT,
-    TEXT_SIZE,
-    VERMILION,
-    axes_of,
-    hover,
-    legend_below,
-    legend_of_figure,
-    rows_of,
-    wrapped,
-)
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.space import axes_in_space, longest_side
 from bayes_ssi.structures.geometry import Point, direction_name
 from bayes_ssi.studies.appendages.candidates import AppendagePlace
@@ -73,16 +57,16 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     drawn = axes_in_space(ax, "" if ax is None else title, points, reach, geometry, below=1.15)
     bar = None
     if ax is None:
-        figure, title = drawn.figure, wrapped(title, FIGURE_WIDTH)
-        figure.suptitle(title, x=0.02, ha="left", fontsize=TEXT_SIZE, parse_math=False)
+        figure, title = drawn.figure, look.wrapped(title, look.FIGURE_WIDTH)
+        figure.suptitle(title, x=0.02, ha="left", fontsize=look.TEXT_SIZE, parse_math=False)
         height = figure.get_figheight()
         bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
     scale = _colour_scale(best.probability)
     dots = sorted({*at} - {each.place.coordinates for each in shown})
     if dots:
-        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=GREY,
+        drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=look.GREY,
                       linewidths=0.4, depthshade=False, label="improbable place",
-                      rasterized=len(dots) > MOST_VECTORS)  # fmt: skip
+                      rasterized=len(dots) > look.MOST_VECTORS)  # fmt: skip
     for each, arrow in zip(shown, arrows, strict=True):
         place, colours = each.place, [scale.to_rgba(each.probability)]
         if place.direction:
@@ -92,12 +76,12 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
             artist = drawn.scatter(*place.coordinates, s=36.0, marker=place.marker, color=colours,
                                    edgecolors="black", linewidths=0.4, depthshade=False,
                                    label=place.title)  # fmt: skip
-        if len(shown) <= MOST_VECTORS:
-            hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
+        if len(shown) <= look.MOST_VECTORS:
+            look.hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
         else:
             artist.set_rasterized(True)
     _colour_bar(drawn, scale, search.a_feature, bar)
-    legend_of_figure(drawn.figure, [drawn])
+    look.legend_of_figure(drawn.figure, [drawn])
     return drawn
 
 
@@ -117,13 +101,13 @@ def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axe
     columns, width = _columns(each.place for each in places)
     # In the least height of a floor, probabilities of floors still keep apart.
     tall = n_floors * min(0.7, max(0.2, 4.0 / n_floors))
-    ax = axes_of(ax, (max(FIGURE_WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
+    ax = look.axes_of(ax, (max(look.FIGURE_WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
     ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
     for side in (0.0, width):
-        ax.plot([side, side], [0, n_floors], color=GREY, linewidth=1.5)
+        ax.plot([side, side], [0, n_floors], color=look.GREY, linewidth=1.5)
     for floor in range(1, n_floors + 1):
         ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
-        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=SMALL_TEXT)
+        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=look.SMALL_TEXT)
     # A change is there or not; an appendage that is there may be anywhere.
     is_change = isinstance(search, ChangeRecord)
     scale = _colour_scale(1.0 if is_change else max(each.probability for each in places))
@@ -131,25 +115,27 @@ def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axe
         place, text = each.place, probability_text(each.probability)
         x = columns[_kind(place)]
         if place.is_outside:
-            ax.plot([width, x], [y, y], color=GREY, linewidth=0.8, linestyle=":")
+            ax.plot([width, x], [y, y], color=look.GREY, linewidth=0.8, linestyle=":")
         point = ax.scatter(
             x, y, s=55.0, marker=place.marker, zorder=3, color=[scale.to_rgba(each.probability)],
             edgecolors="black", linewidths=0.6,
         )  # fmt: skip
-        hover(point, f"{place.name}: probability {text}")
+        look.hover(point, f"{place.name}: probability {text}")
         # Above the line that joins a column further out to its floor.
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-        ax.text(x + 0.17, y, text, va="center", fontsize=SMALL_TEXT, bbox=box)
+        ax.text(x + 0.17, y, text, va="center", fontsize=look.SMALL_TEXT, bbox=box)
     ax.set_xlim(-1.1, max(width, *columns.values()) + 0.7)
     ax.set_ylim(-0.3, n_floors + 0.6)
     ax.axis("off")
     for (_, direction), x in columns.items():
         if direction:
-            ax.text(x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=SMALL_TEXT)
+            ax.text(
+                x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=look.SMALL_TEXT
+            )
     for kind in dict.fromkeys(kind for kind, _ in columns):
         ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
                 markerfacecolor="none", label=kind.title)  # fmt: skip
-    legend_below(ax, 2)
+    look.legend_below(ax, 2)
     _colour_bar(ax, scale, search.a_feature)
     return ax
 
@@ -174,18 +160,18 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """The probabilities of the most probable places, and of all others together."""
     places = search.places_by_probability
     first, others = places[:MOST_BARS], places[MOST_BARS:]
-    bars = [(each.place.name, each.probability, BLUE) for each in first]
+    bars = [(each.place.name, each.probability, look.BLUE) for each in first]
     if others:
         together = sum(each.probability for each in others)
-        bars.append((f"{len(others)} others together", together, GREY))
+        bars.append((f"{len(others)} others together", together, look.GREY))
     names = [name for name, _, _ in bars]
-    ax = rows_of(ax, names, extra=0.7)
+    ax = look.rows_of(ax, names, extra=0.7)
     for row, (name, probability, colour) in enumerate(bars):
         text = probability_text(probability)
         (bar,) = ax.barh(row, probability, height=0.6, color=colour)
-        hover(bar, f"{name}: probability {text}")
+        look.hover(bar, f"{name}: probability {text}")
         ax.annotate(text, (probability, row), xytext=(3, 0), textcoords="offset points",
-                    va="center", fontsize=SMALL_TEXT)  # fmt: skip
+                    va="center", fontsize=look.SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
     ax.set_xlabel(f"probability of {search.a_feature}")
@@ -194,7 +180,7 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
 
 def _places(search: FamilyRecord) -> list[Any]:
     """The places of a search, without what all places have in common."""
-    return [each for each in search.places if not getattr(each.place, "is_common", False)]
+    return [one for one in search.places if not getattr(one.place, "is_common", False)]
 
 
 def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
@@ -204,7 +190,7 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     bars. Axes that are given must have three dimensions for a drawing in space.
     """
     places = _places(search)
-    heights = [each.place.height for each in places]
+    heights = [one.place.height for one in places]
     drawn = {(_kind(each.place), each.place.height) for each in places}
     if len(drawn) == len(places) and all(
         height is not None and height <= MOST_FLOORS for height in heights
@@ -230,8 +216,8 @@ def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> Non
     if cax is None:
         room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
     bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
-    bar.set_label(f"probability of {what}", fontsize=SMALL_TEXT)
-    bar.ax.tick_params(labelsize=SMALL_TEXT)
+    bar.set_label(f"probability of {what}", fontsize=look.SMALL_TEXT)
+    bar.ax.tick_params(labelsize=look.SMALL_TEXT)
 
 
 CHOSEN, OTHER = "sensor of the best layout", "other candidate"
@@ -247,21 +233,21 @@ def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
         return _layout_in_space(plan, ax)
     # Without heights one above the other.
     heights = [i if c.height is None else c.height for i, c in enumerate(plan.candidates, 1)]
-    ax = axes_of(ax, (FIGURE_WIDTH, 1.2 + 0.35 * len({*heights})))
-    ax.plot([0.0, 0.0], [0.0, max(heights)], color=GREY, linewidth=1.5)
+    ax = look.axes_of(ax, (look.FIGURE_WIDTH, 1.2 + 0.35 * len({*heights})))
+    ax.plot([0.0, 0.0], [0.0, max(heights)], color=look.GREY, linewidth=1.5)
     ax.plot([-0.5, 0.5], [0.0, 0.0], color="black", linewidth=2.0)
     beside: dict[float, int] = {}
     for candidate, height in zip(plan.candidates, heights, strict=True):
         place = beside[height] = beside.get(height, -1) + 1
         chosen = candidate.name in plan.best.sensors
         ax.plot(0.9 * place, height, linestyle="none", marker="o", markersize=8.0,
-                color=VERMILION if chosen else "white", markeredgecolor="black",
+                color=look.VERMILION if chosen else "white", markeredgecolor="black",
                 label=CHOSEN if chosen else OTHER)  # fmt: skip
-        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=SMALL_TEXT)
+        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=look.SMALL_TEXT)
     ax.set_xlim(-0.6, 0.9 * max(beside.values()) + 1.2)
     ax.margins(y=0.1)
     ax.axis("off")
-    legend_below(ax, 2)
+    look.legend_below(ax, 2)
     return ax
 
 
@@ -274,29 +260,29 @@ def _layout_in_space(plan: Plan, ax: Any) -> Any:
     ax = axes_in_space(ax, title, points, length, plan.geometry, below=0.6)
     for each, at in located:
         chosen = each.name in plan.best.sensors
-        colour, label = (VERMILION, CHOSEN) if chosen else (GREY, OTHER)
+        colour, label = (look.VERMILION, CHOSEN) if chosen else (look.GREY, OTHER)
         if each.direction and chosen:
             along = np.multiply(length, each.direction)
             ax.quiver(*at, *along, color=colour, linewidth=1.6,
                       arrow_length_ratio=0.4)  # fmt: skip
         ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
                    depthshade=False)  # fmt: skip
-    legend_of_figure(ax.figure, [ax])
+    look.legend_of_figure(ax.figure, [ax])
     return ax
 
 
 def plot_gains(plan: Plan, ax: Axes | None = None) -> Axes:
     """The gain of the best layout against its number of sensors, with 90 % intervals."""
-    ax = axes_of(ax, (FIGURE_WIDTH, 2.6))
+    ax = look.axes_of(ax, (look.FIGURE_WIDTH, 2.6))
     numbers = [len(layout.sensors) for layout in plan.by_number]
     gains = [layout.gain for layout in plan.by_number]
-    errors = [SDS_OF_90_PERCENT * layout.error for layout in plan.by_number]
-    ax.errorbar(numbers, gains, yerr=errors, color=BLUE, marker="o", label="best layout")
+    errors = [look.SDS_OF_90_PERCENT * layout.error for layout in plan.by_number]
+    ax.errorbar(numbers, gains, yerr=errors, color=look.BLUE, marker="o", label="best layout")
     if plan.greatest is not None:
-        ax.axhline(plan.greatest, color=GREY, linestyle="--", label="settles it")
-    ax.axvline(plan.knee, color=ORANGE, linestyle=":", label="knee")
+        ax.axhline(plan.greatest, color=look.GREY, linestyle="--", label="settles it")
+    ax.axvline(plan.knee, color=look.ORANGE, linestyle=":", label="knee")
     ax.set_xticks(numbers)
     ax.set_xlabel("number of sensors")
     ax.set_ylabel(f"information about {plan.aim} (nats)")
-    legend_below(ax, 3)
+    look.legend_below(ax, 3)
     return ax

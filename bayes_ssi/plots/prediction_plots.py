@@ -11,22 +11,8 @@ from matplotlib.figure import Figure
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.model_at_draws import moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
-from bayes_ssi.plots.figure_style import (
-    COLOURS,
-    FIGURE_WIDTH,
-    GREY,
-    LINES,
-    TEXT_SIZE,
-    NamedFigure,
-    axes_of,
-    figure_of,
-    legend_below,
-    legend_of_figure,
-    save_figures,
-    title_of,
-    wrapped,
-)
 from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
 from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
@@ -73,7 +59,7 @@ def plot_time_history(
     Arguments are as in :func:`plot_transfer_functions`, over ``times`` (s).
     """
     ax = _draw(ax, times, bands, reference, 0.7, ("time (s)", quantity), legend)
-    ax.axhline(0.0, color=GREY, linewidth=0.5)
+    ax.axhline(0.0, color=look.GREY, linewidth=0.5)
     return ax
 
 
@@ -86,10 +72,10 @@ def _draw(
     names: tuple[str, str],
     legend: bool,
 ) -> Axes:
-    if len(bands) > len(LINES):
-        raise ValueError(f"a figure holds at most {len(LINES)} bands, got {len(bands)}")
-    ax = axes_of(ax, (FIGURE_WIDTH, 3.2))
-    for (name, band), colour, line in zip(bands.items(), COLOURS, LINES, strict=False):
+    if len(bands) > len(look.LINES):
+        raise ValueError(f"a figure holds at most {len(look.LINES)} bands, got {len(bands)}")
+    ax = look.axes_of(ax, (look.FIGURE_WIDTH, 3.2))
+    for (name, band), colour, line in zip(bands.items(), look.COLOURS, look.LINES, strict=False):
         ax.fill_between(x, band.low, band.high, color=colour, alpha=0.35, linewidth=0)
         ax.plot(x, band.median, color=colour, linestyle=line, linewidth=1.2, label=name)
     if reference is not None:
@@ -100,7 +86,7 @@ def _draw(
     ax.set_xlabel(names[0])
     ax.set_ylabel(names[1])
     if legend:
-        legend_below(ax, columns=2)
+        look.legend_below(ax, columns=2)
     return ax
 
 
@@ -114,10 +100,10 @@ def save_prediction_figures(
     identified shapes, and its frequencies before and after updating.
     """
     Path(directory).mkdir()
-    return save_figures(Path(directory), _figures(data, responses[: len(LINES)]))
+    return look.save_figures(Path(directory), _figures(data, responses[: len(look.LINES)]))
 
 
-def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[NamedFigure]:
+def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
     request = responses[0].request
     places, level = request.output.labels, 100 * request.level
     if request.frequencies_hz is not None:
@@ -144,18 +130,20 @@ def _by_place(
     places: Sequence[str], bands: Mapping[str, Band], plot: Callable[..., Axes], title: str
 ) -> Figure:
     """A panel for each place, one below the other, with one legend."""
-    figure = figure_of(None, (FIGURE_WIDTH, 1.0 + 2.2 * len(places)))
+    figure = look.figure_of(None, (look.FIGURE_WIDTH, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot({name: Band(*(part[i] for part in band)) for name, band in bands.items()}, ax,
              legend=False)  # fmt: skip
-        title_of(ax, f"{place}: {title}")
+        look.title_of(ax, f"{place}: {title}")
         ax.label_outer()
-    legend_of_figure(figure, axes)
+    look.legend_of_figure(figure, axes)
     return figure
 
 
-def _mode_figures(predictions: Predictions, data: ModalData, level: float) -> Iterator[NamedFigure]:
+def _mode_figures(
+    predictions: Predictions, data: ModalData, level: float
+) -> Iterator[look.NamedFigure]:
     """Shapes, MACs and frequencies of the class that has most of the draws."""
     best = max(predictions.classes, key=lambda each: len(each.values))
     paired = [label for label in data.labels if label in best.pairing]
@@ -169,8 +157,8 @@ def _mode_figures(predictions: Predictions, data: ModalData, level: float) -> It
         ]
         figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
         title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
-        title = wrapped(title, figure.get_figwidth())
-        figure.suptitle(title, fontsize=TEXT_SIZE, x=0.02, ha="left", parse_math=False)
+        title = look.wrapped(title, figure.get_figwidth())
+        figure.suptitle(title, fontsize=look.TEXT_SIZE, x=0.02, ha="left", parse_math=False)
         yield "mode_shapes", figure
     measured = [mode for mode in data.modes if mode.unit_shape is not None]
     if measured:

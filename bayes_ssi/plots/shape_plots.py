@@ -16,29 +16,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes, moves_sideways
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PANEL_WIDTH,
-    SDS_OF_90_PERCENT,
-    SMALL_TEXT,
-    VERMILION,
-    axes_of,
-    figure_of,
-    hover,
-    legend_of_figure,
-    letters_across,
-    panels_across,
-    panels_of,
-    title_of,
-    whole_figure,
-    width_of_modes,
-    width_of_panels,
-    without_math,
-    wrapped,
-)
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.space import draw_structure, longest_side, panels_in_space
 from bayes_ssi.results.predictions.posterior_draws import Band
 from bayes_ssi.structures.geometry import Geometry, Location
@@ -83,7 +61,7 @@ def plot_shapes(
             not, shapes are drawn component by component.
     """
     height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
-    figure, axes = panels_of(figure, len(shapes), 0.6, height)
+    figure, axes = look.panels_of(figure, len(shapes), 0.6, height)
     for drawn, ax in zip(shapes, axes, strict=True):
         if sideways and structure is not None:
             plot_building_shape(structure, places, drawn.shape, ax, reference=drawn.reference,
@@ -91,9 +69,9 @@ def plot_shapes(
         else:
             plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
                                   title=drawn.title, name=name)  # fmt: skip
-        ax.tick_params("y", labelsize=SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
+        ax.tick_params("y", labelsize=look.SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
-    legend_of_figure(figure, axes, columns=4)
+    look.legend_of_figure(figure, axes, columns=4)
     return figure
 
 
@@ -161,21 +139,21 @@ def plot_building_shape(
     # In the unit of the shapes: half the width of the building, and the largest distance from its
     # axis that is drawn. Appendages may move many times as far as floors.
     half_width, reach = 0.7, 1.8
-    ax = axes_of(ax, (2.2, 3.0))
+    ax = look.axes_of(ax, (2.2, 3.0))
     heights = structure.heights()
     floors = [i for i, place in enumerate(places) if place not in structure.appendages]
     floors.sort(key=lambda i: heights[places[i]])
     y = np.array([0.0, *(heights[places[i]] for i in floors)])
     low, median, high = (np.r_[0.0, part[floors]] for part in shape)
-    ax.axvline(0.0, color=GREY, linewidth=0.6, linestyle=":")
+    ax.axvline(0.0, color=look.GREY, linewidth=0.6, linestyle=":")
     ax.plot([-reach, reach], [0, 0], color="black", linewidth=2.0)
     for side, labelled in ((-half_width, True), (half_width, False)):
         if before is not None:
             earlier = np.array([0.0, *(before[i] for i in floors)])
-            ax.plot(earlier + side, y, color=GREY, linewidth=0.9, linestyle="--",
+            ax.plot(earlier + side, y, color=look.GREY, linewidth=0.9, linestyle="--",
                     label="before updating" if labelled else None)  # fmt: skip
-        ax.fill_betweenx(y, low + side, high + side, color=BLUE, alpha=0.35, linewidth=0)
-        ax.plot(median + side, y, color=BLUE, linewidth=1.2,
+        ax.fill_betweenx(y, low + side, high + side, color=look.BLUE, alpha=0.35, linewidth=0)
+        ax.plot(median + side, y, color=look.BLUE, linewidth=1.2,
                 label=f"{name}, with its band" if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
@@ -193,8 +171,8 @@ def plot_building_shape(
     ax.set_xticks([])
     ax.spines[["left", "bottom"]].set_visible(False)
     ax.tick_params(axis="y", length=0)
-    without_math(*ax.get_yticklabels())
-    title_of(ax, title)
+    look.without_math(*ax.get_yticklabels())
+    look.title_of(ax, title)
     return ax
 
 
@@ -203,14 +181,16 @@ def _draw_appendage(ax: Axes, height: float, band: Sequence[float], reach: float
     if abs(median) >= reach:
         _mark_beyond(ax, median, height, reach)
         return
-    ax.errorbar(median, height, xerr=[[median - low], [high - median]], color=VERMILION, capsize=3)
-    ax.plot(median, height, "s", color=VERMILION, markeredgecolor="black", markersize=7,
+    ax.errorbar(
+        median, height, xerr=[[median - low], [high - median]], color=look.VERMILION, capsize=3
+    )
+    ax.plot(median, height, "s", color=look.VERMILION, markeredgecolor="black", markersize=7,
             linestyle="none", label="appendage", zorder=3)  # fmt: skip
 
 
 def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
     """An arrow head within the axes, towards a component that lies beyond them."""
-    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=VERMILION,
+    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=look.VERMILION,
             markeredgecolor="black", markersize=7, linestyle="none", label=BEYOND,
             zorder=3)  # fmt: skip
 
@@ -221,12 +201,13 @@ def _write_below(
     """Write below the axes the components of appendages whose intervals reach beyond them."""
     # Adding zero turns a negative zero into a plain one.
     rounded = np.round(np.array(shape).T, 1) + 0.0
+    names = [look.wrapped(place, look.PANEL_WIDTH, look.SMALL_TEXT) for place in places]
     far = [
-        f"{wrapped(place, PANEL_WIDTH, SMALL_TEXT)}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
+        f"{names[i]}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
         for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
         if place in appendages and max(-shape.low[i], shape.high[i]) >= reach
     ]
-    ax.set_xlabel("\n".join(far), fontsize=SMALL_TEXT, parse_math=False)
+    ax.set_xlabel("\n".join(far), fontsize=look.SMALL_TEXT, parse_math=False)
 
 
 def plot_shape_components(
@@ -247,7 +228,7 @@ def plot_shape_components(
     ``structure`` may be None where places are sensors; the first place is the lowest bar.
     """
     appendages = structure.appendages if structure is not None else ()
-    ax = axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
+    ax = look.axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))
     groups = by_direction(places, appendages, name)
     order = [place for group in groups.values() for place in group]
     # Half a row between directions.
@@ -257,15 +238,15 @@ def plot_shape_components(
     main = [bands[place] for place in places if place not in appendages]
     largest = np.nanmax(np.abs(main), initial=0.0)
     reach = 1.15 * largest if largest > 0.0 else 1.0
-    ax.axvline(0.0, color=GREY, linewidth=0.6)
-    colours = cycle((BLUE, GREEN, ORANGE))
+    ax.axvline(0.0, color=look.GREY, linewidth=0.6)
+    colours = cycle((look.BLUE, look.GREEN, look.ORANGE))
     for label, group in groups.items():
-        colour = VERMILION if label == APPENDAGES else next(colours)
+        colour = look.VERMILION if label == APPENDAGES else next(colours)
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
         bars = ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=label)
         for place, bar, component in zip(group, bars, median, strict=True):
-            hover(bar, f"{title}, {place}: {component:.3f}".replace("\n", ", "))
+            look.hover(bar, f"{title}, {place}: {component:.3f}".replace("\n", ", "))
         # Of arrays of one element, matplotlib makes numbers in a way of which numpy 2.0 warns.
         below, above = (median - low).tolist(), (high - median).tolist()
         ax.errorbar(median, rows, xerr=[below, above], fmt="none", ecolor="black",
@@ -281,8 +262,8 @@ def plot_shape_components(
     ax.set_ylim(-0.5, max(y.values()) + 0.5)
     ax.set_yticks([*y.values()], order)
     ax.locator_params(axis="x", nbins=2)
-    without_math(*ax.get_yticklabels())
-    title_of(ax, title)
+    look.without_math(*ax.get_yticklabels())
+    look.title_of(ax, title)
     _write_below(ax, appendages, places, shape, reach)
     return ax
 
@@ -318,11 +299,11 @@ def plot_identified_modes(
     grey bar is the 95 % interval of a frequency.
     """
     shapes = _shapes(data)
-    across = panels_across(len(shapes)) if shapes else 1
+    across = look.panels_across(len(shapes)) if shapes else 1
     n_rows = -(-len(shapes) // across)
     height = 1.5 + (0.85 + 0.22 * len(data.sensors)) * n_rows
-    figure = figure_of(
-        figure, (max(width_of_modes(len(data.modes)), width_of_panels(across)), height)
+    figure = look.figure_of(
+        figure, (max(look.width_of_modes(len(data.modes)), look.width_of_panels(across)), height)
     )
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
     grid = figure.add_gridspec(1 + n_rows, across, height_ratios=ratios)
@@ -338,27 +319,31 @@ def plot_identified_modes(
 
 def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     low, high = data.band_hz
-    ax.axvspan(low, high, color=GREY, alpha=0.12, linewidth=0)
+    ax.axvspan(low, high, color=look.GREY, alpha=0.12, linewidth=0)
     # The label of a mode and the space next to it, on the scale of the axis.
     longest = max(len(mode.label) for mode in data.modes) + 1
-    room = (high - low) * longest / letters_across(whole_figure(ax).get_figwidth(), SMALL_TEXT)
+    room = (
+        (high - low)
+        * longest
+        / look.letters_across(look.whole_figure(ax).get_figwidth(), look.SMALL_TEXT)
+    )
     for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
             half = 1.96 * mode.frequency_cov * mode.frequency_hz
-            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=GREY,
+            ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=look.GREY,
                        alpha=0.5, linewidth=0)  # fmt: skip
-        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=BLUE, linewidth=1.5)
-        hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
+        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=look.BLUE, linewidth=1.5)
+        look.hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
-                        fontsize=SMALL_TEXT, bbox={"facecolor": "white", "edgecolor": "none",
+                        fontsize=look.SMALL_TEXT, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
-        without_math(label)
+        look.without_math(label)
     ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     ax.set_ylim(0.0, 1.3)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("identified frequency (Hz); grey: the band")
-    title_of(ax, label_in(configuration, "identified modes"))
+    look.title_of(ax, label_in(configuration, "identified modes"))
 
 
 def _levels(frequencies_hz: FloatArray, room: float) -> list[float]:
@@ -413,7 +398,7 @@ def _shapes(data: ModalData) -> list[DrawnShape]:
             sds = np.sqrt(data.covariance.diagonal()[m + n * i : m + n * (i + 1)])
         scaled = np.asarray(mode.scaled_shape)
         scale = np.linalg.norm(scaled[np.isfinite(scaled)])  # over a unit shape
-        half = SDS_OF_90_PERCENT * sds * scale
+        half = look.SDS_OF_90_PERCENT * sds * scale
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
         shapes.append(DrawnShape(title, Band(scaled - half, scaled, scaled + half)))
     return shapes
@@ -446,10 +431,10 @@ def _in_space(
         for point, along, *band in zip(points, reach * directions, *shape.shape, strict=True):
             low, end, high = (point + component * along for component in band)
             if np.isfinite(end).all():
-                ax.plot(*point[:, None], ".", color=BLUE, markersize=3)
-                ax.plot(*np.array([point, end]).T, color=BLUE, linewidth=1.0,
+                ax.plot(*point[:, None], ".", color=look.BLUE, markersize=3)
+                ax.plot(*np.array([point, end]).T, color=look.BLUE, linewidth=1.0,
                         label="identified component")  # fmt: skip
-                ax.plot(*np.array([low, high]).T, color=VERMILION, linewidth=2.5,
+                ax.plot(*np.array([low, high]).T, color=look.VERMILION, linewidth=2.5,
                         solid_capstyle="butt", label="90 % interval")  # fmt: skip
-    legend_of_figure(figure, panels[:1])
+    look.legend_of_figure(figure, panels[:1])
     return figure

@@ -5,7 +5,7 @@ throughout.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -165,38 +165,45 @@ def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterat
         )
     for row, posterior in zip(alike[:MOST_LISTED], posteriors, strict=False):
         record = result.record.model_class(row.name)
-        errors = {each.name for each in record.parameters if each.is_error}
-        claimed = [each for each in posterior.summary if each.name in disputed - errors]
-        sizes = [each for each in posterior.summary if each.name in disputed & errors]
-        own = [each for each in posterior.summary if each.name not in of_all | disputed]
-        parts = [explained(posterior, result.tests)]
-        verbs = ("claims", "needs sizes of errors", "also infers")
-        for verb, parameters in zip(verbs, (claimed, sizes, own), strict=True):
-            if parameters:
-                parts.append(f"{verb} {quantities(best_determined(parameters), record)}")
-        yield f"{row.name!r} {'; it '.join(parts)}."
+        errors = {parameter.name for parameter in record.parameters if parameter.is_error}
+        parts = _claims(posterior, record, {
+            "claims": disputed - errors,
+            "needs sizes of errors": disputed & errors,
+            "also infers": {*posterior.parameter_names} - of_all - disputed,
+        })  # fmt: skip
+        yield f"{row.name!r} {'; it '.join([explained(posterior, result.tests), *parts])}."
+
+
+def _claims(
+    posterior: Posterior, record: ClassRecord, names: Mapping[str, Collection[str]]
+) -> list[str]:
+    """What a class does, in words → the parameters that it does so with, those that it has."""
+    rows = {
+        verb: [row for row in posterior.summary if row.name in own] for verb, own in names.items()
+    }
+    return [
+        f"{verb} {quantities(best_determined(own), record)}" for verb, own in rows.items() if own
+    ]
 
 
 def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
     posterior = result.posterior(row.name)
     record = result.record.model_class(row.name)
     different, same = differing(posterior, best)
-    errors = {each.name for each in record.parameters if each.is_error}
+    errors = {parameter.name for parameter in record.parameters if parameter.is_error}
     own = set(posterior.parameter_names) - set(best.parameter_names) - errors
-    claims = [each for each in posterior.summary if each.name in own.union(different) - errors]
-    sizes = [each for each in posterior.summary if each.name in errors.intersection(different)]
+    claims = _claims(posterior, record, {
+        "claims": own.union(different) - errors,
+        "needs other sizes of errors:": errors.intersection(different),
+    })  # fmt: skip
     n_sampled = len(result.comparison.classes)
     among = f" among the {n_sampled} hypotheses that were sampled" if result.search else ""
     sentences = [
         f"Runner-up{among}: {_title_and_probability(result, row)}.",
-        f"It {explained(posterior, result.tests)}.",
+        *(f"It {what}." for what in (explained(posterior, result.tests), *claims)),
     ]
-    if claims:
-        sentences.append(f"It claims {quantities(best_determined(claims), record)}.")
-    if sizes:
-        sentences.append(f"It needs other sizes of errors: {quantities(sizes, record)}.")
     if same:
-        other = "other " if claims or sizes else ""
+        other = "other " if claims else ""
         sentences.append(f"On the {other}parameters that both infer it agrees.")
     return " ".join([*sentences, why_it_loses(row, result.comparison.best)])
 
@@ -244,7 +251,7 @@ def _title(result: StoredResult, row: RankedClass, *further: str) -> str:
 
 def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
     """The parameters of a class: structural ones, errors, and what the data say nothing about."""
-    errors = {each.name for each in record.parameters if each.is_error}
+    errors = {parameter.name for parameter in record.parameters if parameter.is_error}
     structural = [row for row in posterior.summary if row.name not in errors]
     sentences = []
     if structural:
@@ -272,7 +279,7 @@ def best_determined(rows: Sequence[ParameterSummary]) -> list[ParameterSummary]:
 
 def quantities(rows: Sequence[Summary], record: ClassRecord) -> str:
     """Names, medians and 90 % intervals."""
-    units = {each.name: each.unit for each in record.parameters}
+    units = {parameter.name: parameter.unit for parameter in record.parameters}
     return "; ".join(
         f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95, units[row.name])}"
         for row in rows

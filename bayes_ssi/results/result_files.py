@@ -15,6 +15,10 @@ from bayes_ssi.foundations.codec import from_record, to_record
 T = TypeVar("T")
 
 
+class ResultExistsError(FileExistsError):
+    """A result of the same kind may be there, and was not to be overwritten."""
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write the record of an object, from :func:`~bayes_ssi.foundations.codec.to_record`."""
     text = json.dumps(to_record(value), indent=2, allow_nan=False)
@@ -112,9 +116,8 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
                 f"{directory}: holds no result of this package and is not overwritten"
             )
     else:
-        raise FileExistsError(
-            f"{directory}: exists already and is not overwritten; name another with --out, or "
-            "pass --overwrite"
+        raise ResultExistsError(
+            f"{directory}: exists already and is not overwritten; name another, or overwrite it"
         )
 
 

@@ -35,8 +35,13 @@ from bayes_ssi.results.result_files import (
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.studies.ranking.result_record import IN_THE_FILE_OF_DRAWS, ResultRecord
-from bayes_ssi.studies.ranking.study import RankedStudy, Ranking, Study
+from bayes_ssi.studies.ranking.study import (
+    IN_THE_FILE_OF_DRAWS,
+    RankedStudy,
+    Ranking,
+    ResultRecord,
+    Study,
+)
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 # The file that every result directory holds.
@@ -107,7 +112,7 @@ def load_result(directory: str | Path) -> StoredResult:
         search = read_stored(kind, directory / SEARCH)
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
-    posteriors = (from_record(Posterior, each, **not_here) for each in record.posteriors)
+    posteriors = (from_record(Posterior, posterior, **not_here) for posterior in record.posteriors)
     with_draws = tuple(load_draws(directory / record.draws[each.name], each) for each in posteriors)
     return StoredResult(directory, record, tests, with_draws, comparison, search)
 

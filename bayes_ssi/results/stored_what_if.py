@@ -35,11 +35,11 @@ def recorded_class(stored: StoredResult, name: str) -> ModelClass:
     own.update({p.name: p for p in record.error.parameters})
     tests: list[tuple[ModalData, Pairing, list[Parameter]]] = [
         (
-            stored.tests[each.name],
-            "any" if each.pairing is None else each.pairing,
-            [own[parameter] for parameter in each.parameters],
+            stored.tests[configuration.name],
+            "any" if configuration.pairing is None else configuration.pairing,
+            [own[parameter] for parameter in configuration.parameters],
         )
-        for each in record.configurations
+        for configuration in record.configurations
     ]
     structures = known_structures(posterior, tests)
     return ModelClass(
@@ -96,9 +96,9 @@ def every_setting(
     stored = as_stored(result)
     seed, settings = stored.record.seed, SamplingSettings(log_evidence_error=0.03)
     sampled = SampledClasses(
-        {each.name: each for each in stored.posteriors},
+        {posterior.name: posterior for posterior in stored.posteriors},
         _recorded(stored),
-        {each.name: each for each in classes},
+        {model_class.name: model_class for model_class in classes},
         lambda changed: sample_all(changed, seed, settings, run),
     )
     return sensitivity(sampled, stored.record.prior_weights)

@@ -30,7 +30,6 @@ from simulated import print_bands
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.results.hierarchy.likelihood_fit import MOST_DRAWS
 from bayes_ssi.results.hierarchy.populations import (
     Population,
     PopulationSampler,
@@ -39,6 +38,7 @@ from bayes_ssi.results.hierarchy.populations import (
     failed_fits,
     fit_tests,
 )
+from bayes_ssi.results.hierarchy.ranked_populations import MOST_DRAWS
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))
 KINDS = tuple(product((False, True), repeat=2))

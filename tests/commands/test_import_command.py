@@ -173,7 +173,7 @@ def test_sensors_by_coordinates():
     arguments = ("tower", "--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
     refused = run(*arguments, "--data", "modes.csv", "--points", "mm.csv")
     assert refused.exit_code == 2
-    assert "times 0.001 (mm to m): state the factor by --points-scale" in refused.output
+    assert "times 0.001 (mm to m): state the factor" in refused.output
     done = run(*arguments, "--data", "modes.csv", "--points", "mm.csv", "--points-scale", "0.001")
     assert done.exit_code == 0, done.output
     assert "340 x: 340 x, 0.01 away" in done.output.splitlines()
@@ -200,8 +200,8 @@ def test_sensors_by_the_nodes_of_a_universal_file():
     shown = [f"5 x: 200 x{away}", f"9 y: 340 y{away}", f"9 z: 340 z{away}"]
     assert [line for line in done.output.splitlines() if "away" in line] == shown
     for options, words in (
-        (("--data", "test.csv"), "times 0.001 (mm to m): state the factor by --points-scale"),
-        ((), "test.uff: its nodes do not say which sensors there are; give --data"),
+        (("--data", "test.csv"), "times 0.001 (mm to m): state the factor"),
+        ((), "test.uff: its nodes do not say which sensors there are; give the data"),
     ):
         refused = run("other", *given, *options)
         assert refused.exit_code == 2

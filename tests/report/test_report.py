@@ -25,7 +25,6 @@ from bayes_ssi.report.page_content import (
 from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.write import write_report
-from bayes_ssi.results.predictions.requested_predictions import PredictionsRecord
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check
@@ -39,10 +38,8 @@ def reported(tiny_ranking, tmp_path_factory):
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
-    record = PredictionsRecord(
-        "tiny", "today", "", ("average",), 500, 0.95, "acceleration", ("floor 2",), 0.02, None, (),
-        {},
-    )  # fmt: skip
+    record = {"predictions_of": ["average"], "draws": 500, "level": 0.95, "configuration": "",
+              "damping": 0.02}  # fmt: skip
     write_json(predictions / "predictions.json", record)
     (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")
     return write_report(directory)
@@ -134,7 +131,7 @@ def test_a_report_is_not_overwritten_unless_asked(run, reported, tmp_path):
     ("file", "content", "words"),
     [
         ("result.json", '{"format": 2}', "a result of format 2, this version reads"),
-        ("predictions/predictions.json", "{}", "predictions.json: study: missing"),
+        ("predictions/predictions.json", "{}", "predictions.json: damaged: no configuration"),
     ],
 )
 def test_a_damaged_result_is_one_line(run, reported, tmp_path, file, content, words):

@@ -181,9 +181,9 @@ class ModalData(Displayed):
         return (
             *self.failed_checks,
             *(
-                f"identified from {each.record.source or 'a record'}: {check}"
-                for each in self.identifications
-                for check in each.failed_checks
+                f"identified from {summary.record.source or 'a record'}: {check}"
+                for summary in self.identifications
+                for check in summary.failed_checks
             ),
         )
 
@@ -267,8 +267,13 @@ class ModalData(Displayed):
         """Neighbouring modes that look like one that is split, and the MAC of their shapes."""
         shapes = self.unit_shapes.T
         criteria = mac_of_pairs(shapes[:-1], shapes[1:])
-        pairs = zip(self.modes, self.modes[1:], criteria, strict=False)
-        return [(low, high, float(mac)) for low, high, mac in pairs if _are_alike(low, high, mac)]
+        gaps = self.frequencies_hz[1:] / self.frequencies_hz[:-1] - 1.0
+        # At one sensor all shapes are alike; the MAC of a mode without a shape is not a number.
+        measured = np.isfinite(shapes[:-1] * shapes[1:]).sum(axis=1)
+        alike = (gaps > 0.0) & (gaps < 0.2) & (criteria > 0.8) & (measured >= 2)
+        return [
+            (self.modes[i], self.modes[i + 1], float(criteria[i])) for i in np.flatnonzero(alike)
+        ]
 
     def _line(self) -> str:
         low, high = self.band_hz
@@ -282,11 +287,3 @@ class ModalData(Displayed):
             shape = [None] * len(self.sensors) if mode.shape is None else mode.shape.tolist()
             rows.append(row | dict(zip(self.sensors, shape, strict=True)))
         return rows
-
-
-def _are_alike(low: IdentifiedMode, high: IdentifiedMode, criterion: float) -> bool:
-    gap = high.frequency_hz / low.frequency_hz - 1.0
-    shape, other = low.scored_shape, high.scored_shape
-    if not 0 < gap < 0.2 or shape is None or other is None or not criterion > 0.8:  # may be NaN
-        return False
-    return bool((np.isfinite(shape) & np.isfinite(other)).sum() >= 2)

@@ -373,8 +373,8 @@ def _read_companion(path: Path, csv_path: Path) -> Companion:
             f"again, or remove the line 'identification' of {csv_path.name}, {lost}"
         ) from None
     moved = tuple(
-        replace(each, figures=tuple(str(path.parent / file) for file in each.figures))
-        for each in content.identifications
+        replace(summary, figures=tuple(str(path.parent / file) for file in summary.figures))
+        for summary in content.identifications
     )
     return replace(content, identifications=moved)
 

@@ -75,7 +75,7 @@ def read_sensor_points(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint,
 
 def _at_nodes(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
     if not sensors:
-        raise ValueError(f"{path}: its nodes do not say which sensors there are; give --data")
+        raise ValueError(f"{path}: its nodes do not say which sensors there are; give the data")
     nodes: dict[str, Point] = {}
     for one in read_data_sets(path, 15, 2411):
         for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
@@ -121,7 +121,7 @@ def nearest_degrees_of_freedom(
         if max(distances) < 0.1 * largest and len(set(others)) == len(points):
             raise ValueError(
                 f"sensors are up to {largest:.4g} from their nodes, but {max(distances):.4g} with "
-                f"coordinates times {factor:g} ({units}): state the factor by --points-scale"
+                f"coordinates times {factor:g} ({units}): state the factor"
             )
     twice = next((label for label, count in labels.items() if count > 1), None)
     if twice is not None:

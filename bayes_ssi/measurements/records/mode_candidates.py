@@ -9,7 +9,7 @@ Hankel matrices give poles at every order (Juang and Pappa 1985); a mode has one
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +167,10 @@ class _Section:
 
     def poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
         """Poles of clusters of orders, the share of orders that have each, and poles of orders."""
-        found = self._poles_of_orders()
+        correlations, step_s, start_hz = self._correlations()
+        n_rows, band = min(BLOCK_ROWS, (len(correlations) - 2) // 3), (self.low, self.high)
+        lagged = correlations[1:]
+        found = [*poles_of_orders(lagged, step_s, start_hz, band, n_rows, HIGHEST_ORDER)]
         f, zeta, shapes = (np.concatenate(parts, axis=-1) for parts in zip(*found, strict=True))
         orders = np.repeat(np.arange(1, len(found) + 1), [poles.n_modes for poles in found])
         stabilisation = np.array([f, orders], dtype=float)
@@ -188,35 +191,6 @@ class _Section:
         poles = Resonances(f[chosen], zeta[chosen], in_channels).at(ascending.tolist())
         return poles, np.array(shares)[ascending], stabilisation
 
-    def _poles_of_orders(self) -> list[Resonances]:
-        """Poles in the section, in leading directions, of every order from 1 on."""
-        from scipy.linalg import svd
-
-        correlations, step_s, start_hz = self._correlations()
-        n_rows = min(BLOCK_ROWS, (len(correlations) - 2) // 3)
-        left, values, right = svd(block_hankel(correlations[1:], n_rows), check_finite=False)
-        highest = min(HIGHEST_ORDER, int((values > 1e-10 * values[0]).sum()))
-        root = np.sqrt(values[:highest])
-        left, right = left[:, :highest], right[:highest].conj().T
-        next_lag = block_hankel(correlations[2:], n_rows)
-        shifted = left.conj().T @ next_lag @ right / root / root[:, None]
-        first_rows = left[: correlations.shape[1]] * root
-        found: list[Resonances] = []
-        for order in range(1, highest + 1):
-            discrete, states = np.linalg.eig(shifted[:order, :order])
-            with np.errstate(divide="ignore"):
-                exponents = np.log(discrete) / step_s
-            omega = 2.0 * np.pi * start_hz + np.mod(exponents.imag, 2.0 * np.pi / step_s)
-            size = np.hypot(omega, exponents.real)
-            dampings = -exponents.real / size
-            frequencies = size / (2.0 * np.pi)
-            kept = (dampings > 1e-4) & (dampings < MOST_DAMPING)
-            kept &= (frequencies >= self.low) & (frequencies < self.high)
-            shapes = first_rows[:, :order] @ states[:, kept]
-            shapes = shapes / np.linalg.norm(shapes, axis=0)
-            found.append(Resonances(frequencies[kept], dampings[kept], shapes))
-        return found
-
     def _correlations(self) -> tuple[ComplexArray, float, float]:
         """Correlations (lags, r, r), the step of lags, and the frequency from which they turn."""
         values, line = self.transforms.values, self.transforms.line_hz
@@ -235,6 +209,52 @@ class _Section:
             products = products + np.einsum("ik,jk->kij", tapered, tapered.conj())
         correlations = np.fft.ifft(window[:, None, None] * products, axis=0)
         return correlations, 1.0 / (len(centres) * line), float(frequencies[0])
+
+
+def poles_of_orders(
+    decays: NDArray[Any],
+    step_s: float,
+    start_hz: float,
+    band_hz: tuple[float, float],
+    n_rows: int,
+    highest: int,
+    at_sensors: NDArray[Any] | None = None,
+) -> Iterator[Resonances]:
+    """Poles in a band, and their shapes (r, m), of free decays, by every order from 1 on.
+
+    Block Hankel matrices H0 and H1 of the decays, one lag apart, give H0 = U Σ Vᴴ and the state
+    matrix A = Σ^(-1/2) Uᴴ H1 V Σ^(-1/2) at an order (Juang and Pappa 1985); the poles are
+    ln(eig A) / step, and shapes follow from the first block row of H0.
+
+    Args:
+        decays: (lags, r, r), of r directions.
+        step_s: from lag to lag, and ``start_hz``, the frequency from which they turn.
+        n_rows: blocks in a row of the matrices, and ``highest``, the highest order.
+        at_sensors: (lags, n, r), the same at n sensors, of which shapes (n, m) are then.
+    """
+    from scipy.linalg import svd
+
+    left, values, right = svd(block_hankel(decays, n_rows), check_finite=False)
+    highest = min(highest, int((values > 1e-10 * values[0]).sum()))
+    root = np.sqrt(values[:highest])
+    left, right = left[:, :highest], right[:highest].conj().T
+    shifted = left.conj().T @ block_hankel(decays[1:], n_rows) @ right / root / root[:, None]
+    first_rows = left[: decays.shape[1]] * root
+    if at_sensors is not None:
+        in_row = at_sensors[:n_rows].transpose(1, 0, 2)
+        first_rows = in_row.reshape(len(in_row), -1) @ right / root
+    for order in range(1, highest + 1):
+        discrete, states = np.linalg.eig(shifted[:order, :order])
+        with np.errstate(divide="ignore"):
+            exponents = np.log(discrete.astype(complex)) / step_s
+        omega = 2.0 * np.pi * start_hz + np.mod(exponents.imag, 2.0 * np.pi / step_s)
+        size = np.hypot(omega, exponents.real)
+        dampings = -exponents.real / size
+        frequencies = size / (2.0 * np.pi)
+        kept = (dampings > 1e-4) & (dampings < MOST_DAMPING)
+        kept &= (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
+        shapes = first_rows[:, :order] @ states[:, kept]
+        yield Resonances(frequencies[kept], dampings[kept], shapes / np.linalg.norm(shapes, axis=0))
 
 
 def _clusters(f: FloatArray, shapes: ComplexArray, orders: NDArray[np.int_]) -> NDArray[np.int_]:

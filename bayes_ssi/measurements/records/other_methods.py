@@ -4,12 +4,10 @@ All but the Bayesian FFT look near modes that are given, as a user who compares 
 more is a function like theirs, a line in OTHERS and its name in METHOD_NAMES.
 
 NExT-ERA, natural excitation technique and eigensystem realisation: correlations R(τ) of a
-stationary record, from lag 1 on, are sums of free decays (James, Carne and Lauffer 1993). Block
-Hankel matrices H0 and H1 of R, one lag apart, give H0 = U Σ Vᵀ and the state matrix
-A = Σ^(-1/2) Uᵀ H1 V Σ^(-1/2) at an order (Juang and Pappa 1985); the poles are ln(eig A)·rate, and
-shapes follow from the first block row of H0 for all sensors. Standard deviations and correlations
-come from a jackknife: the record is divided into segments, and the modes are identified again
-without each of them.
+stationary record, from lag 1 on, are sums of free decays (James, Carne and Lauffer 1993), whose
+poles are those of candidates for modes, with shapes at all sensors. Standard deviations and
+correlations come from a jackknife: the record is divided into segments, and the modes are
+identified again without each of them.
 
 SSI-cov, covariance-driven stochastic subspace identification, by pyOMA2 (an optional extra), with
 its first-order perturbation for frequencies and dampings (Döhler and Mevel 2013). The standard
@@ -28,9 +26,10 @@ amplitude ratios at these give the shape.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr
 from io import StringIO
+from itertools import islice
 
 import numpy as np
 
@@ -39,19 +38,14 @@ from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.foundations.packages import optional_package
 from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.measurements.records.mode_candidates import MOST_DIRECTIONS, poles_of_orders
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.spectra import (
-    MOST_DAMPING,
-    Resonances,
-    block_hankel,
-    real_shapes,
-)
+from bayes_ssi.measurements.records.spectra import Resonances, real_shapes
 from bayes_ssi.structures.modal import mac
 
 CORRELATION_PERIODS = 3.0  # of the lowest frequency: lags of NExT-ERA and SSI-cov
 MOST_SEGMENTS = 20  # of NExT-ERA's jackknife
 FEWEST_SEGMENTS = 8
-MOST_DIRECTIONS = 8  # of the most motion, in its Hankel matrices
 HIGHEST_ORDER = 40
 SAME_LOG_FREQUENCY = 0.05  # poles of a record and a part are one mode within this
 SAME_SHAPE_MAC = 0.8  # and above this
@@ -87,20 +81,20 @@ def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str
 def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     """The order is the lowest at which all modes appear in the record and without each segment."""
     sums, directions, rate_hz = correlations(record, band_hz)
-    n_segments, total = len(sums), sums.sum(0)
+    n_segments, mean = len(sums), sums.mean(0)
 
-    def realised(part: FloatArray) -> Callable[[int], Resonances]:
-        return _modes_by_order(part, directions, rate_hz, band_hz)
+    def modes(part: FloatArray) -> Iterator[Resonances]:
+        decays = np.einsum("sr,lsq->lrq", directions, part)
+        half = len(decays) // 2
+        poles = poles_of_orders(decays, 1.0 / rate_hz, 0.0, band_hz, half, HIGHEST_ORDER, part)
+        return (of_order._replace(shapes=real_shapes(of_order.shapes)) for of_order in poles)
 
-    without = [realised((total - part) / (n_segments - 1)) for part in sums]
-    whole = realised(sums.mean(0))
-    highest = min(HIGHEST_ORDER, sums.shape[1] // 2 * directions.shape[1])
-    for order in range(2 * near.n_modes, highest + 1, 2):
-        center = _matched(whole(order), near)
-        if center is None:
-            continue
-        others = [_matched(part(order), center) for part in without]
-        if all(other is not None for other in others):
+    without = [modes((n_segments * mean - part) / (n_segments - 1)) for part in sums]
+    by_order = islice(zip(modes(mean), *without, strict=False), 2 * near.n_modes - 1, None, 2)
+    for whole, *parts in by_order:
+        center = _matched(whole, near)
+        others = [] if center is None else [_matched(part, center) for part in parts]
+        if center is not None and all(other is not None for other in others):
             break
     else:
         raise ValueError(
@@ -159,37 +153,6 @@ def correlations(record: Record, band_hz: Band) -> tuple[FloatArray, FloatArray,
         products = transforms[:, None] * of_directions.conj()
         segment[:] = np.moveaxis(irfft(products, n_padded)[..., 1 : n_lags + 1] / pairs, -1, 0)
     return sums, directions, slow.rate_hz
-
-
-def _modes_by_order(
-    part: FloatArray, directions: FloatArray, rate_hz: float, band_hz: Band
-) -> Callable[[int], Resonances]:
-    """Modes in the band, of less damping than structures may have, of correlations (lags, n, r)."""
-    from scipy.linalg import svd
-
-    blocks = np.einsum("sr,lsq->lrq", directions, part)
-    half = len(blocks) // 2
-    left, values, right = svd(block_hankel(blocks, half), check_finite=False)
-    left, right = left[:, :HIGHEST_ORDER], right[:HIGHEST_ORDER].T
-    # The first block row of H0 for all sensors, times V; Uᵀ H1 V.
-    first_row = part[:half].transpose(1, 0, 2).reshape(part.shape[1], -1) @ right
-    shifted = left.T @ block_hankel(blocks[1:], half) @ right
-    low, high = band_hz
-
-    def modes(order: int) -> Resonances:
-        root = np.sqrt(values[:order])
-        discrete, states = np.linalg.eig(shifted[:order, :order] / root / root[:, None])
-        with np.errstate(divide="ignore"):
-            continuous = np.log(discrete.astype(complex)) * rate_hz
-        size = np.maximum(np.abs(continuous), np.finfo(float).tiny)
-        frequencies, dampings = size / (2.0 * np.pi), -continuous.real / size
-        kept = (continuous.imag > 0.0) & (dampings > 0.0) & (dampings < MOST_DAMPING)
-        kept &= (frequencies > low) & (frequencies < high)
-        kept = np.flatnonzero(kept)[np.argsort(frequencies[kept])]
-        shapes = (first_row[:, :order] / root) @ states[:, kept]
-        return Resonances(frequencies[kept], dampings[kept], real_shapes(shapes))
-
-    return modes
 
 
 def _matched(candidates: Resonances, modes: Resonances) -> Resonances | None:

@@ -107,7 +107,7 @@ def plan_notes(plan: Plan) -> Iterator[str]:
         else f"Greedy search with exchanges, {plan.n_tried} layouts tried. Begun from effective "
         f"independence, it ends at a gain {plan.other_start:+.3f} nats from the best."
     )
-    if any(each.gain > 2.0 * each.error for each in plan.changes if "without" in each.what):
+    if any(change.gain > 2.0 * change.error for change in plan.changes if "without" in change.what):
         yield (
             "A sensor can take information away: errors of shapes are stated at unit length over "
             "the sensors of a layout, and one on which the classes agree dilutes the others."

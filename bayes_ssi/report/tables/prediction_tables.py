@@ -55,9 +55,9 @@ def peak_table(responses: Sequence[ResponseBands]) -> Table:
     request = responses[0].request
     title = f"Peak {request.output.quantity}, absolute value, {100 * request.level:g} % band"
     rows = [
-        (each.name, motion or "transfer", place, f"{median:.4g}", interval(low, high), unit)
-        for each in responses
-        for motion, unit, place, low, median, high in each.peak_rows()
+        (response.name, motion or "transfer", place, f"{median:.4g}", interval(low, high), unit)
+        for response in responses
+        for motion, unit, place, low, median, high in response.peak_rows()
     ]
     return new_table(title, ["model class", "of", "place"], ["median", "band", "unit"], rows)
 

@@ -51,12 +51,12 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
     methods = check_names(posteriors)
     rows = [
         (
-            each.name,
-            f"{each.evidence.mean_log_likelihood:.2f}",
-            number(each.evidence.information_gained, ".2f"),
-            *(str(each.evidence.check(method) or "") for method in methods),
+            posterior.name,
+            f"{posterior.evidence.mean_log_likelihood:.2f}",
+            number(posterior.evidence.information_gained, ".2f"),
+            *(str(posterior.evidence.check(method) or "") for method in methods),
         )
-        for each in posteriors
+        for posterior in posteriors
     ]
     title = "Log evidence = fit - information gained, and its checks (nats)"
     return new_table(title, ["model class"], ["fit", "information", *methods], rows)
@@ -203,8 +203,8 @@ def what_if_table(answer: WhatIf) -> Table:
 def changed_parameters_table(row: ChangedClass) -> Table:
     """Means and 90 % intervals of a class's parameters, and the shift in standard deviations."""
     rows = []
-    for each in row.parameters:
-        old, new = each.before, each.after
+    for parameter in row.parameters:
+        old, new = parameter.before, parameter.after
         rows.append((
             old.name,
             f"{old.mean:.4g}",

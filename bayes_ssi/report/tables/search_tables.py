@@ -186,7 +186,7 @@ def mass_scales(record: SearchRecord) -> list[str]:
 
 def unseen_note(record: FamilyRecord) -> str:
     """The places about which the tests say nothing; empty if there are none."""
-    unseen = [each.place.name for each in record.places if not each.is_observed]
+    unseen = [finding.place.name for finding in record.places if not finding.is_observed]
     if not unseen:
         return ""
     shown, others = unseen[:MOST_PLACES], unseen[MOST_PLACES:]

@@ -13,13 +13,13 @@ from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.results.hierarchy.likelihood_fit import NEXT_TESTS
 from bayes_ssi.results.hierarchy.populations import Population
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
 AVERAGE = "average"
 # The file that every directory of this kind holds.
 MARKER = "hierarchy.json"
+NEXT_TESTS = 1000  # draws of the parameters in the next test that are written to a file
 
 
 @dataclass(frozen=True)
@@ -137,10 +137,7 @@ class Hierarchy(Displayed):
         both in standard-normal coordinates.
         """
         means, _, spreads = ranked.population.split(ranked.draws)
-        above, below = (
-            _in_units(self.of_population, means + sign * spreads) for sign in (1.0, -1.0)
-        )
-        return 0.5 * (above - below)
+        return 0.5 * self._apart(means, spreads)
 
     def slopes(self, ranked: RankedPopulation) -> FloatArray:
         """Draws (n_draws, k) of the change of the centre by one unit of the covariate.
@@ -153,8 +150,11 @@ class Hierarchy(Displayed):
         if self.covariate is None:
             raise ValueError("hierarchy: there is no covariate")
         means, slopes, _ = ranked.population.split(ranked.draws)
-        half = 0.5 * slopes / self.covariate.sd
-        above, below = (_in_units(self.of_population, means + sign * half) for sign in (1.0, -1.0))
+        return self._apart(means, 0.5 * slopes / self.covariate.sd)
+
+    def _apart(self, middle: FloatArray, step: FloatArray) -> FloatArray:
+        """The distance (n_draws, k) of values a step to either side, in the parameters' units."""
+        above, below = (_in_units(self.of_population, middle + one) for one in (step, -step))
         return above - below
 
     def next_test(

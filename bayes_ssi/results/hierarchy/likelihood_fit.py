@@ -15,16 +15,12 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS, fit_mixture
 from bayes_ssi.inference.sampling.target import log_standard_normal
 
-# Numbers that decide how hierarchies are computed, and when they fail.
-FEWEST_TESTS = 2  # fewer say nothing of how parameters vary
-# Of each test that are used: their likelihoods are known, so that more say little more.
-MOST_DRAWS = 1000
 # Root mean square error of a log-likelihood, in nats, that is good enough: with that of each of
 # a hundred tests, their sum is off by a fifth of a nat, before the draws correct it.
 FIT_ERROR = 0.02
 # The same of a likelihood that is normal in form, but for rounding.
 EXACT_FIT_ERROR = 1e-6
-# That are tried, until they lower the error by less than ``least_gain``.
+# That are tried, until they lower the error by less than ``LEAST_GAIN``.
 NUMBERS_OF_COMPONENTS = (2, 4, 8)
 LEAST_GAIN = 0.8  # largest ratio of errors for which more components are worth it
 # For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
@@ -34,22 +30,6 @@ DRAWS_PER_NUMBER = 4
 # a tenth, its error is that of a likelihood known to a thousandth.
 EVIDENCE_WEIGHT = 0.1
 MOST_EVALUATIONS = 60  # in one search for the least squares
-# Of a population's parameters, at which the draws of the tests are asked, and which are kept:
-# enough for 90 % intervals.
-POPULATION_DRAWS = 500
-# By which the stored evidence of a test and that of its fit may differ, in nats: so far may
-# full solutions have corrected that of an approximate structure.
-EVIDENCE_TOLERANCE = 0.5
-# Most numbers in an array of a batch, so that it stays in the processor's cache.
-BATCH_SIZE = 200_000
-# From the draws of the tests, in nats; with a larger one, two standard errors are more than a
-# bare mention on the scale of Bayes factors.
-LARGEST_ERROR = 0.5
-# Of frequencies, in their standard deviations; smaller ones are those that the prior leaves.
-SMALLEST_REPEATED_ERROR = 0.3
-# Probability with which errors that agree between tests by chance are taken for repeated ones.
-REPEATED_BY_CHANCE = 0.001
-NEXT_TESTS = 1000  # draws of the parameters in the next test that are written to a file
 
 
 class GaussianSum(NamedTuple):

@@ -4,7 +4,7 @@ What tests that the model class does not explain say of a population means nothi
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -21,21 +21,14 @@ from bayes_ssi.inference.criticism.adequacy import (
     misfits_in_words,
 )
 from bayes_ssi.inference.criticism.misfit import CRITICISM
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
+from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     Hierarchy,
     RankedPopulation,
     SingleTestSummary,
-)
-from bayes_ssi.results.hierarchy.likelihood_fit import (
-    FEWEST_TESTS,
-    LARGEST_ERROR,
-    MOST_DRAWS,
-    REPEATED_BY_CHANCE,
-    SMALLEST_REPEATED_ERROR,
 )
 from bayes_ssi.results.hierarchy.populations import (
     Coverage,
@@ -51,15 +44,22 @@ from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 from bayes_ssi.studies.ranking.comparison import (
     PROBABLE,
     STANDARD_ERRORS,
-    bayes_factor_scale,
     class_probabilities,
-    is_distinguishable,
+    evidence_against,
 )
 
-SAME, VARIES = "the same in all tests", "varies from test to test"
+FEWEST_TESTS = 2  # fewer say nothing of how parameters vary
+# Of each test that are used: their likelihoods are known, so that more say little more.
+MOST_DRAWS = 1000
+# From the draws of the tests, in nats; with a larger one, two standard errors are more than a
+# bare mention on the scale of Bayes factors.
+LARGEST_ERROR = 0.5
+# Of frequencies, in their standard deviations; smaller ones are those that the prior leaves.
+SMALLEST_REPEATED_ERROR = 0.3
+# Probability with which errors that agree between tests by chance are taken for repeated ones.
+REPEATED_BY_CHANCE = 0.001
 
-# Called with a population's name, a step and its completed share.
-Report = Callable[[str, str, float], None]
+SAME, VARIES = "the same in all tests", "varies from test to test"
 
 
 @checked
@@ -73,7 +73,7 @@ def hierarchy(
     priors: PopulationPriors | None = None,
     seed: int = 0,
     settings: SamplingSettings | None = None,
-    progress: Report = lambda _name, _step, _done: None,
+    run: Run | None = None,
 ) -> Hierarchy:
     """Rank how the parameters of one model class vary over many tests of one structure.
 
@@ -91,28 +91,36 @@ def hierarchy(
         priors: of spreads and slopes.
         seed: determines the result.
         settings: how precisely to sample the parameters of the populations.
-        progress: called with the name of a population, a step and its completed share.
+        run: its progress is reported to; nothing else of it is used.
 
     Raises:
         ValueError: there are too few tests, they are not of the same class, a parameter is
             unknown, or the covariate is missing, not finite or constant.
     """
     class_name, tests = single_tests(results, class_name)
-    names = _population_names(tests[0].parameters, parameters)
+    of_structure = [parameter.name for parameter in tests[0].parameters if not parameter.is_error]
+    wanted = of_structure if parameters is None else parameters
+    require_known("hierarchy: the structure has no parameter", wanted, of_structure)
+    if not wanted:
+        raise ValueError("hierarchy: no parameter is named; name one or more")
+    names = tuple(name for name in of_structure if name in wanted)
     scale, x = _standardised(tests, covariate, covariate_name)
-    fits = fit_tests(tests, seed, partial(progress, "single tests", "likelihoods"))
+    report = (run or Run()).report
+    fits = fit_tests(tests, seed, partial(report, "single tests", "likelihoods"))
     columns = tests[0].columns(names)
     sampler = PopulationSampler(tests, fits, columns, x, seed, settings or SamplingSettings())
-    priors = priors or PopulationPriors()
-    populations = [Population(SAME, names, False, False, priors)]
-    populations += [Population(VARIES, names, True, False, priors)]
+    kinds = [(SAME, False, False), (VARIES, True, False)]
     if scale is not None:
         follows = f"varies with {scale.name}"
-        populations += [Population(follows, names, False, True, priors)]
-        both = f"{follows} and from test to test"
-        populations += [Population(both, names, True, True, priors)]
-    sampled = [sampler.sample(each, partial(progress, each.name)) for each in populations]
-    sampled.sort(key=lambda each: -each.log_evidence)
+        kinds += [(follows, False, True), (f"{follows} and from test to test", True, True)]
+    sampled = [
+        sampler.sample(
+            Population(kind, names, varies, follows, priors or PopulationPriors()),
+            partial(report, kind),
+        )
+        for kind, varies, follows in kinds
+    ]
+    sampled.sort(key=lambda population: -population.log_evidence)
     failed, unusual = judged_tests(class_name, tests)
     first, *others = tests
     remarks = [
@@ -137,18 +145,6 @@ def hierarchy(
         ),
         remarks=(*remarks[:1], *unusual),
     )
-
-
-def _population_names(
-    own: Sequence[ParameterRecord], wanted: Sequence[str] | None
-) -> tuple[str, ...]:
-    of_structure = tuple(parameter.name for parameter in own if not parameter.is_error)
-    if wanted is None:
-        return of_structure
-    require_known("hierarchy: the structure has no parameter", wanted, of_structure)
-    if not wanted:
-        raise ValueError("hierarchy: no parameter is named; name one or more")
-    return tuple(name for name in of_structure if name in wanted)
 
 
 def _standardised(
@@ -213,9 +209,6 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
                 f"than {LARGEST_ERROR}: they hardly reach where the population has the "
                 "tests' parameters",
             )
-        against = "best" if each is best else "not distinguishable"
-        if each is not best and is_distinguishable(difference, error):
-            against = bayes_factor_scale(difference)
         rows.append(
             RankedPopulation(
                 population=each.population,
@@ -225,7 +218,7 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
                 probability=probabilities[each.population.name],
                 log_bayes_factor=difference,
                 log_bayes_factor_error=error,
-                against=against,
+                against="best" if each is best else evidence_against(difference, error),
                 draws=each.draws,
                 failed_checks=failed,
             )
@@ -242,14 +235,12 @@ def single_tests(
     tests: list[SingleTest] = []
     for name, result in results.items():
         stored = as_stored(result)
-        known = [each.name for each in stored.record.model_classes]
+        known = [model_class.name for model_class in stored.record.model_classes]
         class_name = known[0] if class_name is None and len(known) == 1 else class_name
         if class_name not in known:
+            what = "which model class?" if class_name is None else f"no model class {class_name!r};"
             listed = ", ".join(map(repr, known))
-            problem = (
-                "which model class?" if class_name is None else f"no model class {class_name!r};"
-            )
-            raise ValueError(f"hierarchy: test {name!r}: {problem} Choose from {listed}")
+            raise ValueError(f"hierarchy: test {name!r}: {what} Choose from {listed}")
         tests.append(_single_test(name, stored, class_name))
     assert class_name is not None
     _check_alike(tests, class_name)
@@ -273,7 +264,7 @@ def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest
         log_likelihoods=posterior.log_likelihoods.reshape(-1)[some],
         evidence=Estimate(posterior.evidence.log_evidence, posterior.evidence.error),
         data_digest=posterior.data_digest,
-        definitions=tuple(each.definition for each in record.configurations),
+        definitions=tuple(configuration.definition for configuration in record.configurations),
         failed_checks=tuple(
             f"test {name!r}: {check}" for check in (*failed, *posterior.failed_checks)
         ),

@@ -189,9 +189,13 @@ def thinned_draws(
     if frequencies_hz.shape != stored_hz.shape or not np.allclose(
         frequencies_hz, stored_hz, rtol=tolerance, atol=0
     ):
+        now, stored = (
+            ", ".join([f"{f:.4g}" for f in hz[0, :6]] + ["..."] * (hz.shape[1] > 6))
+            for hz in (frequencies_hz, stored_hz)
+        )
         raise ValueError(
-            f"{changed}: at a stored draw its structure has the frequencies "
-            f"{_listed(frequencies_hz[0])} Hz, stored are {_listed(stored_hz[0])} Hz"
+            f"{changed}: at a stored draw its structure has the frequencies {now} Hz, stored are "
+            f"{stored} Hz"
         )
     likelihood = replace(of_test.given(modes.pairing), structure=structure)
     return PosteriorDraws(posterior.name, likelihood, of_likelihood)
@@ -199,11 +203,6 @@ def thinned_draws(
 
 def thinned_rows(n_values: int, n_draws: int) -> NDArray[np.intp]:
     return np.arange(n_draws) * n_values // n_draws
-
-
-def _listed(frequencies: FloatArray) -> str:
-    shown = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:6])
-    return shown + (", ..." if len(frequencies) > 6 else "")
 
 
 @checked

@@ -55,7 +55,7 @@ class Predictions:
 
     @property
     def n_draws(self) -> int:
-        return sum(len(each.values) for each in self.classes)
+        return sum(len(draws.values) for draws in self.classes)
 
     @property
     def composition(self) -> str:
@@ -110,7 +110,7 @@ class Predictions:
     @property
     def main_places(self) -> tuple[str, ...]:
         """Degrees of freedom of the main structure that all classes have."""
-        first, *others = (each.main_places for each in self.classes)
+        first, *others = (draws.main_places for draws in self.classes)
         return tuple(place for place in first if all(place in other for other in others))
 
     def transfer_functions(
@@ -249,32 +249,31 @@ def predicted_modes(
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:
     """The main structure's places to show: all, or, where they are many, those with sensors."""
-    places, most = predictions.main_places, MOST_PLACES
-    if len(places) <= most:
+    places = predictions.main_places
+    if len(places) <= MOST_PLACES:
         return places
-    return tuple(place for place in places if place in data.sensors) or places[:most]
+    return tuple(place for place in places if place in data.sensors) or places[:MOST_PLACES]
 
 
 def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict[str, ModelClass]:
     """Name → model class, for all that were sampled, from the study of ``study_file``."""
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
+
+    def only(name: str) -> ModelClass:
+        return study.only([name]).model_classes[0]
+
     try:
         if search is not None:
             return {name: search.model_class(study, name) for name in names}
         return {
-            name: _only(study, stands_for[name][0]).with_any_pairing(name)
+            name: only(stands_for[name][0]).with_any_pairing(name)
             if name in stands_for
-            else _only(study, name)
+            else only(name)
             for name in names
         }
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
-
-
-def _only(study: Study, name: str) -> ModelClass:
-    (model_class,) = study.only([name]).model_classes
-    return model_class
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,8 +353,8 @@ def load_predictions(
     else:
         path, study = Path(study_file), load_study(study_file)
     classes = stored_classes(stored, study, path)
-    for each in classes.values():
-        name = each.configuration(configuration).name
+    for model_class in classes.values():
+        name = model_class.configuration(configuration).name
         require_known(f"{directory}: it has no configuration", [name], stored.tests)
     n_stored = max(len(posterior.values) for posterior in stored.posteriors)
     return StoredPredictions(stored, classes, min(n_draws, n_stored), name)
@@ -373,6 +372,5 @@ def _recorded_study(stored: StoredResult) -> tuple[Path, Study]:
             with contextlib.chdir(start):
                 return start / recorded, load_study(recorded)
     raise ValueError(
-        f"{stored.directory}: its study file {recorded!r} is not there; say where it is "
-        "(--study FILE)"
+        f"{stored.directory}: its study file {recorded!r} is not there; say where it is"
     )

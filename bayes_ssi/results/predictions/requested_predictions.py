@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,9 +32,11 @@ from bayes_ssi.results.predictions.predictions import (
     predicted_modes,
     shown_places,
 )
-from bayes_ssi.results.result_files import read_stored, write_csv
+from bayes_ssi.results.result_files import read_json, write_csv
 from bayes_ssi.structures.response import (
     GROUND,
+    HEAVY_DAMPING,
+    UNITS,
     Damping,
     GroundMotion,
     Output,
@@ -42,6 +44,7 @@ from bayes_ssi.structures.response import (
     checked_frequencies,
     damping_ratios,
     ground_influence,
+    heavy_damping_warning,
 )
 from bayes_ssi.structures.structure import Structure
 
@@ -147,8 +150,9 @@ def predict_responses(
     Raises:
         ValueError: there is no such class, place or mode, or a damping ratio is not usable.
     """
-    request = request or default_request(predicted)
     predictions = predicted.of(name)
+    if request is None:
+        request, _ = completed_request(predicted, predictions)
     damping, frequencies_hz, force_at = request.damping, request.frequencies_hz, request.force_at
 
     def response(compute: Callable[[Output], Prediction], n_points: int) -> Response:
@@ -186,6 +190,64 @@ def predict_responses(
 
 def _joined(bands: list[Band]) -> Band:
     return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
+
+
+def completed_request(
+    predicted: StoredPredictions,
+    predictions: Predictions,
+    output: Output | Quantity = "acceleration",
+    *,
+    damping: Damping | None = None,
+    source: str | None = None,
+    band_hz: tuple[float, float] | None = None,
+    motions: tuple[GroundMotion, ...] = (),
+    level: float = ResponseRequest.level,
+) -> tuple[ResponseRequest, list[str]]:
+    """The request with what is given and defaults for the rest, and remarks on it.
+
+    Args:
+        output: a quantity alone is predicted at the top.
+        source: of transfer functions, the ground or a degree of freedom; "none" for none. The
+            ground, where it is known how its motion acts, if None.
+        band_hz: of transfer functions; that of the data if None.
+    """
+    given = isinstance(output, Output) or motions or source not in (None, "none")
+    if given and not predictions.main_places:
+        raise ValueError("the structure has no degrees of freedom: its frequencies alone are known")
+    output = output if isinstance(output, Output) else default_output(predictions, output)
+    origin = "as given"
+    if damping is None:
+        damping, origin = default_damping(predicted.data)
+    ratios = damping_ratios(damping, np.size(damping))
+    where = "in all modes" if len(ratios) == 1 else "mode by mode"
+    shown = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+    remarks = [f"Damping: {shown} % {where}, {origin}."]
+    if ratios.max() > HEAVY_DAMPING:
+        remarks.append(f"(!) {heavy_damping_warning(float(ratios.max()))}")
+    if source is None and (unknown := structures_of_unknown_ground(predictions)):
+        source = "none"
+        remarks.append(
+            "No transfer functions: how ground motion acts on the degrees of freedom of the "
+            f"{type(unknown[0]).__name__} is not known."
+        )
+    hz, force_at = None, None if source in (None, GROUND, "none") else source
+    if source != "none":
+        hz = default_frequencies(predicted.data, float(ratios.min()), band_hz)
+        acting = f"a force at {force_at!r}" if force_at else "the ground's acceleration"
+        remarks.append(
+            f"Transfer functions: from {acting}, {len(hz)} frequencies from {hz[0]:g} to "
+            f"{hz[-1]:g} Hz."
+        )
+        if len(hz) == MOST_FREQUENCIES:
+            remarks.append("(!) The frequencies may miss the top of a narrow peak; narrow them.")
+    remarks += [
+        f"Record {motion.name}: {len(motion)} samples, {motion.dt:g} s apart; peak "
+        f"{motion.peak_acceleration / UNITS['g']:.3g} g."
+        for motion in motions
+    ]
+    modes_hz = np.median(predictions.classes[0].frequencies_hz, axis=0)
+    remarks += [f"(!) {text}." for motion in motions for text in motion.warnings(modes_hz)]
+    return ResponseRequest(output, damping, hz, force_at, motions, level), remarks
 
 
 def default_damping(data: ModalData) -> tuple[float, str]:
@@ -228,25 +290,13 @@ def default_frequencies(
     lowest = max(low, min(mode.frequency_hz for mode in data.modes))
     # A peak extends ζf to either side; steps of an eighth of that meet its height within 0.2 %.
     needed = math.ceil((high - low) / (lowest_damping * lowest / 8.0)) + 1
-    most = MOST_FREQUENCIES
-    return np.linspace(low, high, min(max(needed, 400), most))
+    return np.linspace(low, high, min(max(needed, 400), MOST_FREQUENCIES))
 
 
 def structures_of_unknown_ground(predictions: Predictions) -> list[Structure]:
     """Structures on which it is not known how the ground's motion acts."""
-    structures = [each.structure for each in predictions.classes]
+    structures = [draws.structure for draws in predictions.classes]
     return [s for s in structures if not predictions.main_places or ground_influence(s) is None]
-
-
-def default_request(
-    predicted: StoredPredictions, quantity: Quantity = "acceleration"
-) -> ResponseRequest:
-    """The quantity at the top, and its transfer functions where the ground's motion acts."""
-    predictions = predicted.of()
-    damping, _ = default_damping(predicted.data)
-    acts = not structures_of_unknown_ground(predictions)
-    frequencies = default_frequencies(predicted.data, damping) if acts else None
-    return ResponseRequest(default_output(predictions, quantity), damping, frequencies)
 
 
 # The file that every directory of predictions holds.
@@ -255,51 +305,35 @@ MARKER = "predictions.json"
 TABLES = ("frequencies.csv", "peaks.csv")
 
 
-@dataclass(frozen=True)
-class PredictionsRecord:
-    study: str
-    result_created: str
-    configuration: str  # the one that is predicted; empty where there is only one
-    predictions_of: tuple[str, ...]
-    draws: int
-    level: float
-    quantity: str
-    places: tuple[str, ...]
-    damping: float | tuple[float, ...]
-    transfer_functions: str | None  # their output and input; None where there are none
-    records: tuple[Mapping[str, str | float], ...]  # name, samples and dt_s of ground motions
-    versions: Mapping[str, str]
-
-
 def predictions_record(
     predicted: StoredPredictions, names: tuple[str, ...], request: ResponseRequest
-) -> PredictionsRecord:
-    transfer = None if request.frequencies_hz is None else request.transfer_name
+) -> dict[str, Any]:
+    """What the file of that name says of the saved predictions of these classes."""
     damping = request.damping
-    return PredictionsRecord(
-        study=predicted.stored.record.study,
-        result_created=predicted.stored.record.created,
-        configuration=predicted.configuration,
-        predictions_of=names,
-        draws=predicted.n_draws,
-        level=request.level,
-        quantity=request.output.quantity,
-        places=tuple(request.output.labels),
-        damping=damping if isinstance(damping, (int, float)) else tuple(damping),
-        transfer_functions=transfer,
-        records=tuple(
+    return {
+        "study": predicted.stored.record.study,
+        "result_created": predicted.stored.record.created,
+        "configuration": predicted.configuration,
+        "predictions_of": names,
+        "draws": predicted.n_draws,
+        "level": request.level,
+        "quantity": request.output.quantity,
+        "places": request.output.labels,
+        "damping": damping if isinstance(damping, (int, float)) else tuple(damping),
+        "transfer_functions": None if request.frequencies_hz is None else request.transfer_name,
+        "records": [
             {"name": motion.name, "samples": len(motion), "dt_s": motion.dt}
             for motion in request.motions
-        ),
-        versions=versions(),
-    )
+        ],
+        "versions": versions(),
+    }
 
 
 @dataclass(frozen=True)
 class SavedPredictions:
     """Saved predictions: their record, tables (the first row names columns) and figures."""
 
-    record: PredictionsRecord
+    record: Mapping[str, Any]
     tables: Mapping[str, list[list[str]]]
     figures: tuple[Path, ...]
 
@@ -315,7 +349,10 @@ def load_saved_predictions(result: Path) -> SavedPredictions | None:
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
     figures = tuple(sorted(directory.glob("figures/*.png")))
-    return SavedPredictions(read_stored(PredictionsRecord, directory / MARKER), tables, figures)
+    record = read_json(directory / MARKER)
+    if missing := {"configuration", "damping", "draws", "level", "predictions_of"} - record.keys():
+        raise ValueError(f"{directory / MARKER}: damaged: no {', '.join(sorted(missing))}")
+    return SavedPredictions(record, tables, figures)
 
 
 BAND = ("low", "median", "high")

@@ -22,19 +22,28 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.planning.plan_record import (
+from bayes_ssi.studies.planning.planned_class import (
     BATCH,
-    DIFFERENCE_OF_Z,
-    DRAWS_OF_A_START,
-    FIRST_ERRORS,
-    MOST_STEP,
-    N_POOL,
-    N_STARTS,
-    NARROWING,
-    TAIL_OF_DRAWS,
-    WIDTH_OF_DRAWS,
+    PlannedClass,
+    SeenModes,
+    SimulatedTests,
 )
-from bayes_ssi.studies.planning.planned_class import PlannedClass, SeenModes, SimulatedTests
+
+N_POOL = 600  # draws of a class, of which those that suit a test start its searches
+N_STARTS = 4  # for each of the layouts that draws serve
+# Where sizes of errors are inferred, draws about every point where a second search of a layout
+# ends: more points, close together, fill the many directions that data leave wide.
+DRAWS_OF_A_START = 25
+# Errors of frequencies and shapes that are added at first, the distance between a test and the
+# nearest draws; and their share in every Gauss-Newton step, none at last.
+FIRST_ERRORS = (0.05, 0.2)
+NARROWING = (1.0, 0.2, 0.0)
+MOST_STEP = 2.0  # of z, beyond which modes are not linear
+DIFFERENCE_OF_Z = 1e-3  # of z, for derivatives
+# Of the densities of draws, where data do not narrow them, as a share of the prior's: modes
+# are not linear beyond, and there are many densities side by side.
+WIDTH_OF_DRAWS = 0.5
+TAIL_OF_DRAWS = 6.0  # degrees of freedom of the Student-t densities of draws
 
 
 class CentredDraws(NamedTuple):
@@ -197,7 +206,7 @@ def _searched(
     shifted = np.repeat(z[:, :, None], d + 1, axis=2)
     shifted[:, :, np.arange(1, d + 1), np.arange(d)] += h
     modes = planned.modes(shifted)
-    at = SeenModes(*(each[:, :, 0] for each in modes))
+    at = SeenModes(*(array[:, :, 0] for array in modes))
     layout = np.repeat(np.arange(len(seen.sensors)), r // len(seen.sensors))
     ratios, _ = log_ratios(planned, seen, at, added)
     chosen, _ = _sampled_pairings(ratios, layout, rng)

@@ -10,6 +10,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.structures.elements import AddedMass
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.structures.modal import mac
@@ -25,26 +26,24 @@ from bayes_ssi.studies.planning.layout_values import (
     quantity_worth,
     served_layouts,
 )
-from bayes_ssi.studies.planning.plan_record import (
-    CLASS,
-    ENOUGH_OF_THE_GAIN,
-    LEAST_DRAWS,
-    LEAST_PROBABILITY,
-    LEAST_VARIATION,
-    MOST_BIAS,
-    MOST_CANDIDATES,
-    MOST_KEPT,
-    MOST_THIN,
-    N_SEARCHED,
-    N_SHOWN,
-    PARAMETERS,
-    SMALLER_ERRORS,
-    Change,
-    Layout,
-    Plan,
-)
+from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Change, Layout, Plan
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
+
+MOST_KEPT = 1_000_000_000  # numbers of all draws' shapes, 4 GB
+# Of predicted values, in units of their size and of their correlations: less is rounding.
+LEAST_VARIATION = 1e-9
+# A check fails where evidences rest on fewer effective draws in more than this share of tests,
+# or few draws bias the gain by more nats.
+LEAST_DRAWS = 5.0
+MOST_THIN = 0.1
+MOST_BIAS = 0.02
+N_SEARCHED = (300, 100)  # tests and draws with which layouts are searched
+N_SHOWN = 5  # of the best layouts
+MOST_CANDIDATES = 60  # degrees of freedom that are candidates without being named
+ENOUGH_OF_THE_GAIN = 0.95  # of the largest gain, at the knee
+SMALLER_ERRORS = 0.5  # errors, as of a record four times as long
+LEAST_PROBABILITY = 1e-3  # of classes after an earlier test
 
 # "class", "parameters", the name of one, or a prediction: structure and parameter values
 # (B, n_parameters) → (B,) or (B, q).
@@ -66,7 +65,7 @@ def plan(
     n_tests: int = 1000,
     n_draws: int = 200,
     seed: int = 0,
-    progress: Callable[[str, float], None] | None = None,
+    run: Run | None = None,
 ) -> Plan:
     """Choose the sensors of a test for what it is to answer, before it is made.
 
@@ -92,7 +91,7 @@ def plan(
         n_tests: simulated tests of all classes together; the error of a gain falls with its root.
         n_draws: of each class about each test, whose average is the class's evidence for it.
         seed: of all that is random.
-        progress: called with a configuration's name, and the completed share of its work.
+        run: its progress is reported to; nothing else of it is used.
 
     Raises:
         ValueError: there are fewer candidates than sensors, a candidate, class, parameter or
@@ -102,16 +101,15 @@ def plan(
     if min(n_tests, n_draws) < 50:
         raise ValueError(f"plan: at least 50 tests and draws, got {n_tests} and {n_draws}")
     known = _known_classes(study, after)
-    plans = {}
+    plans, report = {}, (run or Run()).report
     for name, classes in _alternatives(known, configurations, added_masses or {}).items():
         classes = _with_candidates(classes, candidates)
         _check_aim(classes, aim)
         places = _places(classes[0].candidates, n_sensors, fixed, excluded)
         request = _Planning(classes, n_sensors, aim, *places, n_tests, n_draws, seed)
-        report = progress or (lambda _name, _done: None)
-        report(name, 0.1)
+        report(name or study.name, "simulated tests", 0.1)
         plans[name] = request.plan(study.name, name)
-        report(name, 1.0)
+        report(name or study.name, "simulated tests", 1.0)
     best = max(plans.values(), key=lambda each: each.best.gain)
     alternatives = {name: each.best for name, each in plans.items()} if len(plans) > 1 else {}
     return replace(best, alternatives=alternatives)
@@ -132,7 +130,7 @@ def _known_classes(study: Study, after: Any) -> list[PlannedClass]:
         posteriors: Mapping[str, Posterior] = {each.name: each for each in after.posteriors}
         if not set(posteriors) <= set(study.names):
             study = study.with_any_pairing()
-        classes = {each.name: each for each in study.model_classes}
+        classes = {model_class.name: model_class for model_class in study.model_classes}
         require_known("plan: the study has no model class", posteriors, classes)
         for name, posterior in posteriors.items():
             if posterior.data_digest != classes[name].data_digest:
@@ -175,9 +173,9 @@ def _with_candidates(
         candidates = _default_candidates(classes)
     places = [Candidate(each, each) if isinstance(each, str) else each for each in candidates]
     require_distinct(places)
-    for each in classes:
-        of_class = f"model class {each.model_class.name!r}: candidate"
-        each.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
+    for planned in classes:
+        of_class = f"model class {planned.model_class.name!r}: candidate"
+        planned.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
     heights: dict[str, float] = {}
     for each in classes:
         heights |= each.structure.heights()
@@ -190,7 +188,7 @@ def _with_candidates(
 
 def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
     """Labels that all classes have: of sensors where a structure defines them, else of all."""
-    structures = [each.structure for each in classes]
+    structures = [planned.structure for planned in classes]
     labels: dict[str, None] = {}
     for structure in structures:
         own = [sensor.label for sensor in structure.sensors]

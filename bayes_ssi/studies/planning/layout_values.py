@@ -18,8 +18,11 @@ from scipy.special import digamma, logsumexp
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.studies.planning.centred_draws import CentredDraws, centred_draws
-from bayes_ssi.studies.planning.plan_record import LEAST_THAT_COUNTS, MOST_EXHAUSTIVE, N_OF_A_SIZE
 from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
+
+N_OF_A_SIZE = 2  # layouts that draws serve, of two sensors and of as many as are planned
+LEAST_THAT_COUNTS = 0.01  # of probability after a test: below it an evidence says nothing
+MOST_EXHAUSTIVE = 500  # layouts that are all tried; with more, the search is greedy
 
 Sensors = tuple[int, ...]  # candidates, from 0, in ascending order
 

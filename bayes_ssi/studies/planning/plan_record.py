@@ -15,45 +15,6 @@ CLASS, PARAMETERS = "class", "parameters"
 SAVED = Path("plan", "plan.json")
 
 
-# What users do not choose.
-BATCH = 4_000_000  # numbers in the largest array of a batch: 32 MB
-MOST_KEPT = 1_000_000_000  # numbers of all draws' shapes, 4 GB
-# Of predicted values, in units of their size and of their correlations: less is rounding.
-LEAST_VARIATION = 1e-9
-N_FOR_MOMENTS = 2000  # draws of which moments are taken
-N_POOL = 600  # draws of a class, of which those that suit a test start its searches
-N_STARTS = 4  # for each of the layouts that draws serve
-# Where sizes of errors are inferred, draws about every point where a second search of a layout
-# ends: more points, close together, fill the many directions that data leave wide.
-DRAWS_OF_A_START = 25
-N_OF_A_SIZE = 2  # layouts that draws serve, of two sensors and of as many as are planned
-# Errors of frequencies and shapes that are added at first, the distance between a test and the
-# nearest draws; and their share in every Gauss-Newton step, none at last.
-FIRST_ERRORS = (0.05, 0.2)
-NARROWING = (1.0, 0.2, 0.0)
-MOST_STEP = 2.0  # of z, beyond which modes are not linear
-DIFFERENCE_OF_Z = 1e-3  # of z, for derivatives
-# Of the densities of draws, where data do not narrow them, as a share of the prior's: modes
-# are not linear beyond, and there are many densities side by side.
-WIDTH_OF_DRAWS = 0.5
-TAIL_OF_DRAWS = 6.0  # degrees of freedom of the Student-t densities of draws
-# A check fails where evidences rest on fewer effective draws in more than this share of tests,
-# or few draws bias the gain by more nats.
-LEAST_THAT_COUNTS = 0.01  # of probability after a test: below it an evidence says nothing
-LEAST_DRAWS = 5.0
-MOST_THIN = 0.1
-MOST_BIAS = 0.02
-N_SEARCHED = (300, 100)  # tests and draws with which layouts are searched
-N_SHOWN = 5  # of the best layouts
-MOST_EXHAUSTIVE = 500  # layouts that are all tried; with more, the search is greedy
-MOST_CANDIDATES = 60  # degrees of freedom that are candidates without being named
-ENOUGH_OF_THE_GAIN = 0.95  # of the largest gain, at the knee
-SMALLER_ERRORS = 0.5  # errors, as of a record four times as long
-LEAST_PROBABILITY = 1e-3  # of classes after an earlier test
-N_FOR_ACCURACY = 200  # draws where approximate structures are made accurate
-APPROXIMATION_SHARE = 0.1  # errors of approximate structures, as a share of the test's
-
-
 @dataclass(frozen=True)
 class Layout:
     """Sensors of a planned test, and what it is worth.
@@ -159,7 +120,7 @@ class Plan(Displayed):
 
     def _rows(self) -> list[dict[str, Any]]:
         return [
-            {"layout": ", ".join(each.sensors), "gain": each.gain, "error": each.error,
-             "naming": each.naming, "largest MAC": each.largest_mac}
-            for each in self.layouts
+            {"layout": ", ".join(layout.sensors), "gain": layout.gain, "error": layout.error,
+             "naming": layout.naming, "largest MAC": layout.largest_mac}
+            for layout in self.layouts
         ]  # fmt: skip

@@ -30,12 +30,11 @@ from bayes_ssi.parameters.prior import log_standard_normal_density
 from bayes_ssi.structures.geometry import Candidate, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Requirement, Structure
-from bayes_ssi.studies.planning.plan_record import (
-    APPROXIMATION_SHARE,
-    BATCH,
-    N_FOR_ACCURACY,
-    N_FOR_MOMENTS,
-)
+
+BATCH = 4_000_000  # numbers in the largest array of a batch: 32 MB
+N_FOR_MOMENTS = 2000  # draws of which moments are taken
+N_FOR_ACCURACY = 200  # draws where approximate structures are made accurate
+APPROXIMATION_SHARE = 0.1  # errors of approximate structures, as a share of the test's
 
 
 class SeenModes(NamedTuple):

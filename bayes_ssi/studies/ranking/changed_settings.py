@@ -117,7 +117,7 @@ class ChangedSettings:
         if self.shape_sd is not None and not any(each.has_shapes for each in model_classes):
             raise ValueError("shape_sd: no shape was identified")
         for name in self._numbers:
-            if not any(name in _numbers(each) for each in model_classes):
+            if not any(name in _numbers(model_class) for model_class in model_classes):
                 size = getattr(model_classes[0].error, name)
                 inferred = ", ".join(repr(p.name) for p in as_product(size).parameters)
                 raise ValueError(
@@ -142,12 +142,12 @@ def _in_words(
 ) -> Iterator[str]:
     """What is changed: from what, to what, and in which classes if not in all."""
     known = {
-        each.name: _settings_in_words(
-            {p.name: p.prior for p in each.parameters},
-            _numbers(each),
-            {test.name: test.data.band_hz for test in each.configurations},
+        model_class.name: _settings_in_words(
+            {p.name: p.prior for p in model_class.parameters},
+            _numbers(model_class),
+            {test.name: test.data.band_hz for test in model_class.configurations},
         )
-        for each in model_classes
+        for model_class in model_classes
     }
     changed = _settings_in_words(settings.priors, settings._numbers, settings.bands_hz)
     for what, after in changed.items():
@@ -211,7 +211,7 @@ class WhatIf:
     @property
     def best_after(self) -> ChangedClass | None:
         """The most probable class after the change; None where the draws do not say."""
-        if any(each.probability_after is None for each in self.classes):
+        if any(row.probability_after is None for row in self.classes):
             return None
         return max(self.classes, key=lambda each: each.probability_after or 0.0)
 

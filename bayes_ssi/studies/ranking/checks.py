@@ -16,7 +16,7 @@ from functools import partial
 from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.inference.posterior.posterior import Posterior, known_at_draws
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.class_sampling import sample_all
@@ -83,9 +83,10 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
         return sample_all(changed, ranking.seed, ranking.settings, Run(run.workers))
 
     by_name = {posterior.name: posterior for posterior in posteriors}
-    relevant = [by_name[row.name] for row in comparison.classes if row.probability >= NEGLIGIBLE]
-    sampled = SampledClasses.of(ranking.study.model_classes, relevant, sample)
-    study = _MovableStudy(comparison, sampled)
+    classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
+    relevant = [row.name for row in comparison.classes if row.probability >= NEGLIGIBLE]
+    known = {name: known_at_draws(classes[name], by_name[name]) for name in relevant}
+    study = _MovableStudy(comparison, SampledClasses(by_name, known, classes, sample))
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
         yield from (study.at_edge(edge, row) for edge in by_name[row.name].edges)
@@ -145,7 +146,12 @@ class _MovableStudy:
         before = {each.name: each.probability for each in self.comparison.classes}
         for move in moves:
             answers = self._answers(move)
-            if problem := self._problem(answers):
+            problems = (
+                f"{other.name!r}: {answers[other.name].problem}"
+                for other in self.comparison.classes
+                if other.probability >= PROBABLE and answers[other.name].problem
+            )
+            if problem := next(problems, ""):
                 return check(f"what {move.name} would change is not known: {problem}")
             after = self._probabilities(answers)
             changes = {name: after[name] - before[name] for name in before}
@@ -165,10 +171,11 @@ class _MovableStudy:
             largest_change = max(largest_change, abs(changes[most]))
             largest_shift = max(largest_shift, shift)
         names = " or ".join(move.name for move in moves)
+        # Rounded up to two decimals.
         return check(
-            f"with {names}, no probability changes by more than {_up(largest_change)}, and no "
-            f"parameter of the structure by more than {_up(largest_shift)} of its standard "
-            "deviation",
+            f"with {names}, no probability changes by more than {largest_change + 0.005:.2f}, and "
+            f"no parameter of the structure by more than {largest_shift + 0.005:.2f} of its "
+            "standard deviation",
             fails=False,
         )
 
@@ -199,12 +206,6 @@ class _MovableStudy:
             )
         return self.answers[move.name]
 
-    def _problem(self, answers: Mapping[str, Varied]) -> str:
-        for row in self.comparison.classes:
-            if row.probability >= PROBABLE and answers[row.name].problem:
-                return f"{row.name!r}: {answers[row.name].problem}"
-        return ""
-
     def _probabilities(self, answers: Mapping[str, Varied]) -> dict[str, float]:
         """Probabilities after a move: odds change by the evidences' ratios."""
         rows = self.comparison.classes
@@ -226,11 +227,6 @@ class _MovableStudy:
             for old, new in zip(before, answer.parameters, strict=False)
         ]
         return max(shifts, default=(0.0, ""))
-
-
-def _up(number: float) -> str:
-    """A number rounded up to two decimals."""
-    return f"{number + 0.005:.2f}"
 
 
 def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:

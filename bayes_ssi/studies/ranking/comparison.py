@@ -1,9 +1,9 @@
 """Ranking of model classes by their evidence on the same data."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
+from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 
 # Kass and Raftery (1995), Bayes Factors, section 3.2, in 2 ln B.
@@ -49,6 +50,15 @@ def is_distinguishable(log_bayes_factor: float, error: float) -> bool:
     """Whether it is more than a bare mention on the scale and than two of its standard errors."""
     size = abs(log_bayes_factor)
     return size >= BARE_MENTION and size > STANDARD_ERRORS * error
+
+
+def evidence_against(log_bayes_factor: float, error: float) -> str:
+    """The evidence against a hypothesis, by its Bayes factor over the most probable one."""
+    if not is_distinguishable(log_bayes_factor, error):
+        return "not distinguishable"
+    if log_bayes_factor > 0.0:
+        return "prior probability only"
+    return bayes_factor_scale(log_bayes_factor)
 
 
 @dataclass(frozen=True)
@@ -107,7 +117,7 @@ class RankedClass:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        return tuple(each.words for each in self.checks if not each.fails)
+        return tuple(check.words for check in self.checks if not check.fails)
 
     @property
     def probability_text(self) -> str:
@@ -239,7 +249,7 @@ def by_evidence(
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
         raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
-    _require_same_data(posteriors)
+    require_same_data("compare", posteriors)
     weights = checked_weights(names, prior_weights)
     log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
     probabilities = class_probabilities(log_evidences, weights)
@@ -290,15 +300,6 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
     evidence, top, fit = posterior.evidence, best.evidence, posterior.adequacy
     difference = evidence.log_evidence - top.log_evidence
     error = 0.0 if posterior is best else math.hypot(evidence.error, top.error)
-    distinguishable = posterior is not best and is_distinguishable(difference, error)
-    if posterior is best:
-        against = "best"
-    elif distinguishable and difference > 0:
-        against = "prior probability only"
-    elif distinguishable:
-        against = bayes_factor_scale(difference)
-    else:
-        against = "not distinguishable"
     return RankedClass(
         name=posterior.name,
         log_evidence=evidence.log_evidence,
@@ -307,8 +308,8 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
         probability=probability,
         log_bayes_factor=difference,
         log_bayes_factor_error=error,
-        against=against,
-        distinguishable=distinguishable,
+        against="best" if posterior is best else evidence_against(difference, error),
+        distinguishable=posterior is not best and is_distinguishable(difference, error),
         mean_log_likelihood=evidence.mean_log_likelihood,
         information_gained=evidence.information_gained,
         n_parameters=len(posterior.parameter_names),
@@ -324,7 +325,7 @@ def can_matter(probability: float, too_low_by: float = WRONG_BY) -> bool:
 
 def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
     """What of the data the best class does not explain, and likely causes."""
-    fits = {each.name: each.adequacy for each in posteriors}
+    fits = {posterior.name: posterior.adequacy for posterior in posteriors}
     ranked = [row.name for row in comparison.classes]
     best = fits[ranked[0]]
     if best is None or best.is_adequate:
@@ -339,11 +340,11 @@ def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> I
 def failed_sampling(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
     """Failed checks of the sampling of classes; remarks where they can change no answer."""
     probabilities = {row.name: row.probability for row in comparison.classes}
-    for each in posteriors:
-        matters = can_matter(probabilities[each.name])
+    for posterior in posteriors:
+        matters = can_matter(probabilities[posterior.name])
         harmless = "" if matters else "; the class is too improbable for this to change the answer"
-        for words in each.failed_checks:
-            yield Check("sampling", words + harmless, matters, each.name)
+        for words in posterior.failed_checks:
+            yield Check("sampling", words + harmless, matters, posterior.name)
 
 
 def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
@@ -354,15 +355,24 @@ def at_edges(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterato
             yield from (Check("edge", edge.statement, True, each.name) for edge in each.edges)
 
 
-def _require_same_data(posteriors: Sequence[Posterior]) -> None:
-    first = posteriors[0]
-    for other in posteriors[1:]:
+Explained = TypeVar("Explained", ModelClass, Posterior)
+
+
+def require_same_data(
+    where: str,
+    classes: Sequence[Explained],
+    differing: Callable[[Explained, Explained], str] = lambda first, other: (
+        f" (digests {first.data_digest} and {other.data_digest})"
+    ),
+) -> None:
+    """Refuse classes whose data differ, of which ``differing`` says more."""
+    first = classes[0]
+    for other in classes[1:]:
         if other.data_digest != first.data_digest:
             raise ValueError(
-                f"compare: {first.name!r} and {other.name!r} explain different data (digests "
-                f"{first.data_digest} and {other.data_digest}), so their evidences cannot be "
-                "compared; give every class the same ModalData and leave out of a pairing what a "
-                "class does not explain"
+                f"{where}: model classes {first.name!r} and {other.name!r} explain different data"
+                f"{differing(first, other)}, so their evidences cannot be compared; give every "
+                "class the same ModalData and leave out of a pairing what a class does not explain"
             )
 
 

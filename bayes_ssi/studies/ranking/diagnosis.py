@@ -81,27 +81,21 @@ class Repair:
 
 def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them."""
-    changes = [
-        (mistake + where, tests, change)
-        for where, tests in _tests(model_class)
-        for mistake, change in _changes([test.data for test in tests])
-    ]
-    return _different(model_class, changes)
+    return _different(model_class, [(*place, None) for place in _tests(model_class)])
 
 
 def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
-    changes = [
-        (f"{mistake} in mode {label_in(test.name, mode.label)!r}", [test], change)
+    places = [
+        (f" in mode {label_in(test.name, mode.label)!r}", [test], mode.label)
         for test in model_class.configurations
         for mode in test.data.modes
         if mode.scored_shape is not None
-        for mistake, change in _changes([test.data], mode.label)
     ]
-    return _different(model_class, changes)
+    return _different(model_class, places)
 
 
-def _changes(tests: Sequence[ModalData], label: str | None = None) -> Iterator[tuple[str, Change]]:
+def _changes(tests: Sequence[ModalData], label: str | None) -> Iterator[tuple[str, Change]]:
     """Mistakes in the sensors that all tests have, in one mode or in all, and what undoes them."""
     sensors = [s for s in tests[0].sensors if all(s in data.sensors for data in tests)]
     if len(sensors) <= MOST_CHANNELS:
@@ -129,16 +123,20 @@ def _with_shapes(
 
 
 def _different(
-    model_class: ModelClass, changes: Sequence[tuple[str, list[Configuration], Change]]
+    model_class: ModelClass, places: Sequence[tuple[str, list[Configuration], str | None]]
 ) -> list[Repair]:
-    """The changed classes; changes that come to the same are one, as two signs of two sensors."""
+    """Repairs of the shapes of tests, of one mode or of all; those that come to the same are one.
+
+    Of two sensors, the sign of the one is as good as that of the other.
+    """
     by_digest: dict[str, Repair] = {}
-    for mistake, tests, change in changes:
-        repair = Repair(mistake, model_class, _with_data(model_class, tests, change))
-        digest = repair.data_digest
-        if same := by_digest.get(digest):
-            repair = replace(repair, mistake=f"{same.mistake}, or {mistake}")
-        by_digest[digest] = repair
+    for where, tests, label in places:
+        for mistake, change in _changes([test.data for test in tests], label):
+            configurations = _with_data(model_class, tests, change)
+            repair = Repair(mistake + where, model_class, configurations)
+            if same := by_digest.get(repair.data_digest):
+                repair = replace(repair, mistake=f"{same.mistake}, or {repair.mistake}")
+            by_digest[repair.data_digest] = repair
     by_digest.pop(model_class.data_digest, None)
     return list(by_digest.values())
 
@@ -245,7 +243,7 @@ def diagnose(
             _fitted(repair, points, int(log_posteriors.argmax()), best, workers)
             for repair, log_posteriors in scored[:FITTED]
         ]
-        return [each for each in hints if each.gain > least_gain and not each.misfit.is_small]
+        return [hint for hint in hints if hint.gain > least_gain and not hint.misfit.is_small]
 
     hints = [hint for kind in kinds for hint in convincing(kind)]
     if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
@@ -295,15 +293,6 @@ class _Points:
     # Configuration of the class → log density (n,) of its data.
     log_densities: Mapping[Configuration, FloatArray]
 
-    @classmethod
-    def at(cls, model_class: ModelClass, z: FloatArray, modes: list[Modes]) -> "_Points":
-        parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
-        densities = {
-            test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))
-            for (test, likelihood, own), of_test in parts
-        }
-        return cls(model_class.parameter_names, z, modes, densities)
-
     def of(self, model_class: ModelClass) -> FloatArray:
         """The coordinates of another class's parameters; those that it alone has are zero."""
         return np.column_stack(
@@ -323,12 +312,19 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
     values = model_class.values(z)
     if workers is None:
-        return _Points.at(model_class, z, model_class.modes_or_nan(values))
-    parts = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
-    known = workers.try_each(model_class.modes_or_nan, [values[part] for part in parts])
-    kept = np.concatenate([parts[i] for i in sorted(known)])
-    of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
-    return _Points.at(model_class, z[kept], [joined(of_test) for of_test in of_tests])
+        modes = model_class.modes_or_nan(values)
+    else:
+        shares = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
+        known = workers.try_each(model_class.modes_or_nan, [values[share] for share in shares])
+        z = z[np.concatenate([shares[i] for i in sorted(known)])]
+        of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
+        modes = [joined(of_test) for of_test in of_tests]
+    parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
+    densities = {
+        test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))
+        for (test, likelihood, own), of_test in parts
+    }
+    return _Points(model_class.parameter_names, z, modes, densities)
 
 
 def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:
@@ -387,6 +383,10 @@ def _fitted(
 
 def _other_pairing(repair: Repair, values: FloatArray) -> str:
     """How the best pairing at ``values`` (1, d) differs from the given ones, in words."""
+
+    def model_mode(number: int | None) -> str:
+        return "spurious" if number is None else f"model mode {number}"
+
     differences = []
     parts = repair.model_class.parts(values)
     for (test, likelihood, own), given in zip(parts, repair.given_pairings, strict=True):
@@ -395,12 +395,8 @@ def _other_pairing(repair: Repair, values: FloatArray) -> str:
             best = inferred.best
             differences += [
                 f"mode {label_in(test.name, label)!r} seems to be "
-                f"{_model_mode(best.get(label))}, not {_model_mode(given.get(label))}"
+                f"{model_mode(best.get(label))}, not {model_mode(given.get(label))}"
                 for label in test.data.labels
                 if best.get(label) != given.get(label)
             ]
     return "; ".join(differences)
-
-
-def _model_mode(number: int | None) -> str:
-    return "spurious" if number is None else f"model mode {number}"

@@ -20,15 +20,14 @@ from bayes_ssi.foundations.error_places import own_lines
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.foundations.text_files import require_printable
-from bayes_ssi.inference.model_class.class_record import class_record
+from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.workers import STUDY_MODULE
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights
-from bayes_ssi.studies.ranking.result_record import IN_THE_FILE_OF_DRAWS, ResultRecord
+from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights, require_same_data
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,15 +134,7 @@ class Study(Displayed):
 
     def require_same_data(self) -> None:
         """Raise a ValueError unless all classes explain the same data, in every configuration."""
-        first = self.model_classes[0]
-        for other in self.model_classes[1:]:
-            if other.data_digest != first.data_digest:
-                raise ValueError(
-                    f"study {self.name!r}: model classes {first.name!r} and {other.name!r} "
-                    f"explain different data{_where_different(first, other)}, so their evidences "
-                    "cannot be compared; give every class the same ModalData and leave out of a "
-                    "pairing what a class does not explain"
-                )
+        require_same_data(f"study {self.name!r}", self.model_classes, _where_different)
 
     def _line(self) -> str:
         return f"{self.name!r}: {counted(len(self.model_classes), 'model class')}"
@@ -206,6 +197,40 @@ class RankedStudy(InWords):
 
     def _rows(self) -> list[dict[str, Any]]:
         return self.comparison._rows()
+
+
+IN_THE_FILE_OF_DRAWS = (
+    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms", "prior_draws",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ResultRecord:
+    """Everything in a result but its draws and its data."""
+
+    created: str
+    study: str
+    description: str
+    seed: int
+    settings: SamplingSettings
+    # Model class → prior weight; None where all are equal.
+    prior_weights: Mapping[str, float] | None
+    data_digest: str
+    versions: Mapping[str, str]
+    model_classes: tuple[ClassRecord, ...]
+    stands_for: Mapping[str, tuple[str, ...]]
+    posteriors: tuple[Mapping[str, Any], ...]
+    draws: Mapping[str, str] = field(default_factory=dict)
+    data: Mapping[str, str] = field(default_factory=dict)
+    failed_checks_accepted: bool = False
+    study_file: str = ""  # the file that defines the study; empty where there is none
+    command: str = ""  # the command that reproduces it; empty where it was made from Python
+    mass_unit: str = ""  # of the structures; empty where the study states none
+    format: int = 22  # increased whenever the format of a result's files changes
+
+    def model_class(self, name: str) -> ClassRecord:
+        """The record of the model class ``name``; KeyError if there is none."""
+        return {each.name: each for each in self.model_classes}[name]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -323,13 +348,9 @@ def _explained(error: BaseException, study: str) -> str:
     file, line = lines[-1]
     if file != study:
         where += f"{Path(file).name}, line {line}: "
-    return f"{where}{type(error).__name__}: {_one_line(error)}{_remedy(error)}"
-
-
-def _remedy(error: BaseException) -> str:
-    """Advice on installing a finite-element program that a study imports."""
     package = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
-    return f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
+    remedy = f'; pip install "bayes_ssi[{EXTRAS[package]}]"' if package in EXTRAS else ""
+    return f"{where}{type(error).__name__}: {_one_line(error)}{remedy}"
 
 
 def _one_line(message: object) -> str:

@@ -19,7 +19,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import pareto_k
 from bayes_ssi.foundations.summaries import Summary
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes, known_at_draws
+from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
 from bayes_ssi.parameters.parameters import as_product
@@ -137,17 +137,6 @@ class SampledClasses:
     # As they were sampled, and how varied ones are sampled where draws do not cover them.
     classes: Mapping[str, ModelClass] = field(default_factory=dict)
     sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
-
-    @classmethod
-    def of(
-        cls,
-        classes: Sequence[ModelClass],
-        posteriors: Sequence[Posterior],
-        sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]],
-    ) -> "SampledClasses":
-        by_name = {each.name: each for each in classes}
-        known = {each.name: known_at_draws(by_name[each.name], each) for each in posteriors}
-        return cls({each.name: each for each in posteriors}, known, by_name, sample)
 
     def varied(
         self, variation: Variation, must_sample: Callable[[Varied], bool] = lambda _: False
