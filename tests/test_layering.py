@@ -30,20 +30,9 @@ FOLDERS = {
     "report": ("tables", ""),
 }  # fmt: skip
 HEAVY = {
-    "numpy",
-    "scipy",
-    "matplotlib",
-    "arviz",
-    "arviz_stats",
-    "corner",
-    "emcee",
-    "jinja2",
-    "h5py",
-    "h5netcdf",
-    "rich",
-    "pandas",
-    "xarray",
-}
+    "numpy", "scipy", "matplotlib", "arviz", "arviz_stats", "corner", "emcee", "jinja2", "h5py",
+    "h5netcdf", "rich", "pandas", "xarray",
+}  # fmt: skip
 
 
 def module_name(path):

@@ -25,10 +25,7 @@ def test_log_evidence(ranking):
 
 @pytest.mark.parametrize(
     ("name", "pairing"),
-    [
-        ("1-a or 1-b or 2", {"1": 1, "2a": 2, "3": 3}),
-        ("3", {"1": 1, "2a": 2, "2b": 3, "3": 4}),
-    ],
+    [("1-a or 1-b or 2", {"1": 1, "2a": 2, "3": 3}), ("3", {"1": 1, "2a": 2, "2b": 3, "3": 4})],
 )
 def test_the_pairing_is_found(ranking, name, pairing):
     (posterior,) = [p for p in ranking.posteriors if p.name == name]

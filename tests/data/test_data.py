@@ -242,12 +242,10 @@ def test_a_shape_at_one_sensor_is_not_in_the_digest():
         ([mode("x", 1.0, [1, 1, 1], frequency_cov=1.5)], "mode 'x': frequency_cov is 1.5"),
         ([mode("x", 1.0, [1, 1, 1], damping=0.5)], "mode 'x': damping is 0.5, a fraction: 50 %"),
         ([mode("x", 1.0, [1, 1, 1]), mode("y", 1.0, [1, 0, 0])], "'x' and 'y': the same freq"),
-        (
-            [mode("x", 2.6, [1, 1, 1]), mode("y", 3.0, [-1, -1, -0.8])],
-            "modes 'x' and 'y': 15 % apart with similar shapes (MAC 0.99)",
-        ),
+        ([mode("x", 2.6, [1, 1, 1]), mode("y", 3.0, [-1, -1, -0.8])],
+         "modes 'x' and 'y': 15 % apart with similar shapes (MAC 0.99)"),
     ],
-)
+)  # fmt: skip
 def test_warnings(modes, remark):
     warnings = data(*modes).warnings()
     assert len(warnings) == 1

@@ -68,20 +68,13 @@ def test_without_covariance_the_sizes_remain():
         ({"covariance": np.full((8, 8), np.nan)}, "entries that are not finite"),
         ({"covariance": np.triu(covariance())}, "is not symmetric"),
         ({"covariance": -np.eye(8)}, "not positive semi-definite: an eigenvalue is -1"),
-        (
-            {"covariance": np.diag([0.0, *np.ones(7)])},
-            "mode '1' has no variance of its frequency",
-        ),
-        (
-            {"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
-            "mode '1' has no variance of its shape",
-        ),
-        (
-            {"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
-            "mode '1': frequency_cov is 0.5, but the covariance gives 0.0",
-        ),
+        ({"covariance": np.diag([0.0, *np.ones(7)])}, "mode '1' has no variance of its frequency"),
+        ({"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
+         "mode '1' has no variance of its shape"),
+        ({"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
+         "mode '1': frequency_cov is 0.5, but the covariance gives 0.0"),
     ],
-)
+)  # fmt: skip
 def test_impossible_covariances_are_refused(changes, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         data(**changes)

@@ -22,12 +22,9 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 def make_cluster(n_workers):
     return distributed.LocalCluster(
-        n_workers=n_workers,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=":0",
+        n_workers=n_workers, threads_per_worker=1, processes=True, dashboard_address=":0",
         silence_logs=logging.CRITICAL,
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -394,15 +394,12 @@ def test_an_error_that_no_paired_datum_calls_for_is_not_inferred(building, ident
         ({"first": 1.0}, ValueError, "'first' is paired with model mode 1.0;"),
         ({"first": True}, ValueError, "'first' is paired with model mode True;"),
         ({"first": "1"}, ValueError, "'first' is paired with model mode '1';"),
-        (
-            {"first": 1, "second": 1},
-            ValueError,
-            "model mode 1 is paired with two identified modes, 'first' and 'second'",
-        ),
+        ({"first": 1, "second": 1}, ValueError,
+         "model mode 1 is paired with two identified modes, 'first' and 'second'"),
         ([("first", 1)], TypeError, r"pairing must map labels .* got \[\('first', 1\)\]"),
         (None, TypeError, "pairing must map labels .* got None"),
     ],
-)
+)  # fmt: skip
 def test_impossible_pairings_are_refused(building, identified, pairing, error, message):
     with pytest.raises(error, match=message):
         check_pairing(pairing, identified, building.n_modes)

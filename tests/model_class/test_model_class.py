@@ -217,12 +217,10 @@ class _Answers(Structure):
     ("answer", "message"),
     [
         (lambda _: 1 / 0, "_Answers fails at the prior medians: ZeroDivisionError"),
-        (
-            lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))),
-            r"_Answers returns .* expected \(1, 1\) and",
-        ),
+        (lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))),
+         r"_Answers returns .* expected \(1, 1\) and"),
     ],
-)
+)  # fmt: skip
 def test_a_structure_that_does_not_answer_is_named(answer, message):
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     candidate = bs.ModelClass("a", _Answers(answer), data, bs.ErrorModel(0.01), pairing={"1": 1})

@@ -53,11 +53,9 @@ def two_classes():
     k, k1 = factor("k"), factor("k1")
     return bs.Study(
         "storeys",
-        [
-            model_class("alike", building(3, (k, k, k))),
-            model_class("first apart", building(3, (k1, k, k))),
-        ],
-    )
+        [model_class("alike", building(3, (k, k, k))),
+         model_class("first apart", building(3, (k1, k, k)))],
+    )  # fmt: skip
 
 
 def planned(study):

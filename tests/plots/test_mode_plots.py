@@ -8,11 +8,7 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots.class_plots import (
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
+from bayes_ssi.plots.class_plots import plot_mac_change, plot_pairing, plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow

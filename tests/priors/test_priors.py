@@ -52,28 +52,14 @@ CASES = {
     "uniform": (Uniform(-1.0, 5.0), stats.uniform(-1.0, 6.0), (-1.0, 5.0)),
     "log-uniform": (LogUniform(0.1, 20.0), stats.loguniform(0.1, 20.0), (0.1, 20.0)),
     "near one": (NearOne(1e-3), OneMinus(stats.loguniform(1e-3, 1.0)), (0.0, 0.999)),
-    "truncated": (
-        TruncatedNormal(1.0, 0.8, 0.2, 3.0),
-        stats.truncnorm(-1.0, 2.5, 1.0, 0.8),
-        (0.2, 3.0),
-    ),
-    "positive": (
-        TruncatedNormal(1.0, 0.8),
-        stats.truncnorm(-1.25, np.inf, 1.0, 0.8),
-        (0.0, 12.0),
-    ),
-    "upper tail": (
-        TruncatedNormal(0.0, 1.0, 6.0, 8.0),
-        stats.truncnorm(6.0, 8.0),
-        (6.0, 8.0),
-    ),
-    "lower tail": (
-        TruncatedNormal(0.0, 1.0, -math.inf, -5.0),
-        stats.truncnorm(-np.inf, -5.0),
-        (-12.0, -5.0),
-    ),
+    "truncated": (TruncatedNormal(1.0, 0.8, 0.2, 3.0), stats.truncnorm(-1.0, 2.5, 1.0, 0.8),
+                  (0.2, 3.0)),
+    "positive": (TruncatedNormal(1.0, 0.8), stats.truncnorm(-1.25, np.inf, 1.0, 0.8), (0.0, 12.0)),
+    "upper tail": (TruncatedNormal(0.0, 1.0, 6.0, 8.0), stats.truncnorm(6.0, 8.0), (6.0, 8.0)),
+    "lower tail": (TruncatedNormal(0.0, 1.0, -math.inf, -5.0), stats.truncnorm(-np.inf, -5.0),
+                   (-12.0, -5.0)),
     "half-normal": (HalfNormal(0.7), stats.halfnorm(scale=0.7), (0.0, 9.0)),
-}
+}  # fmt: skip
 PROBABILITIES = np.array([1e-9, 1e-4, 0.01, 0.2, 0.5, 0.77, 0.99, 0.9999])
 
 
@@ -266,20 +252,11 @@ def test_priors_from_text(text, prior):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "Gamma(1, 2)",
-        "LogNormal",
-        "LogNormal(1)",
-        "LogNormal(1, cov=0.3, cov2=1)",
-        "LogNormal('1', 0.5)",
-        "LogNormal(1, 0.5); 1",
-        "LogNormal(True, 0.5)",
-        "LogNormal(2**3, 0.5)",
-        "LogNormal(*x)",
-        "LogNormal(**x)",
-        "__import__('os').abort()",
+        "", "Gamma(1, 2)", "LogNormal", "LogNormal(1)", "LogNormal(1, cov=0.3, cov2=1)",
+        "LogNormal('1', 0.5)", "LogNormal(1, 0.5); 1", "LogNormal(True, 0.5)",
+        "LogNormal(2**3, 0.5)", "LogNormal(*x)", "LogNormal(**x)", "__import__('os').abort()",
     ],
-)
+)  # fmt: skip
 def test_text_that_names_no_prior_is_refused(text):
     with pytest.raises(ValueError, match=r"such as 'LogNormal\(1, 0.5\)'; choose from Normal, Log"):
         prior_from_text(text)

@@ -28,8 +28,7 @@ def test_an_unknown_class_is_refused(model_classes):
 
 
 @pytest.mark.parametrize(
-    "weights",
-    [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}],
+    "weights", [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}]
 )
 def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes, weights):
     """Refused when the study is made or ranked, so that no run is lost to them."""

@@ -50,13 +50,10 @@ def test_a_study_may_define_dataclasses(tiny_study_file):
         ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
         ("s.py", b"raise BaseException('odd')", "line 1: BaseException: odd"),
         ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
-        (
-            "s.py",
-            b"raise ImportError('none', name='skfem.helpers')",
-            r'ImportError: none; pip install "bayes_ssi\[fem\]"',
-        ),
+        ("s.py", b"raise ImportError('none', name='skfem.helpers')",
+         r'ImportError: none; pip install "bayes_ssi\[fem\]"'),
     ],
-)
+)  # fmt: skip
 def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content, message):
     path = tmp_path / name
     if content is not None:

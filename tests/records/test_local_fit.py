@@ -181,11 +181,9 @@ def test_modes_are_recovered_with_their_errors(coherence):
         assert fit.whiteness < 1.3
         sds = np.sqrt(fit.covariance.diagonal()[:4])
         off = np.concatenate(
-            [
-                np.log(fit.modes.frequencies_hz / modes.frequencies_hz),
-                np.log(fit.modes.dampings / modes.dampings),
-            ]
-        )
+            [np.log(fit.modes.frequencies_hz / modes.frequencies_hz),
+             np.log(fit.modes.dampings / modes.dampings)],
+        )  # fmt: skip
         pulls.append(off / sds)
     assert np.sqrt(np.square(pulls).mean()) == pytest.approx(1.0, abs=0.25)
 

@@ -129,17 +129,14 @@ def harwell_boeing(matrix, kind="RSA", right_hand_sides=0, whole=10):
     counts = [*map(len, blocks), right_hand_sides]
     integers = "(10I8)" if whole == 10 else "(I8)"
     return "\n".join(
-        [
-            f"{'Stiffness matrix from a full file':<72}{'KEY':<8}",
-            "".join(f"{each:14d}" for each in [sum(counts), *counts]),
-            f"{kind:<14}" + "".join(f"{n:14d}" for n in (*matrix.shape, len(entries), 0)),
-            f"{integers:<16}{integers:<16}{'(3D25.16)':<20}{'(3D25.16)':<20}",
-            *(["F              1             0"] if right_hand_sides else []),
-            *(line for block in blocks for line in block),
-            *(["  0.0"] * right_hand_sides),
-            "",
-        ]
-    )
+        [f"{'Stiffness matrix from a full file':<72}{'KEY':<8}",
+         "".join(f"{each:14d}" for each in [sum(counts), *counts]),
+         f"{kind:<14}" + "".join(f"{n:14d}" for n in (*matrix.shape, len(entries), 0)),
+         f"{integers:<16}{integers:<16}{'(3D25.16)':<20}{'(3D25.16)':<20}",
+         *(["F              1             0"] if right_hand_sides else []),
+         *(line for block in blocks for line in block),
+         *(["  0.0"] * right_hand_sides), ""],
+    )  # fmt: skip
 
 
 class TestHarwellBoeing:

@@ -94,14 +94,11 @@ def test_as_mass(building, element, added):
 @pytest.mark.parametrize(
     ("element", "springs", "masses"),
     [
-        (
-            bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2),
-            [(PENDULUM, [-0.6, 0, 0.8, 1])],
-            [0, 0, 0, 0.2],
-        ),
+        (bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2), [(PENDULUM, [-0.6, 0, 0.8, 1])],
+         [0, 0, 0, 0.2]),
         (bs.InPlaneInfill((0, {1: 0.6, 3: 0.8}), 1e-12, 250.0), [(250.0, [0.6, 0, 0.8])], []),
     ],
-)
+)  # fmt: skip
 def test_a_place_may_be_a_combination(building, element, springs, masses):
     stiffness, mass = bare_matrices(len(springs[0][1]) - 3)
     for k, direction in springs:
@@ -153,16 +150,12 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
         (lambda: bs.Pendulum("tank", 0.1, 1.0, label="tank"), "tank: an appendage must stand on"),
         (lambda: bs.Pendulum(1, -0.2, 1.0), "pendulum 1: mass must be positive .* -0.2"),
         (lambda: bs.Pendulum(1, 0.2, 0.0), "pendulum 1: frequency must be positive .* 0.0"),
-        (
-            lambda: bs.Pendulum(1, 0.2, 1.0, stiffness_factor=-1.0, label="tank"),
-            "tank: stiffness_factor must be positive .* -1.0",
-        ),
+        (lambda: bs.Pendulum(1, 0.2, 1.0, stiffness_factor=-1.0, label="tank"),
+         "tank: stiffness_factor must be positive .* -1.0"),
         (lambda: bs.OutOfPlaneInfill((1, 2), 0.0, 1.0), "infill 1-2: mass must be positive"),
         (lambda: bs.OutOfPlaneInfill((1, 2), 0.1, -1.0), "infill 1-2: frequency must be positive"),
-        (
-            lambda: bs.OutOfPlaneInfill((1, 2), 0.1, 1.0, stiffness_factor=0.0),
-            "infill 1-2: stiffness_factor must be positive",
-        ),
+        (lambda: bs.OutOfPlaneInfill((1, 2), 0.1, 1.0, stiffness_factor=0.0),
+         "infill 1-2: stiffness_factor must be positive"),
         (lambda: bs.InPlaneInfill((1, 2), -1.0, 1.0), "in-plane infill 1-2: mass must be"),
         (lambda: bs.InPlaneInfill((1, 2), 1.0, 0.0), "in-plane infill 1-2: stiffness must be"),
         (lambda: bs.AddedMass(-1.0, ((1, 1.0),)), "added mass: mass must be positive .* -1.0"),
@@ -173,7 +166,7 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
         (lambda: bs.InPlaneInfill(("a", {"b": 0.0}), 1.0, 1.0), "infill: between .* of zeros"),
         (lambda: bs.AddedMass(1.0, (({"a": 0.0}, 1.0),)), "a place is a direction of zeros"),
     ],
-)
+)  # fmt: skip
 def test_impossible_elements_are_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
