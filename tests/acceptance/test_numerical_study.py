@@ -58,6 +58,11 @@ def results(two_workers):
     return sampled
 
 
+@pytest.fixture(scope="module")
+def over_all_pairings():
+    return bs.rank(study().with_any_pairing())
+
+
 def several_maxima():
     """Approach 3 on frequencies alone, small errors and wide priors: three regions that fit."""
     k1, k2, k3, ks = (
@@ -163,3 +168,24 @@ def test_data_are_those_of_the_correct_model():
     )
     second = data.mode("2a").unit_shape
     np.testing.assert_allclose(np.abs(second), [0.67446666, 0.239743, 0.69829652], atol=5e-8)
+
+
+def test_log_evidence_over_all_pairings(over_all_pairings):
+    """Of the mass-only structure and of the augmented one."""
+    comparison = over_all_pairings.comparison
+    log_evidences = {row.name: row.log_evidence for row in comparison.classes}
+    assert log_evidences == pytest.approx({"1-a or 1-b or 2": 0.249, "3": 16.069}, abs=0.02)
+    assert comparison.failed_checks == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "pairing"),
+    [
+        ("1-a or 1-b or 2", {"1": 1, "2a": 2, "3": 3}),
+        ("3", {"1": 1, "2a": 2, "2b": 3, "3": 4}),
+    ],
+)
+def test_the_pairing_is_found(over_all_pairings, name, pairing):
+    (modes,) = over_all_pairings.posterior(name).configurations
+    assert modes.pairing == pairing == modes.inferred_pairing.best
+    assert modes.inferred_pairing.pairings[0].probability > 0.99

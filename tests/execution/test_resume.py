@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import TINY_STUDY
+from matplotlib.figure import Figure
 
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.journal import Journal
@@ -129,11 +130,25 @@ forks.set_forkserver_preload(
 )  # fmt: skip
 
 
+class Blank(Figure):
+    """A figure that is soon drawn, and as large a file as others."""
+
+    def savefig(self, path):
+        Path(path).write_bytes(bytes(30_000))
+
+
+def blank_figures(*_):
+    return [(name, Blank()) for name in ("corner", "frequencies", "evidence")]
+
+
 def in_the_process(arguments, stderr, moment):
     for path, stream in ((os.devnull, 1), (stderr, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+    patch = pytest.MonkeyPatch()
+    if moment != "a figure is drawn":
+        patch.setattr("bayes_ssi.plots.ranking_plots.result_figures", blank_figures)
     if moment is not None:
-        MOMENTS[moment](pytest.MonkeyPatch())
+        MOMENTS[moment](patch)
     main(arguments)
 
 
@@ -279,8 +294,11 @@ def test_killed_while_the_journal_is_written(command, uninterrupted):
     command.assert_result_is(uninterrupted)
 
 
-def test_killed_at_every_moment_of_saving(sampled_command, uninterrupted):
-    for moment in SAVING:
+@pytest.mark.parametrize(
+    "moments", [SAVING, ("the result is in its place", "the old result is half removed")]
+)
+def test_killed_while_its_result_is_saved_or_replaced(sampled_command, uninterrupted, moments):
+    for moment in moments:
         sampled_command.dies(moment=moment)
     assert sampled_command.run() == 0
     sampled_command.assert_result_is(uninterrupted)
@@ -292,13 +310,6 @@ def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted):
         command.dies("--overwrite", moment=moment)
     assert command.run("--overwrite") == 0
     command.assert_result_is(uninterrupted)
-
-
-def test_killed_while_its_own_result_is_replaced(sampled_command, uninterrupted):
-    for moment in ("the result is in its place", "the old result is half removed"):
-        sampled_command.dies(moment=moment)
-    assert sampled_command.run() == 0
-    sampled_command.assert_result_is(uninterrupted)
 
 
 def test_interrupts_and_full_disks_are_said_in_a_line_and_lose_nothing(command, uninterrupted):

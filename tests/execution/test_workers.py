@@ -269,6 +269,14 @@ def test_blas_works_in_one_thread_in_workers(monkeypatch):
         assert workers.evaluate(n_threads, points(1)).values == [1.0]
 
 
+def printed_by(code):
+    """Without a warning, also at the end of the process, of resources that were forgotten."""
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    return done.stdout
+
+
 NO_WARNINGS = """
 import os
 
@@ -292,11 +300,7 @@ main()
 
 
 def test_no_warnings_and_nothing_left_behind():
-    """Not at the end of the process either, which warns of resources that were forgotten."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", NO_WARNINGS]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
+    assert printed_by(NO_WARNINGS) == "0.0 1.0 2.0 nan 4.0\n"
 
 
 def test_no_thread_is_left_when_workers_stop(monkeypatch):
@@ -339,7 +343,4 @@ with LocalWorkers(2, copies=True) as workers:
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
 def test_copies_have_what_this_process_has_imported():
     """Others, such as those that replace them where one dies, have not."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", COPIES]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    assert done.stdout == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"
+    assert printed_by(COPIES) == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"

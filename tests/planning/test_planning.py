@@ -58,6 +58,11 @@ def two_classes():
     )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def whole(two_classes):
+    return bs.plan(two_classes, 2, **FEW)
+
+
 def planned(study):
     places = tuple(Candidate(floor, floor) for floor in FLOORS)
     return [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
@@ -196,8 +201,7 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
     assert plan.changes[-1].gain == pytest.approx(halved, abs=0.02)
 
 
-def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
-    whole = bs.plan(two_classes, 2, **FEW)
+def test_a_greedy_search_finds_what_all_layouts_hold(whole, two_classes, monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.planning.layout_values.MOST_EXHAUSTIVE", 0)
     greedy = bs.plan(two_classes, 2, **FEW)
     assert whole.is_exhaustive
@@ -212,8 +216,8 @@ def test_effective_independence_keeps_what_tells_shapes_apart():
     assert effective_independence(shapes, 2, fixed=(0,)) == (0, 2)
 
 
-def test_a_layout_gives_the_form_of_its_modes(two_classes, tmp_path):
-    layout = bs.plan(two_classes, 2, **FEW).best
+def test_a_layout_gives_the_form_of_its_modes(whole, tmp_path):
+    layout = whole.best
     form = tmp_path / "modes.csv"
     layout.write_template(form)
     rows = list(csv.reader(form.read_text("utf-8").splitlines()))
@@ -300,16 +304,15 @@ def test_classes_with_correlated_errors_are_refused():
         bs.plan(bs.Study("one", [own]), 2, aim="k")
 
 
-def test_layouts_are_drawn_by_height_and_in_space(two_classes):
-    plan = bs.plan(two_classes, 2, **FEW)
+def test_layouts_are_drawn_by_height_and_in_space(whole, two_classes):
     with figures_for_files():
-        drawn = plot_layout(plan)
+        drawn = plot_layout(whole)
         assert {text.get_text() for text in drawn.texts} == set(FLOORS)
-        assert [tick.get_text() for tick in plot_gains(plan).get_xticklabels()] == ["1", "2"]
+        assert [tick.get_text() for tick in plot_gains(whole).get_xticklabels()] == ["1", "2"]
         places = [
             bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))
             for i, name in enumerate(FLOORS)
         ]
         in_space = bs.plan(two_classes, 2, candidates=places, **FEW)
-        assert in_space.best == plan.best
+        assert in_space.best == whole.best
         assert plot_layout(in_space).name == "3d"
