@@ -10,6 +10,7 @@ import math
 import os
 import pickle
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
@@ -326,12 +327,7 @@ def run(tmp_path, monkeypatch):
 @pytest.fixture
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
-    settings = bs.SamplingSettings
-
-    def coarse(log_evidence_error=0.03, **given):
-        few = {"particles": 60, "searches": 1, "max_steps": 400}
-        return settings(max(log_evidence_error, 0.03), **few | given)
-
+    coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
     monkeypatch.setattr("bayes_ssi.inference.sampling.settings.SamplingSettings", coarse)
 
 
