@@ -102,12 +102,6 @@ def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study,
     assert shared == {other.name}
 
 
-def test_one_class_shares_its_evaluations(tiny_study, alone, two_workers, shared):
-    (first, _) = tiny_study.model_classes
-    assert_same([bs.sample(first, 7, COARSE, bs.Run(two_workers))], alone[:1])
-    assert shared == {first.name}
-
-
 class DiesOnce(bs.ShearBuilding):
     """Kills the process that it is first evaluated in, unless that is the tests' own."""
 

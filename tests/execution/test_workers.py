@@ -146,11 +146,6 @@ def test_rows_that_raise_are_nan_and_say_why(two_workers):
         assert re.match(f"TwoArgumentsError: no modes {place}", reason)
 
 
-def test_answers_of_the_wrong_shape_are_refused(two_workers):
-    with pytest.raises(ValueError, match=r"one value for each of 2 points, got shape \(2, 2\)"):
-        two_workers.evaluate(lambda z: z, points(16))
-
-
 def test_an_executor_that_was_given_is_not_shut_down():
     with ThreadPoolExecutor(1) as executor:
         with as_workers(executor) as workers:

@@ -184,21 +184,6 @@ def test_a_class_without_parameters_is_refused(case_c, fixed_error):
         build(fixed, case_c, fixed_error)
 
 
-def test_a_sensor_without_degree_of_freedom_is_refused(case_c, fixed_error):
-    k = bs.Parameter("k", bs.LogNormal(50.0, 0.3))
-    two = bs.ShearBuilding((1.0, 1.0), (k, k))
-    with pytest.raises(ValueError, match=r"^model class 'x': sensor 'floor 3': the structure has"):
-        build(two, case_c, fixed_error)
-
-
-@pytest.mark.parametrize("name", ["k1", "ks"])
-def test_two_parameters_of_one_name_are_refused(augmented, case_c, name):
-    error = bs.ErrorModel(bs.Parameter(name, bs.LogNormal(0.01, 1.0)), 0.05)
-    message = f"^model class 'x': two different parameters are named '{name}'"
-    with pytest.raises(ValueError, match=message):
-        build(augmented, case_c, error)
-
-
 class _Answers(Structure):
     """A structure that returns a given answer."""
 

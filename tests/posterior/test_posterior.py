@@ -243,10 +243,9 @@ def test_a_model_that_answers_differently_when_asked_twice(noise, said):
         assert_of_noise(text, noise)
 
 
-@pytest.mark.parametrize("workers", [None, 2])
-def test_small_noise_is_said_once_and_fails_nothing(workers):
+def test_small_noise_is_said_once_and_fails_nothing():
     settings = bs.SamplingSettings(log_evidence_error=0.1)
-    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(workers))
+    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(2))
     assert posterior.failed_checks == ()
     assert len(posterior.regions) == 1
     (remark,) = posterior.remarks

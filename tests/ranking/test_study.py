@@ -5,12 +5,6 @@ import pytest
 import bayes_ssi as bs
 
 
-def test_classes_keep_their_order(model_classes):
-    study = bs.Study("s", list(model_classes.values()))
-    assert study.names == ("1-a", "1-b", "2", "3")
-    assert isinstance(study.model_classes, tuple)
-
-
 def test_only_keeps_the_order_of_the_study(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", model_classes.values(), prior_weights=weights, description="why")

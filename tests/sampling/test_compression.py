@@ -121,16 +121,6 @@ def test_a_likelihood_that_is_positive_in_a_ten_thousandth_of_the_prior():
     assert errors.max() < 1.0
 
 
-def test_a_likelihood_that_is_zero_in_places():
-    off, errors = off_and_errors(
-        0.5 + math.log(norm.sf(1.0)),  # e^(1/2) P(normal > 1)
-        6,
-        function=lambda z: np.where(z[:, 0] > 0, -z[:, 0], -np.inf),
-        d=2,
-    )
-    assert (np.abs(off) < 4.0 * errors).all()
-
-
 def test_an_impossible_likelihood_is_refused():
     maxima = find_maxima(Target(gaussian, 3), np.zeros((1, 3)))
     nowhere = Target(lambda z: np.full(len(z), -np.inf), 3)

@@ -198,13 +198,6 @@ def test_the_least_settings_that_are_accepted_work(settings):
     assert result.evidence.log_evidence == pytest.approx(EXACT, abs=0.1)
 
 
-def test_a_likelihood_that_is_zero_in_places():
-    result = run(lambda z: np.where(z[:, 0] > 0.0, 0.0, -np.inf))
-    assert result.evidence.log_evidence == pytest.approx(
-        math.log(0.5), abs=4.0 * result.evidence.error
-    )
-
-
 def test_chains_and_evidence_share_their_evaluations():
     """Of a Gaussian with a good mixture, hardly anything else is evaluated for chains."""
     evaluated = []

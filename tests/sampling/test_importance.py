@@ -154,16 +154,6 @@ def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
     assert sample.mixture.n_components == 1
 
 
-def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
-    sample = sampler_of(target, 0).sample(mixture)
-    counts = np.bincount(sample.strata, minlength=3)
-    expected = len(sample.z) * sample.mixture.all_weights
-    np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
-    # The last stratum is the prior: there the draws are standard normal.
-    assert sample.mixture.prior_share > 0
-    assert counts[2] > 0
-
-
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
 
 

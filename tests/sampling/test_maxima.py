@@ -65,13 +65,6 @@ def test_all_four_peaks_are_found(starts):
     np.testing.assert_allclose(mixture.means, PEAKS, atol=2e-3)
 
 
-def test_the_heights_are_likelihood_times_prior(starts):
-    target = Target(four_peaks, 2)
-    maxima = find_maxima(target, starts)
-    np.testing.assert_allclose(maxima.log_posteriors, target.log_posterior(maxima.z), rtol=1e-12)
-    assert np.all(np.diff(maxima.log_posteriors) <= 0)
-
-
 def test_laplace_is_exact_for_a_linear_model(linear):
     starts = np.random.default_rng(1).standard_normal((8, 3))
     maxima = find_maxima(linear.target, starts)

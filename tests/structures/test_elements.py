@@ -106,22 +106,6 @@ def test_a_place_may_be_a_combination(building, element, springs, masses):
     check(building.with_element(element), stiffness, mass + (masses or 0.0))
 
 
-@pytest.mark.parametrize("mu", [0.01, 0.05, 0.3])
-def test_a_tuned_absorber_splits_the_frequency(mu):
-    # Equal frequencies: (f/f0)^2 = 1 + mu/2 -+ sqrt(mu + mu^2/4).
-    f0 = 1.5
-    oscillator = bs.ShearBuilding((2.0,), (2.0 * (math.tau * f0) ** 2,))
-    split = oscillator.with_element(bs.Pendulum(1, 2.0 * mu, f0)).modes(NO_VALUES)
-    root = math.sqrt(mu + mu**2 / 4.0)
-    expected = f0 * np.sqrt([1.0 + mu / 2.0 - root, 1.0 + mu / 2.0 + root])
-    np.testing.assert_allclose(split.frequencies_hz[0], expected, rtol=1e-12)
-
-
-def test_infill_as_mass_of_the_numerical_study(rigid):
-    frequencies = rigid.modes(np.ones((1, 3))).frequencies_hz[0]
-    np.testing.assert_allclose(frequencies, [0.9832, 2.7372, 3.9213], atol=5e-5)
-
-
 @pytest.mark.parametrize(
     ("kind", "place"), [(bs.Pendulum, 2), (bs.OutOfPlaneInfill, (1, 2))], ids=["pendulum", "infill"]
 )

@@ -135,33 +135,6 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
             np.testing.assert_allclose(omega**2 * flexible @ (mass @ mode), mode, atol=1e-7)
 
 
-@pytest.fixture
-def steel_frame():
-    def made(**changed):
-        given = {
-            "column_inertias_x": (1509e-8, 1509e-8),
-            "column_inertias_y": (549.7e-8, 549.7e-8),
-            "beam_inertias_x": (1317e-8, 1317e-8),
-            "beam_inertias_y": (1317e-8, 1317e-8),
-            "masses": (3533.0, 3398.0),
-            "rotational_inertias": (9010.0, 8167.0),
-        }
-        return SpaceFrame((2.0, 2.0), (-2.0, 2.0), (-1.5, 1.5), 210e9, **{**given, **changed})
-
-    return made
-
-
-def test_frequencies_of_the_papers_bare_frame(steel_frame):
-    modes = steel_frame().modes(NONE)
-    np.testing.assert_allclose(
-        modes.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3
-    )
-    largest = np.abs(modes.shapes[0]).reshape(2, 3, 6).max(axis=0)  # direction, mode
-    assert largest[:, [0, 3]].argmax(axis=0).tolist() == [1, 1]  # y, the second one is the fourth
-    second = modes.shapes[0].reshape(2, 3, 6)[:, 1, 3]
-    assert second[0] * second[1] < 0.0
-
-
 def test_a_block_counts_with_mass_static_moment_and_polar_inertia():
     """One block on one floor, against the mass matrix written out by hand."""
     m, (x, y) = 3.0, (1.2, -0.7)
