@@ -241,43 +241,6 @@ def test_errors_of_shapes_are_turned_into_one_plane():
         np.testing.assert_allclose(errors[row, group] @ seen.sum(axis=0), 0.0, atol=1e-15)
 
 
-def test_shapes_of_several_modes_multiply_the_joint_density():
-    """Three sensors, equal model shapes: the errors of three tests in a plane, from the formula."""
-    rho, sensors = 0.7, ("floor 1", "floor 2", "floor 4")
-    tests = tuple(
-        configuration(name, 1.0, (1, 2), seed, sensors) for seed, name in enumerate("abc")
-    )
-    # Another set of sensors: not shared.
-    tests += (configuration("d", 1.0, (2,), 9, ("floor 1", "floor 2")),)
-    candidate = model_class(bs.ErrorModel(SD, SIZE, rho), tests)
-    alone = model_class(bs.ErrorModel(SD, SIZE), tests)
-    values = values_of(candidate)
-    expected = alone.log_likelihood(values)
-    for k, row in enumerate(values):
-        expected[k] += _ratio_of_frequencies(candidate, row[None])
-        size = row[candidate.parameter_names.index("size")]
-        for label in ("mode 1", "mode 2"):
-            errors, own = [], []
-            for test, likelihood, rows in candidate.parts(row[None]):
-                if test.name == "d":
-                    continue
-                mode = test.data.mode(label)
-                (shapes,) = likelihood.shapes_at_sensors(likelihood.modes(rows))
-                model = shapes[:, int(label[-1]) - 1]
-                model = model / np.linalg.norm(model)
-                identified = mode.unit_shape * np.sign(mode.unit_shape @ model)
-                chord = np.sqrt(2.0 - 2.0 * identified @ model)
-                tangent = identified - (identified @ model) * model
-                errors.append(chord * tangent / np.linalg.norm(tangent))
-                own.append(mode.shape_sd**2)
-            covariance = size**2 * (rho + (1 - rho) * np.eye(3)) + np.diag(own)
-            plane = np.linalg.svd(model[None])[2][1:]  # two directions at right angles to the shape
-            for component in plane @ np.transpose(errors):
-                expected[k] += multivariate_normal.logpdf(component, cov=covariance)
-                expected[k] -= norm.logpdf(component, scale=np.sqrt(np.diag(covariance))).sum()
-    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
-
-
 THREE = ("floor 1", "floor 3", "floor 4")
 
 
