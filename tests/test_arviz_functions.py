@@ -98,7 +98,7 @@ def test_r_hat_sees_chains_that_differ_and_drift(apart):
     assert unlike[1] > 1.05
 
 
-def test_r_hat_of_chains_at_two_places():
+def test_r_hat_of_chains_at_two_places_and_of_short_ones():
     """Half of the chains δ from the others: R² - 1 = (δ/2)² · n_chains/(n_chains - 1).
 
     Ranks turn the two normal distributions into almost the same where δ is small.
@@ -107,10 +107,7 @@ def test_r_hat_of_chains_at_two_places():
     chains[::2] += 0.2
     # Split, 40 half chains.
     assert r_hat(chains)[0] ** 2 - 1.0 == pytest.approx(0.01 * 40.0 / 39.0, rel=0.05)
-
-
-def test_r_hat_of_short_chains_exceeds_one_by_their_length():
-    """Means of n draws with autocorrelation time τ scatter: R² - 1 = τ/(n - τ) - 1/n."""
+    # Means of n draws with autocorrelation time τ scatter: R² - 1 = τ/(n - τ) - 1/n.
     chains = autoregressive(0.8, n_steps=400, n_chains=2000)
     expected = 9.0 / (200.0 - 9.0) - 1.0 / 200.0
     assert r_hat(chains)[0] ** 2 - 1.0 == pytest.approx(expected, rel=0.05)

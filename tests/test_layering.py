@@ -110,11 +110,8 @@ def repeated(names):
     return [name for name, count in Counter(names).items() if count > 1]
 
 
-def test_no_two_modules_have_one_name():
+def test_no_two_modules_nor_public_classes_have_one_name():
     assert repeated(name.split(".")[-1] for name in MODULES) == []
-
-
-def test_no_two_public_classes_have_one_name():
     classes = (
         node.name
         for tree in TREES.values()

@@ -107,21 +107,15 @@ def test_batches_of_bad_rows_only_and_of_none():
     assert modes.shapes.shape == (0, 2, 2)
 
 
-def test_mac_of_known_angles():
+def test_mac_of_known_angles_at_common_sensors_is_blind_to_scale_and_sign():
     angles = np.radians([0.0, 30.0, 60.0, 90.0, 180.0])
     shapes = np.array([np.cos(angles), np.sin(angles)])
     table = mac(shapes[:, :1], shapes)
     np.testing.assert_allclose(table, [[1.0, 0.75, 0.25, 0.0, 1.0]], atol=1e-15)
-
-
-def test_mac_is_blind_to_scale_and_sign():
     shapes = np.random.default_rng(2).standard_normal((4, 3))
     scaled = shapes * [-3.0, 1e-3, 250.0]
     np.testing.assert_allclose(mac(shapes, scaled), mac(shapes, shapes), rtol=1e-12)
     np.testing.assert_allclose(np.diag(mac(shapes, scaled)), 1.0, rtol=1e-12)
-
-
-def test_mac_leaves_missing_sensors_out():
     first = np.array([[1.0], [np.nan], [1.0]])
     other = np.array([[1.0, np.nan], [5.0, 2.0], [0.0, 3.0]])
     # Common sensors 1 and 3, (1, 1) and (1, 0): a half. Sensor 3 alone: one.
@@ -157,7 +151,4 @@ def test_shapes_are_turned_with_their_own_kind():
     # An identified shape decides, at the sensors that measured it.
     signs = shape_signs(shapes, shapes, np.array([np.nan, -1.0, np.nan, 1.0]))
     np.testing.assert_array_equal(signs, -1.0)
-
-
-def test_modes_without_components_have_no_sign_to_turn():
     np.testing.assert_array_equal(shape_signs(np.empty((3, 0)), np.empty((3, 0)), None), 1.0)

@@ -172,11 +172,6 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_warning_about_narrow_peaks(predict):
-    assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
-
-
-@pytest.mark.usefixtures("no_figures")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
     small = 40 * 4 - 1
@@ -186,12 +181,13 @@ def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_warnings_about_damping_and_records(predict, tmp_path):
+def test_warnings_about_damping_records_and_narrow_peaks(predict, tmp_path):
     (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
     out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
     assert "(!) damping is 0.5, a fraction: 50 % of critical damping" in out
     assert "(!) record quake: its peak, 200 g" in out
     assert "carry frequencies up to 1 Hz; mode 2 of the structure, at 1.6" in out
+    assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
 
 
 @pytest.mark.usefixtures("no_figures")

@@ -155,12 +155,9 @@ def test_an_executor_that_was_given_is_not_shut_down():
         workers.evaluate(sums, points(3))
 
 
-def test_no_points_are_no_work():
+def test_no_points_are_no_work_and_any_integer_is_a_number_of_workers():
     values, failures = LocalWorkers(2).evaluate(sums, np.empty((0, 2)))
     assert (values.shape, failures) == ((0,), {})
-
-
-def test_a_number_of_workers_is_any_integer():
     with as_workers(np.uint8(1)) as workers:
         np.testing.assert_array_equal(workers.evaluate(sums, points(3)).values, sums(points(3)))
 

@@ -67,14 +67,6 @@ def test_unsorted_modes_are_put_in_order():
     np.testing.assert_array_equal(shapes[0], np.eye(2))
 
 
-def test_frequencies_alone():
-    def only(a):
-        return (a, 2.0 * a), None
-
-    made = bs.FunctionStructure(only, {"a": factor("k")}, n_modes=2)
-    assert made.modes(np.array([[3.0]])).shapes.shape == (1, 0, 2)
-
-
 @pytest.mark.parametrize(
     ("answer", "message"),
     [

@@ -194,15 +194,12 @@ def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, f
         bs.ModelClass("m", rigid, case_c, fixed_error, pairing="some")
 
 
-def test_classes_that_differ_in_their_pairing_alone_become_one(model_classes):
+def test_classes_that_differ_in_their_pairing_alone_become_one_with_all_weights(model_classes):
     study = bs.Study("s", list(model_classes.values()), description="why").with_any_pairing()
     assert study.names == ("1-a or 1-b or 2", "3")
     assert [candidate.pairing for candidate in study.model_classes] == ["any", "any"]
     assert study.prior_weights is None
     assert (study.name, study.description) == ("s", "why")
-
-
-def test_a_merged_class_has_the_prior_weight_of_all(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", list(model_classes.values()), prior_weights=weights)
     assert study.with_any_pairing().prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
@@ -293,16 +290,13 @@ def ranking(tiny_study):
     return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), seed=7)
 
 
-def test_sampling_infers_the_pairing(ranking, tiny_ranking):
+def test_sampling_infers_the_pairing_unless_it_is_given(ranking, tiny_ranking):
     (posterior,) = ranking.posteriors
     (modes,) = posterior.configurations
     assert modes.pairing == modes.inferred_pairing.best == {"1": 1, "2": 2}
     assert modes.inferred_pairing.pairings[0].probability > 0.99
     given = tiny_ranking.posteriors[0].evidence.log_evidence
     assert posterior.evidence.log_evidence == pytest.approx(given, abs=0.05)
-
-
-def test_a_given_pairing_is_not_inferred(tiny_ranking):
     assert tiny_ranking.posteriors[0].configurations[0].inferred_pairing is None
     assert pairing_notes(tiny_ranking.posteriors[0]) == []
 

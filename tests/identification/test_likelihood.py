@@ -285,14 +285,11 @@ def test_a_mode_within_two_standard_errors_of_a_limit_is_at_the_edge(end, near):
     assert at_band_edge((0.0, 2.0 * end * UPPER_HZ), {"1": 1}) == [nothing, [False, near], nothing]
 
 
-def test_only_unpaired_modes_are_at_the_edge():
+def test_only_unpaired_modes_are_at_the_edge_of_a_band_and_zero_is_none():
     nothing = [False, False]
     assert at_band_edge((0.0, UPPER_HZ), {"1": 2}) == [nothing, nothing, nothing]
     assert at_band_edge((LOWER_HZ, UPPER_HZ), {}) == [[True, True], nothing, nothing]
-
-
-def test_zero_is_no_edge_of_a_band():
-    """Errors of 60 % reach from any frequency to zero."""
+    # Errors of 60 % reach from any frequency to zero.
     assert at_band_edge((0.0, 9.0), {"1": 1}, 0.6) == [[False, False]] * 3
     assert at_band_edge((0.01, 9.0), {"1": 1}, 0.6) == [[False, True], [False, True], [False] * 2]
 

@@ -157,7 +157,7 @@ class WithoutModes(Structure):
         return Modes(np.sqrt(k), np.ones((len(k), 1, 1)))
 
 
-def test_a_model_that_breaks_down_in_places_is_reported():
+def test_a_model_that_breaks_down_in_places_is_reported_but_not_in_the_far_tails():
     whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
     result = bs.sample(broken, seed=1)
@@ -169,9 +169,6 @@ def test_a_model_that_breaks_down_in_places_is_reported():
         check,
     )
     assert result.values.min() > 0.9
-
-
-def test_a_few_failures_in_the_far_tails_of_a_prior_are_accepted():
     whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.3))
     assert bs.sample(broken, seed=1).failed_checks == ()

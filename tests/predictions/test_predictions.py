@@ -197,7 +197,7 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
     np.testing.assert_allclose(predicted.shapes("1", FLOORS).draws, shapes, rtol=1e-12)
 
 
-def test_an_average_is_a_mixture(average, classes, posteriors):
+def test_an_average_is_a_mixture_in_whole_draws(average, classes, posteriors):
     actual = average(400, one_k=0.25, each_k=0.75)
     assert {each.name: len(each.values) for each in actual.classes} == {"one k": 100, "each k": 300}
     assert actual.n_draws == 400
@@ -209,9 +209,6 @@ def test_an_average_is_a_mixture(average, classes, posteriors):
     np.testing.assert_allclose(actual.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
     response = actual.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
     assert response.draws.shape == (400, 2, 30)
-
-
-def test_shares_are_rounded_to_the_number_of_draws(average):
     actual = average(7, one_k=0.4, each_k=0.6)  # 2.8 and 4.2
     assert {each.name: len(each.values) for each in actual.classes} == {"one k": 3, "each k": 4}
     actual = average(100, one_k=0.001, each_k=0.999)

@@ -68,13 +68,10 @@ def case(request):
     return CASES[request.param]
 
 
-def test_values_at_normal_coordinates_are_quantiles(case):
+def test_values_at_normal_coordinates_are_quantiles_and_the_other_way_round(case):
     prior, scipy_prior, _ = case
     z = stats.norm.ppf(PROBABILITIES)
     np.testing.assert_allclose(prior.from_normal(z), scipy_prior.ppf(PROBABILITIES), rtol=1e-7)
-
-
-def test_coordinates_give_the_distribution_function(case):
     prior, scipy_prior, _ = case
     values = scipy_prior.ppf(PROBABILITIES)
     cdf = stats.norm.cdf(prior.to_normal(values))
@@ -213,15 +210,12 @@ def test_every_family_is_tested_and_its_record_gives_it_again():
         assert from_record(Prior, to_record(prior)) == prior
 
 
-def test_log_densities_are_those_of_scipy(case):
+def test_log_densities_and_supports_are_those_of_scipy(case):
     prior, scipy_prior, (low, high) = case
     values = np.linspace(low - 1.0, high + 1.0, 41)
     with np.errstate(divide="ignore"):
         expected = scipy_prior.logpdf(values)
     np.testing.assert_allclose(prior.log_density(values), expected, rtol=1e-9, atol=1e-9)
-
-
-def test_supports(case):
     prior, scipy_prior, _ = case
     np.testing.assert_allclose(prior.support, scipy_prior.support(), atol=1e-12)
     np.testing.assert_allclose(prior.widened(2.0).support, scipy_prior.support(), atol=1e-12)

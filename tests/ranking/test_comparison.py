@@ -98,7 +98,7 @@ def test_a_probability_is_never_rounded_to_a_certainty(make_posterior, log_evide
     assert row.probability_text == text
 
 
-def test_prior_weights_multiply_the_evidences(make_posterior):
+def test_prior_weights_multiply_the_evidences_and_may_alone_hold_a_class_down(make_posterior):
     posteriors = [make_posterior("a", 0.0), make_posterior("b", math.log(2.0))]
     comparison = bs.compare(posteriors, {"a": 6.0, "b": 1.0})
     probability = {row.name: row.probability for row in comparison.classes}
@@ -108,9 +108,6 @@ def test_prior_weights_multiply_the_evidences(make_posterior):
     assert comparison.classes[1].log_bayes_factor == pytest.approx(math.log(2.0))
     scaled = bs.compare(posteriors, {"a": 60.0, "b": 10.0})
     assert [row.probability for row in scaled.classes] == pytest.approx([0.75, 0.25])
-
-
-def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     posteriors = [make_posterior("a", 0.0), make_posterior("b", 5.0)]
     comparison = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
     assert [row.name for row in comparison.classes] == ["a", "b"]

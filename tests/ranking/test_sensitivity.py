@@ -55,7 +55,7 @@ def test_every_setting_is_halved_and_doubled(moved, answers):
         assert row.lead == pytest.approx(one - other, rel=1e-9)
 
 
-def test_missed_modes(answers, tiny_ranking):
+def test_missed_and_spurious_modes(answers, tiny_ranking):
     """Both modes are identified, so every class's likelihood changes by 2 log(p'/p) throughout.
 
     p falls from 0.95 to 0.90, and rises to 0.975.
@@ -64,10 +64,7 @@ def test_missed_modes(answers, tiny_ranking):
         for posterior in tiny_ranking.posteriors:
             change = answers[name][posterior.name].log_ratio.log_evidence
             assert change == pytest.approx(2.0 * math.log(p / 0.95), abs=1e-9)
-
-
-def test_spurious_modes(answers):
-    """Nothing is spurious in any class, so only e^-ν changes: by 0.1 nats if ν doubles."""
+    # Nothing is spurious in any class, so only e^-ν changes: by 0.1 nats if ν doubles.
     for answer in answers["spurious modes × 2"].values():
         assert answer.log_ratio.log_evidence == pytest.approx(-0.1, abs=1e-9)
 
@@ -161,7 +158,7 @@ def rows(*best):
     return tuple(SensitivityRow(f"row {i}", shares[name]) for i, name in enumerate(best))
 
 
-def test_rows_in_which_another_class_ranks_first_are_named():
+def test_rows_in_which_another_class_ranks_first_are_named_and_otherwise_that_there_is_none():
     of_three = Sensitivity(rows("a", "b", "a"))
     assert [row.name for row in of_three.turning] == ["row 1"]
     assert sensitivity_notes(of_three) == [
@@ -169,15 +166,9 @@ def test_rows_in_which_another_class_ranks_first_are_named():
     ]
     assert of_three.rows[0].lead == pytest.approx(math.log(9.0))
     assert sensitivity_table(of_three).row_count == 3
-
-
-def test_a_robust_ranking_is_reported_as_such():
     assert sensitivity_notes(Sensitivity(rows("a", "a"))) == [
         "'a' ranks first under every setting."
     ]
-
-
-def test_a_class_alone_leads_by_infinity():
     row = SensitivityRow("unchanged", {"a": 1.0})
     assert row.lead == math.inf
     assert math.isnan(SensitivityRow("x", {"a": 1.0 - 1e-9, "b": 1e-9}, unsaid=("b",)).lead)

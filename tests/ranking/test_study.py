@@ -5,7 +5,7 @@ import pytest
 import bayes_ssi as bs
 
 
-def test_only_keeps_the_order_of_the_study(model_classes):
+def test_only_keeps_the_order_of_the_study_and_refuses_an_unknown_class(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", model_classes.values(), prior_weights=weights, description="why")
     part = study.only(["3", "1-b"])
@@ -13,9 +13,6 @@ def test_only_keeps_the_order_of_the_study(model_classes):
     assert part.prior_weights == {"1-b": 2.0, "3": 4.0}
     assert (part.name, part.description) == ("s", "why")
     assert bs.Study("s", model_classes.values()).only(["2"]).prior_weights is None
-
-
-def test_an_unknown_class_is_refused(model_classes):
     study = bs.Study("s", model_classes.values())
     with pytest.raises(ValueError, match="study 's': no model class '4'; choose from '1-a', '1-b'"):
         study.only(["3", "4"])

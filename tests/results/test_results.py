@@ -82,14 +82,6 @@ def test_round_trip(tiny_ranking, saved):
         assert again.data.source == data.source
 
 
-def test_what_a_directory_holds(saved):
-    files = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
-    assert files == {
-        "result.json", "data.csv", "comparison.json", "comparison.csv", "digests.json",
-        "posteriors/one_k.nc", "posteriors/each_k.nc",
-    }  # fmt: skip
-
-
 def test_the_record_documents_how_the_result_was_made(saved):
     record = json.loads((saved.directory / "result.json").read_text(encoding="utf-8"))
     assert record["study"] == "Two storeys"
@@ -105,23 +97,25 @@ def test_the_record_documents_how_the_result_was_made(saved):
     assert prior == {"distribution": "LogNormal", "median": 1.0, "cov": 0.3}
 
 
-def test_the_ranking_as_a_spreadsheet_reads_it(saved):
+def test_what_a_directory_holds_and_its_ranking_as_a_spreadsheet_reads_it(saved):
     with (saved.directory / "comparison.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [row.name for row in saved.comparison.classes]
     for row, expected in zip(rows, saved.comparison.classes, strict=True):
         assert float(row["log_evidence"]) == expected.log_evidence
         assert float(row["probability"]) == expected.probability
+    files = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
+    assert files == {
+        "result.json", "data.csv", "comparison.json", "comparison.csv", "digests.json",
+        "posteriors/one_k.nc", "posteriors/each_k.nc",
+    }  # fmt: skip
 
 
-def test_a_result_is_never_overwritten(tiny_ranking, saved):
+def test_a_result_is_overwritten_on_request_alone(tiny_ranking, saved):
     before = (saved.directory / "result.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
         save_result(tiny_ranking, saved.directory)
     assert (saved.directory / "result.json").read_bytes() == before
-
-
-def test_a_result_is_overwritten_on_request(tiny_ranking, saved):
     (saved.directory / "figures").mkdir()
     again = save_result(replace(tiny_ranking, seed=8), saved.directory, overwrite=True)
     assert again.record.seed == 8

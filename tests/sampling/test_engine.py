@@ -180,12 +180,9 @@ def test_an_r_hat_of_one_or_less_is_refused(value):
         SamplingSettings(r_hat=value)
 
 
-def test_particles_follow_the_number_of_parameters():
+def test_particles_follow_the_number_of_parameters_and_too_few_are_refused():
     assert SamplingSettings().n_particles(40) > SamplingSettings().n_particles(2) > 100
     assert SamplingSettings(particles=64).n_particles(2) == 64
-
-
-def test_too_few_particles_are_refused():
     with pytest.raises(ValueError, match="particles must be at least 80 for 10 parameters"):
         SamplingSettings(particles=79).n_particles(10)
 

@@ -73,21 +73,15 @@ def test_kish_effective_sample_size(weights, size):
     assert sample.effective_sample_size == pytest.approx(size, rel=1e-12)
 
 
-def test_the_estimate_is_the_log_of_the_mean_weight():
+def test_the_estimate_is_the_log_of_the_mean_weight_and_its_error_the_spread_within_strata():
     sample = weighted(np.log([1.0, 2.0, 6.0]))
     assert sample.estimate.log_evidence == pytest.approx(math.log(3.0), rel=1e-12)
     # Variance of three draws with ddof 1 is 7, of their mean 7/3, relative to the mean 3.
     assert sample.estimate.error == pytest.approx(math.sqrt(7.0 / 3.0) / 3.0, rel=1e-12)
     np.testing.assert_allclose(sample.weights, [1 / 9, 2 / 9, 6 / 9])
-
-
-def test_only_the_spread_within_strata_counts():
     sample = weighted(np.log([1.0, 3.0] * 10 + [10.0] * 20), strata=[0] * 20 + [1] * 20)
     # Stratum 0 has variance 20/19 and stratum 1 none: √(20 · 20/19) / 40 relative to the mean 6.
     assert sample.estimate.error == pytest.approx(20.0 / np.sqrt(19.0) / 40.0 / 6.0, rel=1e-12)
-
-
-def test_a_draw_alone_in_its_stratum_counts():
     strata = [0] * 40 + [1, 2, 3]
     weights = np.array([1.0] * 40 + [0.0, 0.0, 5.0])
     with np.errstate(divide="ignore"):
@@ -96,12 +90,9 @@ def test_a_draw_alone_in_its_stratum_counts():
     assert sample.estimate.error == pytest.approx(5.0 / 45.0, rel=1e-12)
 
 
-def test_mean_log_likelihood_is_weighted():
+def test_mean_log_likelihood_is_weighted_without_draws_of_likelihood_zero():
     sample = weighted(np.log([1.0, 3.0]), log_likelihoods=[-5.0, -1.0])
     assert sample.log_likelihood_mean == pytest.approx(-2.0)
-
-
-def test_a_draw_of_likelihood_zero_has_no_part_in_the_mean():
     with np.errstate(divide="ignore"):
         sample = ImportanceSample(
             None, np.zeros((2, 1)), np.array([-1.0, -np.inf]), np.zeros(2), np.zeros(2, dtype=int)

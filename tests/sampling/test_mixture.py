@@ -51,7 +51,7 @@ def test_far_away_the_density_stays_finite(mixture):
     assert np.isfinite(mixture.log_pdf(np.full((1, 2), 1e8)))
 
 
-def test_draws_have_the_moments_of_their_component(mixture, rng):
+def test_draws_have_the_moments_and_tails_of_their_component(mixture, rng):
     counts = np.array([40_000, 60_000, 50_000])
     draws = mixture.draw(counts, rng)
     assert draws.shape == (150_000, 2)
@@ -62,9 +62,6 @@ def test_draws_have_the_moments_of_their_component(mixture, rng):
     ):
         np.testing.assert_allclose(part.mean(0), mean, atol=0.02)
         np.testing.assert_allclose(np.cov(part.T), covariance, atol=0.05)
-
-
-def test_draws_have_the_tails_of_their_component(mixture, rng):
     draws = mixture.draw(np.array([20_000, 0, 0]), rng)
     distances = mixture.squared_distances(draws)[0] / 2.0
     # Mahalanobis distance squared over d is F-distributed with d and ν degrees of freedom.
@@ -98,16 +95,13 @@ def test_widened_mixtures(mixture, rng):
     assert widened.prior_share == 0.0
 
 
-def test_reweighting_finds_the_shares_of_weighted_draws(mixture, rng):
+def test_reweighting_finds_the_shares_of_weighted_draws_and_keeps_a_component_without(mixture, rng):
     far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 500, 0]), rng)
     weights = np.repeat([0.9, 0.1], 500) / 500.0
     # A tenth is shared equally.
     reweighted = far_apart.reweighted(draws, weights).weights
     np.testing.assert_allclose(reweighted, [0.86, 0.14], atol=1e-6)
-
-
-def test_a_component_without_weight_is_kept(mixture, rng):
     far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 0, 0]), rng)
     weights = far_apart.reweighted(draws, np.full(500, 1.0 / 500.0)).weights

@@ -36,13 +36,10 @@ def column(*values):
     return np.array(values, dtype=float)[:, None]
 
 
-def test_log_standard_normal():
+def test_log_posterior_adds_the_standard_normal_prior():
     z = np.random.default_rng(1).standard_normal((6, 3))
     expected = stats.multivariate_normal(np.zeros(3)).logpdf(z)
     np.testing.assert_allclose(log_standard_normal(z), expected, rtol=1e-13)
-
-
-def test_log_posterior_adds_the_prior():
     target = Target(lambda z: 2.0 * z[:, 0], 2)
     assert target.log_posterior(np.array([[3.0, 4.0]]))[0] == pytest.approx(
         6.0 - 12.5 - np.log(2.0 * np.pi), rel=1e-14

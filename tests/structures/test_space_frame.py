@@ -147,9 +147,6 @@ def test_a_block_counts_with_mass_static_moment_and_polar_inertia():
     np.testing.assert_allclose(modes.frequencies_hz[0], expected, rtol=1e-12)
     shapes = modes.shapes[0]
     np.testing.assert_allclose(shapes.T @ mass[0] @ shapes, np.eye(3), atol=1e-13)
-
-
-def test_blocks_that_balance_each_other_leave_the_mass_diagonal():
     structure = portal()
     for x, y in itertools.product((-1.3, 1.3), (-0.8, 0.8)):
         structure = structure.with_element(bs.FloorBlock(1, 340.0, (x, y), label=f"{x} {y}"))
@@ -178,9 +175,6 @@ def test_the_ground_moves_in_one_direction():
         assert model.influence.tolist() == [*expected, own]
         effective = (model.participation[0] ** 2).sum()
         assert effective == pytest.approx(10.0 + 0.5 * own)
-
-
-def test_the_ground_s_motion_with_a_block_off_centre():
     structure = portal().with_element(bs.FloorBlock(1, 3.0, (1.2, -0.7)))
     model = structure.modal_model(NONE)
     assert (model.participation[0] ** 2).sum() == pytest.approx(13.0)
