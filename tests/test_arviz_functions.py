@@ -54,7 +54,7 @@ RHOS = np.array([0.5, 0.8, 0.95])
 TIMES = (1.0 + RHOS) / (1.0 - RHOS)
 
 
-def test_effective_sample_sizes_and_errors_of_autoregressive_chains():
+def test_effective_sample_sizes_and_errors_of_autoregressive_chains_and_independent_draws():
     """Of the mean, τ = (1 + ρ)/(1 - ρ); of the variance, the same of ρ²."""
     chains = autoregressive(*RHOS)
     n = chains[..., 0].size
@@ -64,9 +64,6 @@ def test_effective_sample_sizes_and_errors_of_autoregressive_chains():
     np.testing.assert_allclose(mcse_sd(chains), np.sqrt(0.5 * times_of_squares / n), rtol=0.05)
     in_tail = [autocorrelation_time_in_tail(rho) for rho in RHOS]
     np.testing.assert_allclose(tail_ess(chains), n / np.array(in_tail), rtol=0.08)
-
-
-def test_of_independent_draws_all_count():
     chains = np.random.default_rng(3).standard_normal((64, 500, 2))
     np.testing.assert_allclose(bulk_ess(chains), 32_000, rtol=0.05)
     np.testing.assert_allclose(tail_ess(chains), 32_000, rtol=0.05)

@@ -76,12 +76,9 @@ def layer(name):
     return ORDER.index(wing), folders.index(folder) if inside else len(folders)
 
 
-def test_every_module_has_its_place():
+def test_every_module_has_its_place_and_imports_go_down():
     for name in TREES:
         assert name == "bayes_ssi" or layer(name)
-
-
-def test_imports_go_down():
     arrows = [(name, other) for name in TREES if name != "bayes_ssi" for other in IMPORTS[name]]
     assert [a for a in arrows if a[1] == "bayes_ssi" or layer(a[1]) > layer(a[0])] == []
 

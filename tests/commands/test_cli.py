@@ -278,8 +278,6 @@ def test_unknown_class(run, tiny_study_file, command, only):
     ("command", "options"),
     [
         ("rank", ["--error", "0"]),
-        ("rank", ["--error", "nan"]),
-        ("rank", ["--error", "inf"]),
         ("calibrate", ["--shape-weight", "-1"]),
         ("calibrate", ["--starts", "0"]),
     ],

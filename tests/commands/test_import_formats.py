@@ -104,34 +104,19 @@ def test_a_format_by_one_command(written):
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
-    ("written", "change", "words"),
+    ("written", "keys", "words"),
     [
-        (opensees, lambda each: each.split("+")[0], "frameK.out+MASS in commands, mass= in Python"),
+        (opensees, None, "frameK.out+MASS in commands, mass= in Python"),
         (matlab, None, "as in --keys KAA,MAA"),
+        (abaqus_coordinate, None, "no labels, by which sensors are named: give them in a --labels"),
+        (npz, "K", "--keys: expected STIFFNESS,MASS, got 'K'"),
     ],
 )
-def test_what_a_format_needs_is_said_as_the_command_takes_it(written, change, words):
+def test_what_a_format_needs_is_said_as_the_command_takes_it(written, keys, words):
+    """Of OpenSees, the file of the mass; of matrices in one file, their names; and labels."""
     files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
-    if change is not None:
-        files = {name: change(file) for name, file in files.items()}
-    done = run(*options(files))
+    files = {name: file.split("+")[0] for name, file in files.items()}
+    done = run(*options(files), *(("--keys", keys) if keys else ()))
     assert done.exit_code == 2
     assert words in " ".join(done.output.split())
-
-
-@pytest.mark.usefixtures("folder")
-def test_unlabelled_exports_need_labels():
-    files = {name: abaqus_coordinate(name, stiffness(*FACTORS[name])) for name in FACTORS}
-    done = run(*options(files))
-    assert done.exit_code == 2
-    words = " ".join(done.output.split())
-    assert "no labels, by which sensors are named: give them in a --labels file" in words
     assert not Path("frame.py").exists()
-
-
-@pytest.mark.usefixtures("folder")
-def test_keys_are_two():
-    files = {name: npz(name, stiffness(*factors)) for name, factors in FACTORS.items()}
-    done = run(*options(files), "--keys", "K")
-    assert done.exit_code == 2
-    assert "--keys: expected STIFFNESS,MASS, got 'K'" in done.output

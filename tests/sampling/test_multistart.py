@@ -123,15 +123,12 @@ def test_searches_climb_on_where_there_are_many_maxima():
     assert result.n_searches == 4
 
 
-def test_searches_record_the_maxima_they_found(monkeypatch):
+def test_searches_record_the_maxima_they_found_and_continue_until_two_agree(monkeypatch):
     scripted(monkeypatch, ["A", "AB", "B", "BA"])
     result = searches(two_peaks(0.3), 4)
     np.testing.assert_allclose(result.maxima.z, [A, B], atol=0.01)
     assert result.found_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
     assert result.n_searches == 4
-
-
-def test_searches_continue_until_two_agree(monkeypatch):
     scripted(monkeypatch, ["A", "A", "AB", "A", "AB", "A"])
     result = searches(two_peaks(0.3), 3)
     assert result.found_by.sum(axis=0).tolist() == [5, 2]
