@@ -267,7 +267,6 @@ def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fi
     assert probabilities == sorted(probabilities, reverse=True)
     assert inferred.best == inferred.pairings[0].pairing
     assert sum(probabilities) <= 1.0 + 1e-12
-    likelihood, values = near_the_fit
     many = np.tile(values, (2 * LISTED.most_draws // len(values), 1))
     computed = likelihood.inferred_pairing(many)
     assert computed.best == likelihood.inferred_pairing(values).best

@@ -169,7 +169,6 @@ def test_a_model_that_breaks_down_in_places_is_reported_but_not_in_the_far_tails
         check,
     )
     assert result.values.min() > 0.9
-    whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.3))
     assert bs.sample(broken, seed=1).failed_checks == ()
 

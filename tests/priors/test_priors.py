@@ -72,7 +72,6 @@ def test_values_at_normal_coordinates_are_quantiles_and_the_other_way_round(case
     prior, scipy_prior, _ = case
     z = stats.norm.ppf(PROBABILITIES)
     np.testing.assert_allclose(prior.from_normal(z), scipy_prior.ppf(PROBABILITIES), rtol=1e-7)
-    prior, scipy_prior, _ = case
     values = scipy_prior.ppf(PROBABILITIES)
     cdf = stats.norm.cdf(prior.to_normal(values))
     np.testing.assert_allclose(cdf, scipy_prior.cdf(values), rtol=1e-7)
@@ -216,7 +215,6 @@ def test_log_densities_and_supports_are_those_of_scipy(case):
     with np.errstate(divide="ignore"):
         expected = scipy_prior.logpdf(values)
     np.testing.assert_allclose(prior.log_density(values), expected, rtol=1e-9, atol=1e-9)
-    prior, scipy_prior, _ = case
     np.testing.assert_allclose(prior.support, scipy_prior.support(), atol=1e-12)
     np.testing.assert_allclose(prior.widened(2.0).support, scipy_prior.support(), atol=1e-12)
 

@@ -299,7 +299,7 @@ def test_damping_is_a_fraction(damping):
 
 
 def test_damping_is_one_ratio_or_one_a_mode():
-    np.testing.assert_array_equal(damping_ratios(0.02, 3), [0.02] * 3)
+    np.testing.assert_array_equal(damping_ratios(0.99, 3), [0.99] * 3)
     np.testing.assert_array_equal(damping_ratios([0.1, 0.2], 2), [0.1, 0.2])
     with pytest.raises(ValueError, match="one for each of the 4 modes, got 2 ratios"):
         damping_ratios([0.1, 0.2], 4)

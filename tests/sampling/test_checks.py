@@ -320,7 +320,6 @@ def test_the_edge_of_a_prior_is_one_draw_in_a_thousand_and_half_of_the_posterior
     assert edge_checks_of(model_class, -just_inside) == []
     assert "lower edge" in edge_checks_of(model_class, just_outside)[0]
     assert "upper edge" in edge_checks_of(model_class, -just_outside)[0]
-    model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
     z = np.zeros((100, 1))
     z[:50] = -4.0
     assert edge_checks_of(model_class, z) == []

@@ -102,7 +102,6 @@ def test_reweighting_finds_the_shares_of_weighted_draws_and_keeps_a_component_wi
     # A tenth is shared equally.
     reweighted = far_apart.reweighted(draws, weights).weights
     np.testing.assert_allclose(reweighted, [0.86, 0.14], atol=1e-6)
-    far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 0, 0]), rng)
     weights = far_apart.reweighted(draws, np.full(500, 1.0 / 500.0)).weights
     assert weights.sum() == pytest.approx(1.0)
