@@ -35,12 +35,9 @@ def test_the_analyst_who_misses_the_infill_is_warned():
 
 
 def test_nothing_is_said_where_a_class_has_the_appendage():
-    comparison = ranked("shear_building").comparison
-    assert not comparison.unmodelled_appendage
-    assert comparison.failed_checks == ()
+    assert not ranked("shear_building").comparison.unmodelled_appendage
 
 
-@pytest.mark.usefixtures("no_figures", "no_drawings")
 def test_the_warning_comes_first_and_fails(tmp_path):
     arguments = ["rank", str(MODEL_CLASSES / "bare_building.py"), "--error", "0.1"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])

@@ -35,10 +35,19 @@ def npz(path, samples=SAMPLES, names=NAMES, **stated):
     ("content", "options", "words"),
     [
         ({"rate_hz": None}, {}, "rate_hz, the samples per second, is not given; give it in Hz"),
+        ({"rate_hz": 0.0}, {}, "rate_hz must be a positive, finite number, got 0.0"),
         ({"dt_s": 0.01}, {}, "two rates are given: 50 and 100 Hz"),
         ({}, {"rate": 40.0}, "two rates are given: 40 and 50 Hz"),
+        (
+            {"samples": SAMPLES[:1], "names": NAMES[:1]},
+            {},
+            "a mode shape needs two sensors or more, got 1",
+        ),
+        ({"samples": changed(np.nan)}, {}, "sensor 'floor 2': sample 7 is not finite: nan"),
         ({"samples": changed(-np.inf)}, {}, "sensor 'floor 2': sample 7 is not finite: -inf"),
+        ({"samples": SAMPLES[:, :3]}, {}, "the wrong way round?"),
         ({}, {"band": (0.6, 30.0)}, "30 Hz is beyond 25 Hz, half the rate of the record"),
+        ({}, {"band": (3.0, 1.0)}, "band_hz must be 0 <= lowest < highest, got 3.0, 1.0"),
         (
             {},
             {"at": (1.0, 1.1, 1.2, 1.3), "band": (0.6, 1.7)},
