@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.options import PATH, record_options
+from bayes_ssi.commands.options import PATH, range_option, record_options
 from bayes_ssi.commands.terminal import (
     exit_if_failed,
     json_option,
@@ -30,9 +30,10 @@ RECORD_FIELDS = ("source", "quantity", "unit", "rate_hz", "n_samples", "sensors"
 
 @click.command()
 @click.argument("data", type=PATH, nargs=-1, required=True)
+@range_option("--band", "Band (Hz) in which the modes were sought, if the file does not state it.")
 @record_options
 @json_option
-def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
+def check(data: tuple[Path, ...], band: tuple[float, float] | None, stated: dict[str, Any]) -> None:
     """Show the identified modes read from DATA (CSV), with warnings about them.
 
     Where DATA is a vibration record, in one file or in several of the same instants, warns of
@@ -52,6 +53,8 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
             f"run: bayes-ssi report {data[0]}"
         )
     if len(data) > 1 or is_record(data[0]):
+        if band:
+            raise ValueError(f"--band: applies to modes, but {data[0]} holds a record")
         _check_record(read_record(data, **stated))
         return
     for option in click.get_current_context().command.params:
@@ -59,7 +62,7 @@ def check(data: tuple[Path, ...], stated: dict[str, Any]) -> None:
             raise ValueError(
                 f"{option.opts[0]}: applies to vibration records, but {data[0]} holds modes"
             )
-    _check_modes(data[0])
+    _check_modes(data[0], band)
 
 
 def _check_record(record: Record) -> None:
@@ -73,12 +76,12 @@ def _check_record(record: Record) -> None:
     print_record(lambda: columns(record, RECORD_FIELDS) | {"remarks": remarks})
 
 
-def _check_modes(path: Path) -> None:
+def _check_modes(path: Path, band: tuple[float, float] | None) -> None:
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.report.tables.mode_tables import modes_table
     from bayes_ssi.results.wording import data_warnings
 
-    modes = read_modal_data(path)
+    modes = read_modal_data(path, band_hz=band)
     failed = modes.all_failed_checks
     low, high = modes.band_hz
     show(modes_table(modes))

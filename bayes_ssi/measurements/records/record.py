@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import require_known, require_one_of
+from bayes_ssi.foundations.argument_types import repeated, require_known, require_one_of
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
@@ -55,6 +55,10 @@ class Record(Displayed):
     gaps: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
+        if twice := repeated(self.sensors):
+            raise ValueError(
+                f"record: two sensors are named {twice[0]!r}; name all in their order (--sensor)"
+            )
         object.__setattr__(self, "sensors", checked_sensors(self.sensors, "record"))
         object.__setattr__(self, "samples", self._checked_samples())
         object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))

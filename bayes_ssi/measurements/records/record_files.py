@@ -1,7 +1,6 @@
 """Files of vibration records and of ground motion, in any format that the package reads."""
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes
 from bayes_ssi.foundations.universal_files import begins_universal, has_data_set
+from bayes_ssi.measurements.modes.mode_tables import holds_modes
 from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
 from bayes_ssi.measurements.records.instrument_files import (
     SEISMIC,
@@ -30,9 +30,6 @@ from bayes_ssi.measurements.records.record import (
 )
 from bayes_ssi.measurements.records.text_columns import read_columns_of_record
 from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
-
-# Columns of a file of modes.
-COLUMNS_OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
 
 
 @checked
@@ -169,8 +166,7 @@ def read_ground_motion(
 def is_record(path: Path) -> bool:
     """Whether a file that exists holds a record rather than identified modes.
 
-    A file of text does where none of its first rows of names has a column ``frequency_hz``, in
-    any of its spellings.
+    A file of text does where none of its first lines names columns of modes.
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
@@ -178,7 +174,7 @@ def is_record(path: Path) -> bool:
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
-    return bool(head.strip()) and COLUMNS_OF_MODES.search(head[:4096]) is None
+    return bool(head.strip()) and not holds_modes(path)
 
 
 def _read_file(
