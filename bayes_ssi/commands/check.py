@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
 )  # fmt: skip
+DATA_FIELDS = ("source", "band_hz", "sensors", "digest", "full_digest", "covariance_digest")
 RECORD_FIELDS = ("source", "quantity", "unit", "rate_hz", "n_samples", "sensors")
 
 
@@ -89,7 +90,7 @@ def _check_modes(path: Path, band: tuple[float, float] | None) -> None:
     remarks = modes.warnings()[len(failed) :]
     say(
         f"Band: {low:g} to {high:g} Hz. Sensors: {', '.join(modes.sensors) or 'none'}. "
-        f"Digest: {modes.digest}.",
+        f"Digest: {modes.full_digest}.",
         *([] if modes.covariance is None else ["Errors have a joint covariance."]),
         *([f"(!) {remark}" for remark in remarks] or ([] if failed else ["No warnings."])),
     )
@@ -98,7 +99,7 @@ def _check_modes(path: Path, band: tuple[float, float] | None) -> None:
 
 
 def _record(data: ModalData) -> dict[str, Any]:
-    return columns(data, ("source", "band_hz", "sensors", "digest", "covariance_digest")) | {
+    return columns(data, DATA_FIELDS) | {
         "modes": [columns(mode, MODE_FIELDS) for mode in data.modes],
         "remarks": data.warnings()[len(data.all_failed_checks) :],
         "failed_checks": data.all_failed_checks,

@@ -95,6 +95,22 @@ def identify(
     if compare:
         by_others = other_methods.compared(record, found.quoted)
     chosen = other_methods.modes_by(method, record, found.quoted)
+    drawn: list[Path] = []
+    said: list[str] = []  # after all is written, however the output ends
+    if figures is not None:
+        from bayes_ssi.plots.record_plots import save_record_figures
+
+        drawn = save_record_figures(figures, found)
+        said.append(f"Wrote {len(drawn)} figures in {figures}.")
+    if out is not None:
+        data = found.modal_data(f"identified from {record.source}")
+        (own,) = data.identifications
+        own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
+        if method != BAYESIAN_FFT:
+            data = replace(chosen, source=data.source)
+            own = replace(own, method=METHOD_NAMES[method])
+        data = replace(data, identifications=(own,))
+        said.append(f"Wrote {listed(write_modal_data(data, out))}.")
     show(estimates_table(found.quoted, found.method))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
@@ -109,21 +125,7 @@ def identify(
         *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
-    drawn: list[Path] = []
-    if figures is not None:
-        from bayes_ssi.plots.record_plots import save_record_figures
-
-        drawn = save_record_figures(figures, found)
-        say(f"Wrote {len(drawn)} figures in {figures}.")
-    if out is not None:
-        data = found.modal_data(f"identified from {record.source}")
-        (own,) = data.identifications
-        own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
-        if method != BAYESIAN_FFT:
-            data = replace(chosen, source=data.source)
-            own = replace(own, method=METHOD_NAMES[method])
-        data = replace(data, identifications=(own,))
-        say(f"Wrote {listed(write_modal_data(data, out))}.")
+    say(*said)
     print_record(lambda: _record(found, warnings))
     exit_if_failed(found.failed_checks)
 

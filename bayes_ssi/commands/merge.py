@@ -43,14 +43,15 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     merged = merge_modal_data(
         {name: read_modal_data(file) for name, file in named_paths(files).items()}
     )
+    files_written = () if out is None else write_modal_data(merged.data, out)
     show(merged_table(merged))
     say(
         "Band: {:g} to {:g} Hz.".format(*merged.data.band_hz),
         *(f"(!) {remark}" for remark in merged.remarks),
         *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
-    if out is not None:
-        say(f"Wrote {listed(write_modal_data(merged.data, out))}.")
+    if files_written:
+        say(f"Wrote {listed(files_written)}.")
     print_record(lambda: _record(merged))
     exit_if_failed(merged.data.all_failed_checks)
 

@@ -127,10 +127,6 @@ def plan(
             progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
             **options,
         )
-    show(layout_table(planned), number_table(planned), change_table(planned))
-    say(*plan_notes(planned))
-    say_in_paragraphs(plan_answer(planned))
-    say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
         from bayes_ssi.plots.figure_style import save_figure, style
         from bayes_ssi.plots.place_plots import plot_gains, plot_layout
@@ -141,6 +137,11 @@ def plan(
         with style():
             save_figure(plot_layout(planned), out / "layout.png")
             save_figure(plot_gains(planned), out / "gains.png")
+    show(layout_table(planned), number_table(planned), change_table(planned))
+    say(*plan_notes(planned))
+    say_in_paragraphs(plan_answer(planned))
+    say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
+    if out is not None:
         say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
     print_record(lambda: {"plan": planned})
     exit_if_failed(planned.failed_checks)
