@@ -7,6 +7,7 @@ prints go to standard error.
 
 from __future__ import annotations
 
+import codecs
 import functools
 import io
 import json
@@ -67,6 +68,7 @@ class OneLineErrors(click.Group):
         )
         if not standalone_mode:
             return run()
+        _accept_any_encoding()
         try:
             with _one_line_errors():
                 code = run()
@@ -88,6 +90,30 @@ class OneLineErrors(click.Group):
             click.echo("Interrupted.", err=True)
             sys.exit(ExitCode.INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+# What stands for a character that the encoding of an output lacks.
+PLAIN = {
+    "≈": "~", "±": "+/-", "×": "x", "σ": "sd", "ζ": "zeta", "φ": "phi", "ω": "omega", "√": "sqrt ",
+    "²": "2", "³": "3", "⁻": "-", "…": "...", "–": "-", "─": "-", "━": "-", "≤": "<=", "≥": ">=",
+    "→": "->", "°": " deg", "∠": " at ", "µ": "u", "μ": "u", "·": "*",
+}  # fmt: skip
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(PLAIN.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
+def _accept_any_encoding() -> None:
+    """Print on outputs of any encoding, also where standard error is closed."""
+    codecs.register_error(META, _plain)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - until the exit
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError):  # of a stream that is no file
+            stream.reconfigure(errors=META)
 
 
 @contextmanager

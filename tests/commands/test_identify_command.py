@@ -87,9 +87,9 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
 
 
 def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
-    done = run(path, *BAND)
+    done = run(path, *BAND, "--quantity", "velocity")
     assert done.exit_code == 2
-    assert "the quantity of the samples is not given" in done.stderr
+    assert "unit of velocity must be one of" in done.stderr
     # One mode at two peaks: what it becomes is neither of them.
     between = ["--band", "2.2", "3.5", "--mode", 2.8]
     wrong = run(path, *between, "--quantity", "acceleration")
