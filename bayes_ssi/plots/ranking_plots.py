@@ -29,17 +29,14 @@ from bayes_ssi.plots.figure_style import (
     width_of_modes,
     without_math,
 )
+from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.plots.shape_plots import has_errors_on, plot_identified_shapes
-from bayes_ssi.plots.space import can_be_drawn, plot_modes_in_space
-from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.findings import FamilyRecord
 
-# Name of the files of modes in space, or its beginning.
-MODES = "modes"
 # The beginning of the names of the files of identified shapes, before a configuration's number.
 IDENTIFIED_SHAPES = "identified_shapes"
 
@@ -192,10 +189,10 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     tests = {test.name: test.data for test in best.configurations}
     figures = chain(
         result_figures(tests, ranked, ranking.comparison, search),
-        figures_of_modes(best, ranked[0]),
         figures_of_identified_shapes(best),
     )
     save_figures(directory, figures)
+    save_scenes(ranking, directory)
 
 
 def result_figures(
@@ -213,28 +210,6 @@ def result_figures(
     yield "evidence", plot_evidence(comparison, most=most)
     if search is not None:
         yield "places", plot_places(search)
-
-
-def figures_of_modes(model_class: ModelClass, posterior: Posterior) -> Iterator[NamedFigure]:
-    """The paired modes in space, where coordinates are known, one figure for each configuration.
-
-    They are those of the exact structure at the most probable parameters.
-    """
-    for i, test in enumerate(model_class.configurations, 1):
-        structure = test.structure
-        pairing = posterior.configurations[i - 1].pairing
-        if structure.geometry is None or not pairing:
-            continue
-        likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
-        try:
-            modes = nodal_modes(
-                structure, np.array([likeliest[p.name] for p in structure.parameters])
-            )
-        except ValueError:  # labels name no nodes
-            continue
-        if can_be_drawn(modes):
-            name = f"{MODES}_{i}" if len(model_class.configurations) > 1 else MODES
-            yield name, plot_modes_in_space(modes, pairing)
 
 
 def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[NamedFigure]:

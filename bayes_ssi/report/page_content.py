@@ -19,6 +19,7 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST_DECAYS
+from bayes_ssi.plots.moving_shapes import asset, box, saved_scenes
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
 from bayes_ssi.report.tables.layout import number
@@ -135,6 +136,9 @@ def page_content(
         "predictions": predictions,
         "plan": [plan_answer(plan), layout_rows(plan)] if plan else None,
         "figures": figures,
+        "moving": {name: box(scenes) for name, scenes in saved_scenes(stored.directory).items()},
+        "moving_style": asset("css"),
+        "moving_script": asset("js"),
         "limits": LIMITS,
         # As far as the record says.
         "command": record.command
