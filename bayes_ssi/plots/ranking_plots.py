@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -18,6 +19,7 @@ from bayes_ssi.plots.figure_style import (
     GREY,
     MARKERS,
     MOST_CLASSES,
+    SDS_OF_90_PERCENT,
     VERMILION,
     NamedFigure,
     axes_of,
@@ -85,8 +87,8 @@ def plot_frequencies(
 ) -> Axes:
     """Posterior model frequencies relative to the identified ones, class by class.
 
-    A bar is the central 95 % of a paired model mode, its mark the median, and the grey band an
-    identified mode's own 95 % interval, where the data give one. Identified modes that a class
+    A bar is the central 90 % of a paired model mode, its mark the median, and the grey band an
+    identified mode's own 90 % interval, where the data give one. Identified modes that a class
     calls spurious are marked with a cross.
 
     Args:
@@ -95,7 +97,7 @@ def plot_frequencies(
     ax = axes_of(ax, (width_of_modes(len(data.modes)), 3.4))
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
-            half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
+            half = 100.0 * SDS_OF_90_PERCENT * mode.frequency_cov
             ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
@@ -112,7 +114,7 @@ def plot_frequencies(
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
     without_math(*ax.get_xticklabels())
-    title_of(ax, label_in(configuration, "Model frequencies, 95 % of the posterior"))
+    title_of(ax, label_in(configuration, "Model frequencies, 90 % of the posterior"))
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=4)
     return ax
@@ -139,7 +141,7 @@ def _draw_class(
             # The number of the mode may change from draw to draw.
             hz = np.array(updated[mode.label].after_hz)
         else:
-            hz = np.quantile(frequencies_hz[..., number - 1], [0.025, 0.5, 0.975])
+            hz = np.quantile(frequencies_hz[..., number - 1], LEVELS)
         low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
         point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
                             color=colour, markersize=4, capsize=2, label=name)  # fmt: skip
