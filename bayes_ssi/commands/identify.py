@@ -88,10 +88,11 @@ def identify(
     drawn: list[Path] = []
     said: list[str] = []  # after all is written, however the output ends
     if figures is not None:
-        from bayes_ssi.plots.record_plots import save_record_figures
+        from bayes_ssi.plots.record_plots import MOVING, save_record_figures
 
         drawn = save_record_figures(figures, found)
-        said.append(f"Wrote {len(drawn)} figures in {figures}.")
+        page = f"; shapes move in {MOVING}" if (figures / MOVING).is_file() else ""
+        said.append(f"Wrote {len(drawn)} figures in {figures}{page}.")
     if out is not None:
         data = found.modal_data(f"identified from {record.source}")
         (own,) = data.identifications

@@ -67,7 +67,8 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     record = json.loads(done.stdout)
     assert [len(peak["frequencies_hz"]) for peak in record["peaks"]] == [1, 1, 1, 1]
     assert sorted(file.stem for file in figures.iterdir()) == [
-        "complexity", "shapes", "singular_values", "stabilisation", "whitened_residuals",
+        "complexity", "moving_shapes", "shapes", "singular_values", "stabilisation",
+        "whitened_residuals",
     ]  # fmt: skip
     modes = bs.read_modal_data(out)
     assert modes.sensors == SENSORS
