@@ -273,6 +273,11 @@ class Structure(ABC):
         """
         return self
 
+    @property
+    def for_many_hypotheses(self) -> Structure:
+        """This structure, or the same in a reduced basis where solving it takes longer."""
+        return self
+
     # What elements are put on, and what a search needs for that.
 
     @property

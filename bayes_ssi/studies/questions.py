@@ -153,6 +153,7 @@ def searched(
     run: Run,
 ) -> SearchResult[Record]:
     """The hypotheses of a family, screened, sampled where the answer rests on them, and ranked."""
+    family = family.in_reduced_bases()
     with run.working():
         found = search_family(family, seed, settings, run)
         return SearchResult(found.ranking, findings(family, found, seed, run))

@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
+from bayes_ssi.commands.terminal import lines_of_progress
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 
@@ -228,6 +229,25 @@ def test_modes_are_written_before_they_are_printed(tmp_path, run, monkeypatch):
     def closed(*_):
         raise BrokenPipeError
 
-    monkeypatch.setattr("bayes_ssi.commands.identify.show", closed)
+    monkeypatch.setattr("bayes_ssi.commands.terminal.show", closed)
     run("identify", tmp_path / "a.npz", "--band", 0.3, 3, "--out", tmp_path / "m.csv")
     assert bs.read_modal_data(tmp_path / "m.csv").modes
+
+
+def test_a_log_says_every_minute_what_is_done_and_how_long_is_left(capsys):
+    """A fifth in 70 s leaves four times as long; a class is at 0.1 + 0.35/2 after half a step."""
+    clock = [0.0]
+    show = lines_of_progress(lambda: clock[0])
+    show("all hypotheses", "screening 200", 0.0)
+    for at, done in ((50.0, 0.15), (70.0, 0.2), (100.0, 0.3)):
+        clock[0] = at
+        show("all hypotheses", "screening 200", done)
+    show("one", "searches", 0.0)
+    clock[0] = 200.0
+    show("one", "compression of the prior", 0.5)
+    show("one", "evidence", 1.0)
+    assert capsys.readouterr().err.splitlines() == [
+        "all hypotheses, screening 200: 20 % done, about 5 min left",
+        "one: 28 % done, about 4 min left",
+        "sampled one",
+    ]
