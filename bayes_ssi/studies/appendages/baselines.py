@@ -82,7 +82,7 @@ def hypothesis(
     """The baseline with an appendage at each of ``places``, scored over all pairings."""
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
-    prior = _frequency_prior(baseline, tests, options)
+    prior = frequency_prior(baseline, tests, options)
     own_name = " + ".join(place.name for place in places)
     changed = baseline.with_any_pairing(name or own_name or Baselines.nothing)
     if not places:
@@ -143,7 +143,7 @@ def tests_with_places(
     return tuple(names) if 0 < len(names) < len(model_class.configurations) else None
 
 
-def _frequency_prior(
+def frequency_prior(
     baseline: ModelClass, tests: Sequence[Configuration], options: SearchSettings
 ) -> Prior:
     low = min(test.data.band_hz[0] for test in tests)
@@ -223,6 +223,10 @@ class Baselines(Family[AppendagePlace]):
             for end in place.candidate.ends:
                 yield from (single for single, _ in motion_of(end) if single != 0)
 
+    def tests(self, baseline: ModelClass) -> tuple[Configuration, ...]:
+        """The tests of a baseline that have appendages."""
+        return tests_with_appendages(baseline, self.present_in)
+
     @cached_property
     def scales(self) -> Mapping[str, MassScale]:
         """Name of a baseline → the mass to which mass ratios refer."""
@@ -234,7 +238,7 @@ class Baselines(Family[AppendagePlace]):
         observed: dict[AppendagePlace, bool] = {}
         for each in self.classes:
             places = self.features[each.name]
-            for test in tests_with_appendages(each, self.present_in):
+            for test in self.tests(each):
                 seen = are_observed(test.structure, [p.candidate for p in places], test.data)
                 for place, one in zip(places, seen, strict=True):
                     observed[place] = observed.get(place, False) or bool(one)
