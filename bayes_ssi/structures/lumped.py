@@ -97,6 +97,12 @@ class LumpedStructure(Structure):
         motions = np.array([self._vector(motion_of(place)) for place in places])
         return motions @ self.modes(values).shapes[0]
 
+    def place_masses(self, places: Sequence[Place]) -> FloatArray:
+        motions = np.array([self._vector(motion_of(place)) for place in places])
+        mass = self._mass.evaluate(self.prior_medians())[0]
+        inverse = np.diag(1.0 / mass) if mass.ndim == 1 else np.linalg.inv(mass)
+        return 1.0 / np.einsum("pi,ij,pj->p", motions, inverse, motions)
+
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
         floors = range(1, self.n_floors + 1)
         return (

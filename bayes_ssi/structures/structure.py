@@ -18,7 +18,7 @@ from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values, values_at
-from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.elements import AddedMass, Element
 from bayes_ssi.structures.geometry import (
     DIRECTIONS,
     Candidate,
@@ -322,10 +322,23 @@ class Structure(ABC):
         """
         return None
 
+    def place_masses(self, places: Sequence[Place]) -> FloatArray:
+        """Masses (n_places,) that can leave places for appendages there, at the prior medians.
+
+        M - m w wᵀ is positive definite for m below 1 / (wᵀ M⁻¹ w). Zero where that is not known.
+        """
+        return np.zeros(len(places))
+
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label, at one row."""
         frequencies, shapes = (each[0] for each in self.modes(values[None]))
         return self.degrees_of_freedom, frequencies, shapes
+
+    @property
+    def given_as_mass(self) -> tuple[AddedMass, ...]:
+        """The elements on it that stand for appendages, which may vibrate."""
+        elements = getattr(self, "elements", ())
+        return tuple(one for one in elements if isinstance(one, AddedMass) and one.stands_for)
 
     @property
     def appendages(self) -> tuple[str, ...]:
@@ -402,6 +415,8 @@ class SubstituteStructure(Structure):
     location_of = _as_substituted("location_of")
     drawing = _as_substituted("drawing")
     sensor_location = _as_substituted("sensor_location")
+    place_masses = _as_substituted("place_masses")
+    given_as_mass = _as_substituted("given_as_mass")
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         return self.substituted.modal_model(values)
