@@ -89,9 +89,6 @@ class ChangedStructure(SubstituteStructure):
         required = required._replace(values=self.left(required.values))
         return self._on(self.structure.accurate_at(required))
 
-    def with_solutions_at(self, values: FloatArray) -> Self:
-        return self._on(self.structure.with_solutions_at(self.left(values)))
-
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         return self.structure.accuracy(self.left(values), n_modes)
 

@@ -7,7 +7,6 @@ batch at once; a subclass may add stiffness of another kind.
 import math
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -46,10 +45,8 @@ from bayes_ssi.structures.matrix_terms import (
     parameters_of,
 )
 from bayes_ssi.structures.modal import (
-    BATCHED_UP_TO,
     ModalModel,
     Modes,
-    chain_modes,
     modal_model,
     solve_modes,
 )
@@ -161,25 +158,11 @@ class LumpedStructure(Structure):
     def n_modes(self) -> int:
         return len(self.degrees_of_freedom)
 
-    @property
-    def n_shapes(self) -> int:
-        return getattr(self, "_n_shapes", self.n_modes)
-
-    def with_shapes(self, n_shapes: int) -> Self:
-        is_chain = self._mass.arrays.ndim == 2 and not np.triu(self._stiffness.arrays, 2).any()
-        if not is_chain or self.n_modes < max(BATCHED_UP_TO, 4 * n_shapes):
-            return self
-        fewer = copy(self)
-        object.__setattr__(fewer, "_n_shapes", n_shapes)
-        return fewer
-
     def modes(self, values: FloatArray) -> Modes:
         n = max(1, MOST_ENTRIES // self.n_modes**2)
         if len(values) > n:
             return joined([self.modes(part) for part in np.split(values, range(n, len(values), n))])
-        matrices, fewer = self.matrices(values), self.n_shapes < self.n_modes
-        modes = chain_modes(*matrices, self.n_shapes) if fewer else solve_modes(*matrices)
-        return modes.repeated(len(values))
+        return solve_modes(*self.matrices(values)).repeated(len(values))
 
     @property
     def appendages(self) -> tuple[str, ...]:

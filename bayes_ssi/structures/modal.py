@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy.linalg import lapack
 
 from bayes_ssi.foundations.arrays import FloatArray, place_of_largest
 
@@ -190,28 +189,6 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray, n_modes: int | None = N
         else:
             eigenvalues[row], vectors[row] = pairs
     return Modes(frequencies_hz(eigenvalues), vectors)
-
-
-def chain_modes(stiffness: FloatArray, mass: FloatArray, n_shapes: int) -> Modes:
-    """As :func:`solve_modes`, with the lowest shapes alone, of a tridiagonal K and a diagonal M."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        root = 1.0 / np.sqrt(mass)
-        diagonals = stiffness.diagonal(0, 1, 2) * root**2
-        beside = stiffness.diagonal(1, 1, 2) * root[:, 1:] * root[:, :-1]
-    squares, shapes = np.zeros(diagonals.shape), np.zeros((*diagonals.shape, n_shapes))
-    block, end = np.ones(diagonals.shape[1], dtype=int), np.full(diagonals.shape[1], len(root.T))
-    for row in np.flatnonzero(np.isfinite(diagonals).all(axis=1)):
-        chain = diagonals[row], beside[row]
-        squares[row], failed = lapack.dsterf(*chain)
-        shapes[row], lost = lapack.dstein(*chain, squares[row, :n_shapes], block, end)
-        squares[row] *= not (failed or lost)  # not accurate
-    settle(squares[:, :n_shapes], shapes)
-    modes = Modes(frequencies_hz(np.maximum(squares, 0.0)), shapes * root[:, :, None])
-    for row in np.flatnonzero(~(squares[:, 0] > RESOLVED_ABOVE * squares[:, -1])):
-        k, m = stiffness[[row % len(stiffness)]], mass[[row % len(mass)]]
-        modes.frequencies_hz[[row]], every = solve_modes(k, m)
-        modes.shapes[row] = every[0, :, :n_shapes]
-    return modes
 
 
 def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -117,15 +117,6 @@ class Structure(ABC):
             TypeError: they are not numbers.
         """
 
-    @property
-    def n_shapes(self) -> int:
-        """Number of the lowest modes whose shapes :meth:`modes` returns; all, but for copies."""
-        return self.n_modes
-
-    def with_shapes(self, n_shapes: int) -> Self:
-        """A copy that computes the lowest shapes alone, where that saves time; or itself."""
-        return self
-
     def modes_or_nan(self, values: FloatArray) -> Modes:
         """:meth:`modes` at ``values`` (B, n_parameters); NaN in rows at which they raise."""
 
@@ -133,8 +124,8 @@ class Structure(ABC):
             own = values[rows]
             return Modes(*self.modes(own)).repeated(len(own))
 
-        n_dof, n_shapes = len(self.degrees_of_freedom), self.n_shapes
-        none = Modes(np.full((1, self.n_modes), np.nan), np.full((1, n_dof, n_shapes), np.nan))
+        shape = (1, len(self.degrees_of_freedom), self.n_modes)
+        none = Modes(np.full((1, self.n_modes), np.nan), np.full(shape, np.nan))
         solved = rows_at_fault(modes, len(values))
         parts = [none if isinstance(part, Exception) else part for _, part in solved]
         return parts[0] if len(parts) == 1 else joined(parts)
@@ -249,13 +240,6 @@ class Structure(ABC):
 
     def accurate_at(self, required: Requirement) -> Self:
         """This structure if it is accurate enough, otherwise a more accurate one."""
-        return self
-
-    def with_solutions_at(self, values: FloatArray) -> Self:
-        """This structure with the exact solutions at ``values`` (B, n_parameters) made use of.
-
-        They are known already. Where the error is certified, they are not needed.
-        """
         return self
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:

@@ -8,7 +8,6 @@ import pytest
 import scipy.io
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 import bayes_ssi as bs
@@ -147,23 +146,14 @@ def entries(matrix, order, permc_spec="NATURAL"):
     return splu(ordered, permc_spec, 0.0, options={"SymmetricMode": True}).nnz
 
 
-@pytest.mark.parametrize("slender", [True, False])
-def test_rows_are_ordered_for_the_sparser_factors(slender):
-    """A tower of bricks stays narrow in a band; a square membrane is better by minimum degree."""
-    levels = 150
-    row, column, height = (sp.diags_array([1.0] * 3, offsets=[-1, 0, 1], shape=(n, n))
-                           for n in (4, 4, levels))  # fmt: skip
-    pattern = sp.kron(sp.kron(height, sp.kron(row, column)), np.ones((3, 3)))
-    tower = sp.csc_array(sp.diags_array(pattern.sum(axis=1) + 1.0) - pattern)
-    matrix = tower if slender else membrane(40)
+def test_rows_are_ordered_for_sparse_factors():
     # Numbered without an order, as in a mesh that was refined by hand.
-    mixed = np.random.default_rng(1).permutation(matrix.shape[0])
+    matrix, mixed = membrane(40), np.random.default_rng(1).permutation(1600)
     matrix = sp.csc_array(matrix[mixed][:, mixed])
     same = np.arange(matrix.shape[0])
-    banded = entries(matrix, reverse_cuthill_mckee(sp.csr_matrix(matrix), symmetric_mode=True))
     by_degree = entries(matrix, same, "MMD_AT_PLUS_A")
-    assert (banded < by_degree) == slender
-    assert entries(matrix, fill_reducing_order(matrix)) == min(banded, by_degree)
+    assert by_degree < 0.5 * entries(matrix, same)
+    assert entries(matrix, fill_reducing_order(matrix)) == by_degree
 
 
 class TestCounting:

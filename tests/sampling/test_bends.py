@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_ssi.inference.sampling.maxima import THICKER, _thickened, bend_along
+from bayes_ssi.inference.sampling.maxima import bend_along
 from bayes_ssi.inference.sampling.mixture import (
     REACH,
     Bend,
@@ -59,24 +59,14 @@ def test_a_widened_bend_follows_the_same_ridge(rng):
     np.testing.assert_allclose(2.0 * bend.widened(2.0).bent(v / 2.0), bend.bent(v), rtol=1e-12)
 
 
-def test_a_thickened_component_follows_the_same_ridge(rng):
-    bend = bend_of(rng, 2, 1, 3)
-    factors, v = rng.standard_normal((1, 3, 3)), rng.standard_normal((3, 30))
-    ridge = StudentMixture(np.ones(1), np.zeros((1, 3)), factors, np.full(1, 30.0), bends=(bend,))
-    thick = _thickened(ridge)
-    sizes = np.array([[1.0], [1.0], [THICKER]])
-    on_ridge = factors[0] @ bend.bent(v)
-    np.testing.assert_allclose(thick.factors[0] @ thick.bends[0].bent(v / sizes), on_ridge)
-
-
 def test_components_of_one_ridge_have_the_densities_that_each_has_alone(rng):
-    """Their polynomials are evaluated once, for components of four different widths."""
+    """Their polynomials are evaluated once, for components of two widths."""
     bends = (bend_of(rng, 2, 1, 3), None, bend_of(rng, 2, 1, 2))
     means, factors = rng.standard_normal((3, 3)), rng.standard_normal((3, 3, 3))
     weights, tails = np.array([0.5, 0.3, 0.2]), np.full(3, 30.0)
     bent = StudentMixture(weights, means, factors, tails, bends=bends)
-    mixture = bent.mixed_with(_thickened(bent), 0.3).widened()
-    assert mixture.n_components == 12
+    mixture = bent.widened()
+    assert mixture.n_components == 6
     z = 3.0 * rng.standard_normal((50, 3))
     alone = [
         math.log(w) + StudentMixture(np.ones(1), m[None], f[None], d[None], bends=(b,)).log_pdf(z)

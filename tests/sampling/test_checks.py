@@ -110,7 +110,7 @@ def spoil_reach(s):
 
 def spoil_size(s):
     # Few steps of a few chains.
-    few = ChainStatistics(s.chains.chains[:16, ::5][:, :25])
+    few = ChainStatistics(s.chains.chains[:16, ::5][:, :20])
     return replace(s, chains=few, settings=SamplingSettings(r_hat=2.0))
 
 

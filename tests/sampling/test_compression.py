@@ -8,11 +8,12 @@ from scipy.stats import chi2, norm
 
 from bayes_ssi.inference.sampling.compression import (
     Compression,
+    _Climb,
     _correlation,
     compress_prior,
     compression_estimate,
 )
-from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.maxima import find_maxima, no_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 OBSERVED, SD = np.array([1.0, -0.5, 2.0]), np.array([0.1, 0.3, 1.0])
@@ -61,7 +62,6 @@ def test_the_particles_are_distributed_as_the_posterior():
     np.testing.assert_allclose(particles.draws.std(0), POSTERIOR_SD, rtol=tolerance)
     likelihood_times_prior = gaussian(particles.draws) + log_standard_normal(particles.draws)
     np.testing.assert_array_equal(particles.log_posteriors, likelihood_times_prior)
-    np.testing.assert_array_equal(particles.log_likelihoods_passed, gaussian(particles.passed))
 
 
 def test_levels_rise_as_the_mass_of_balls_in_twelve_dimensions_falls():
@@ -80,12 +80,16 @@ def test_levels_rise_as_the_mass_of_balls_in_twelve_dimensions_falls():
 
 
 def test_the_first_level_keeps_the_highest_quarter_of_the_prior():
-    particles, _ = compressed(seed=5, n_particles=400)
-    # Its first particles are the first draws of the seed's generator.
-    z = np.random.default_rng(seeds(5)[0]).standard_normal((400, 3))
-    lowest = np.argsort(gaussian(z))[:300]
-    np.testing.assert_array_equal(particles.passed[:300], z[lowest])
-    assert gaussian(particles.passed[300:]).min() > gaussian(z[lowest]).max()
+    climb = _Climb(Target(gaussian, 3), no_maxima(3), 400, np.random.default_rng(5))
+    z = climb.positions
+    np.testing.assert_array_equal(z, np.random.default_rng(5).standard_normal((400, 3)))
+    climb.leave_lowest()
+    highest = np.sort(gaussian(z))[-100:]
+    np.testing.assert_array_equal(climb.log_likelihoods, highest)
+    np.testing.assert_array_equal(gaussian(climb.positions), highest)
+    climb.move(climb.positions)
+    assert len(climb.positions) == 400
+    assert gaussian(climb.positions).min() >= highest[0]
 
 
 def test_a_likelihood_that_is_the_same_everywhere():
@@ -180,9 +184,7 @@ def test_progress_rises_to_one():
 
 
 def compression(log_evidence, error, behind=0.0):
-    return Compression(
-        np.zeros((4, 1)), np.zeros(4), np.zeros((4, 1)), np.zeros(4), log_evidence, error, behind
-    )
+    return Compression(np.zeros((4, 1)), np.zeros(4), log_evidence, error, behind)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import norm
 
 from bayes_ssi.inference.sampling import engine
-from bayes_ssi.inference.sampling.engine import STEPS_OF_ADAPTATION, sample_target
-from bayes_ssi.inference.sampling.ensembles import FIRST_STEPS, Ensemble, run_ensembles
+from bayes_ssi.inference.sampling.engine import sample_target
+from bayes_ssi.inference.sampling.ensembles import FIRST_STEPS, Ensemble
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture
@@ -59,7 +59,7 @@ def test_a_gaussian_target(observed):
     assert result.evidence.error <= 0.01
     assert result.failed_checks == []
     assert result.region_shares.tolist() == [1.0]
-    assert result.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
+    assert result.search.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
     weights = result.importance.weights
     assert weights @ result.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
 
@@ -304,20 +304,6 @@ def test_components_around_maxima_have_the_shares_of_their_regions():
     assert abs(sample.estimate.log_evidence) < 4.0 * sample.estimate.error < 0.1
 
 
-def counted_ensembles(monkeypatch):
-    """Whether each pair of ensembles that is run only adapts the mixture, and its steps."""
-    runs = []
-
-    def counted(*arguments, **kwargs):
-        ensembles = run_ensembles(*arguments, **kwargs)
-        steps = {each.n_steps + each.burn_in for each in ensembles}
-        runs.append(("only" in kwargs, *steps))
-        return ensembles
-
-    monkeypatch.setattr(engine, "run_ensembles", counted)
-    return runs
-
-
 ELSEWHERE = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.ones(1))
 
 
@@ -356,27 +342,13 @@ def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
 
 
-def test_importance_draws_that_serve_need_no_adaptation(monkeypatch):
-    runs = counted_ensembles(monkeypatch)
+def test_importance_draws_that_serve_need_no_long_chains():
     starts = SuggestedStarts(np.array([[1.0]]), 0)
     target = Target(one_observation, 1, suggest_starts=lambda _rng: starts)
     result = sample_target(target, np.random.SeedSequence(0))
     assert not result.failed_checks
     assert not result.compressions
-    assert runs == [(False, FIRST_STEPS)]
-
-
-def test_slow_chains_from_particles_are_refitted(monkeypatch):
-    def shell(z):
-        return -0.5 * ((np.linalg.norm(z, axis=1) - 2.0) / 0.2) ** 2
-
-    runs = counted_ensembles(monkeypatch)
-    for name, value in (("SLOW", 1.0), ("MOST_REFITS", 2), ("LEAST_IMPROVEMENT", 0.0)):
-        monkeypatch.setattr(engine, name, value)
-    result = sample_target(Target(shell, 3), np.random.SeedSequence(0), SamplingSettings(0.05))
-    assert not result.failed_checks
-    assert [only for only, _ in runs] == [True, True, False]
-    assert runs[0][1] == STEPS_OF_ADAPTATION
+    assert [each.n_steps + each.burn_in for each in result.ensembles] == [FIRST_STEPS] * 2
 
 
 def test_a_thin_curved_ridge_is_followed_to_its_ends():

@@ -32,7 +32,7 @@ def gaussian(z):
 TARGET = Target(gaussian, 2)
 
 
-def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, only=None, **kwargs):
+def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, **kwargs):
     target = Target(function, 2)
     if mixture is None:
         mixture = StudentMixture(
@@ -45,7 +45,7 @@ def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, only=
         walkers.append(Walkers(positions, target.log_posterior(positions)))
     proposals = [drawn_anew(mixture, share, target.log_density, rng) for rng in rngs]
     settings = SamplingSettings(**kwargs)
-    return run_ensembles(target, walkers, proposals, settings, rngs, only=only)
+    return run_ensembles(target, walkers, proposals, settings, rngs)[0]
 
 
 @pytest.mark.parametrize("share", [0.7, 0.0])
@@ -85,23 +85,24 @@ def test_the_effective_sizes_are_those_that_were_asked_for():
 def test_thinned_chains_still_reach_what_was_asked_for():
     """A step in half an autocorrelation time; no steps are left out of chains that fall short."""
     slow, settings = run(share=0.0), SamplingSettings()
-    slowness = statistics_of(TARGET, slow).slowness
-    fewer, statistics = thinned_ensembles(TARGET, slow, settings)
+    whole = statistics_of(TARGET, slow)
+    fewer, statistics = thinned_ensembles(TARGET, slow, whole, settings)
     by = fewer[0].thinned_by
-    assert 1 < by <= slowness / 2.0
+    assert 1 < by <= whole.slowness / 2.0
     assert statistics.reach(settings)
-    for whole, thinned in zip(slow, fewer, strict=True):
-        assert thinned.n_steps == whole.n_steps // by
-        np.testing.assert_array_equal(thinned.positions[0], whole.positions[by - 1])
-        np.testing.assert_array_equal(thinned.log_posteriors[1], whole.log_posteriors[2 * by - 1])
-    short = run(share=0.0, only=400)
-    same, statistics = thinned_ensembles(TARGET, short, settings)
+    for before, thinned in zip(slow, fewer, strict=True):
+        assert thinned.n_steps == before.n_steps // by
+        np.testing.assert_array_equal(thinned.positions[0], before.positions[by - 1])
+        np.testing.assert_array_equal(thinned.log_posteriors[1], before.log_posteriors[2 * by - 1])
+    short = run(share=0.0, max_steps=400)
+    whole = statistics_of(TARGET, short)
+    same, statistics = thinned_ensembles(TARGET, short, whole, settings)
     assert not statistics.reach(settings)
-    assert same == tuple(short)
+    assert (same, statistics) == (short, whole)
 
 
 def test_the_densities_stored_are_those_of_the_positions():
-    for ensemble in run(only=60):
+    for ensemble in run(max_steps=60):
         expected = Target(gaussian, 2).log_posterior(ensemble.draws)
         actual = ensemble.log_posteriors.ravel()
         np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
@@ -143,7 +144,9 @@ def test_walkers_that_never_move_fail_every_aim():
     rng = np.random.default_rng(0)
     mixture = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), np.full(1, 5.0))
     proposals = [drawn_anew(mixture, 0.5, stuck.log_density, rng)]
-    (ensemble,) = run_ensembles(stuck, [walkers], proposals, SamplingSettings(), [rng], only=50)
+    (ensemble,), _ = run_ensembles(
+        stuck, [walkers], proposals, SamplingSettings(max_steps=50), [rng]
+    )
     assert math.isnan(ensemble.autocorrelation_time)
     assert ensemble.acceptance_fraction == 0.0
 

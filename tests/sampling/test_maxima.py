@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
 
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
+from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
@@ -81,76 +80,6 @@ def test_laplace_is_exact_for_a_linear_model(linear):
     np.testing.assert_array_less(np.abs(maxima.z[0] - linear.mean) / sd, 0.1)
     np.testing.assert_allclose(maxima.covariances[0], linear.covariance, rtol=1e-3, atol=1e-6)
     assert maxima.laplace_estimate.log_evidence == pytest.approx(linear.log_evidence, abs=3e-3)
-
-
-@pytest.mark.parametrize("beta", [3.0, 0.3, 0.01])
-def test_the_components_of_a_linear_model_above_a_level(linear, beta):
-    """Like likelihood^β · prior, precision I + β AᵀA/s², at its mean log-likelihood."""
-    starts = np.random.default_rng(1).standard_normal((8, 3))
-    maxima = find_maxima(linear.target, starts)
-    precision, slope = linear.precision_of_data, linear.slope
-    fitted = np.linalg.lstsq(precision, slope, rcond=None)[0]
-    highest = linear.target.log_likelihood(fitted[None])[0]
-    assert not len(maxima.level_sets(highest + 1e-3).at)
-    covariance = np.linalg.inv(np.eye(3) + beta * precision)
-    mean = beta * covariance @ slope
-    level = linear.target.log_likelihood(mean[None])[0] - 0.5 * np.trace(precision @ covariance)
-    mixture = maxima.level_sets(level).as_mixture()
-    result = mixture.factors[0] @ mixture.factors[0].T
-    np.testing.assert_allclose(result, covariance, rtol=0.02, atol=1e-4)
-    tolerance = 0.1 * np.sqrt(np.diag(covariance))
-    np.testing.assert_array_less(np.abs(mixture.means[0] - mean), tolerance)
-
-
-@pytest.mark.parametrize("beta", [3.0, 0.3])
-def test_draws_above_a_level_of_a_linear_model(linear, beta):
-    """As those of the prior's draws at which the likelihood is higher."""
-    maxima = find_maxima(linear.target, np.random.default_rng(1).standard_normal((8, 3)))
-    covariance = np.linalg.inv(np.eye(3) + beta * linear.precision_of_data)
-    level = linear.target.log_likelihood((beta * covariance @ linear.slope)[None])[0] - 1.0
-    rng = np.random.default_rng(2)
-    sets = maxima.level_sets(level)
-    drawn = sets.draw(0, 4000, rng)
-    assert len(drawn) == 4000
-    np.testing.assert_array_equal(sets.first_around(drawn), 0)
-    above = linear.target.log_likelihood(drawn) - level
-    assert above.min() > -1e-3 * above.max()
-    prior = rng.standard_normal((2_000_000, 3))
-    prior = prior[linear.target.log_likelihood(prior) > level]
-    error = prior.std(axis=0) * math.sqrt(1.0 / len(prior) + 1.0 / len(drawn))
-    np.testing.assert_array_less(np.abs(drawn.mean(axis=0) - prior.mean(axis=0)), 4.0 * error)
-    for moment in (2, 4):
-        powers = [((z - prior.mean(axis=0)) / prior.std(axis=0)) ** moment for z in (drawn, prior)]
-        error = np.hypot(*(power.std(axis=0) / math.sqrt(len(power)) for power in powers))
-        difference = powers[0].mean(axis=0) - powers[1].mean(axis=0)
-        np.testing.assert_array_less(np.abs(difference), 4.0 * error)
-
-
-def test_draws_above_a_level_in_fifty_dimensions():
-    """Where the prior is wide, squared distances are those of a ball: r² times Beta(d/2, 1)."""
-    d, height = 50, 25.0
-    maxima = Maxima(np.zeros((1, d)), np.array([log_standard_normal(np.zeros((1, d)))[0]]),
-                    1e6 * np.eye(d)[None])  # fmt: skip
-    drawn = maxima.level_sets(-height).draw(0, 2000, np.random.default_rng(0))
-    assert len(drawn) == 2000
-    squares = (1e6 - 1.0) * (drawn**2).sum(axis=1) / (2.0 * height)
-    assert kstest(squares, "beta", (0.5 * d, 1.0)).pvalue > 0.001
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_level_at_the_top_of_a_plateau_or_just_below_is_no_matter_of_rounding(seed):
-    """Precisions are those of the prior along a plateau, but for rounding."""
-    rng = np.random.default_rng(seed)
-    axes = np.linalg.qr(rng.standard_normal((6, 6)))[0]
-    precision = (axes * [1e4, 1.0, 1.0, 1.0, 1.0, 1.0]) @ axes.T
-    z, level = np.zeros((1, 6)), rng.standard_normal(1)
-    maxima = Maxima(z, level + log_standard_normal(z), precision[None])
-    for rounding in (-1e-15, 0.0, 1e-15):
-        assert not len(maxima.level_sets(level[0] + rounding).at)
-    (factor,) = maxima.level_sets(level[0] - 1e-5).as_mixture().factors
-    widths = np.linalg.norm(axes.T @ factor, axis=1)
-    np.testing.assert_allclose(widths[1:], 1.0, rtol=1e-4)
-    assert widths[0] == pytest.approx((2.0 * 1e-5 / 9999.0) ** 0.5, rel=0.01)
 
 
 def test_the_end_of_a_curved_ridge_is_reached(starts):

@@ -202,7 +202,7 @@ class _Descents:
         """Modes of each configuration at ``z`` (B, n_parameters); NaN where there are none."""
         self.n_evaluations += len(z)
         values = self.model_class.values(z)
-        solve = partial(self.model_class.modes_or_nan, scored=True)
+        solve = self.model_class.modes_or_nan
         if self._workers is None or not len(z):
             return solve(values)
         parts = np.array_split(values, min(len(z), self._workers.n_parts))

@@ -186,11 +186,6 @@ class ModalLikelihood:
         log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
         return log_likelihoods
 
-    @cached_property
-    def scored(self) -> Structure:
-        """The structure with no more shapes than the likelihood needs."""
-        return self.structure.with_shapes(int(self.pairs.model_modes.max(initial=0)) + 1)
-
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""
         return Modes(*self.structure.modes(values[:, : len(self.structure.parameters)]))

@@ -204,16 +204,11 @@ class ModelClass(Displayed):
             own = values if len(self.configurations) == 1 else values[:, columns]
             yield configuration, likelihood, own
 
-    def modes_or_nan(self, values: FloatArray, *, scored: bool = False) -> list[Modes]:
-        """Modes of every configuration at ``values``; NaN in rows where its structure fails.
-
-        With the shapes that are ``scored``, where others take time.
-        """
+    def modes_or_nan(self, values: FloatArray) -> list[Modes]:
+        """Modes of every configuration at ``values``; NaN in rows where its structure fails."""
         return [
-            (likelihood.scored if scored else test.structure).modes_or_nan(
-                own[:, : len(test.structure.parameters)]
-            )
-            for test, likelihood, own in self.parts(values)
+            test.structure.modes_or_nan(own[:, : len(test.structure.parameters)])
+            for test, _, own in self.parts(values)
         ]
 
     @cached_property
@@ -241,11 +236,8 @@ class ModelClass(Displayed):
         return self.log_density_of_modes(values, self.modes(values))
 
     def modes(self, values: FloatArray) -> list[Modes]:
-        """The modes of each configuration at ``values``, with the shapes that are scored."""
-        return [
-            Modes(*likelihood.scored.modes(own[:, : len(likelihood.structure.parameters)]))
-            for _, likelihood, own in self.parts(values)
-        ]
+        """The modes of each configuration at ``values``."""
+        return [likelihood.modes(own) for _, likelihood, own in self.parts(values)]
 
     def log_density_of_modes(self, values: FloatArray, modes: Sequence[Modes]) -> FloatArray:
         """The log-likelihood (B,) at ``values``, where the modes of each configuration are known.

@@ -8,43 +8,29 @@ likelihood, and correct the evidence:
 
     p(D | full) = p(D | reduced) · E[p(D | θ, full) / p(D | θ, reduced)]
 
-over the posterior of the reduced model. A class that no parameters bring anywhere near the data,
-such as one with two modes exchanged, is sampled roughly: its posterior lies where modes change
-places and no approximation is smooth, and would take many times as long as that of a right class.
-While a class is sampled its structures do not change, so a result depends on nothing but the seed.
+over the posterior of the reduced model. While a class is sampled its structures do not change, so a
+result depends on nothing but the seed.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.calibration.narrow_regions import (
-    PairedResiduals,
-    class_target,
-    starts_in_narrow_regions,
-)
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
-from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.structure import Requirement, Structure
+from bayes_ssi.structures.structure import Requirement
 
 ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
-N_SEARCHED = 1000  # prior draws of a quick search for maxima
-N_CLIMBS = 16  # from the best of them
 N_CONFIRMED = 16  # draws at which full solutions confirm the evidence, at first
 MOST_CONFIRMED = 64  # where the first leave too large an error
-# Nats by which the best fit of no right class is worse than its errors can make it; beyond, a class
-# is sampled roughly.
-HOPELESS_MISFIT = 100.0
 CORRECTION_SHARE = 0.5  # of the wanted error of the log evidence; the rest is sampling's
 # Of the share of errors, where an error is certified, but what it changes in the likelihood, which
 # is proportional to it, is not small enough.
@@ -59,17 +45,14 @@ class RefinementSettings:
     # Largest error of the approximation, as a share of the data's and the model's own errors: added
     # in quadrature, a tenth widens them by half a per cent.
     error_share: float = 0.1
-    most_searches: int = 50  # each of which may refine the structures
-    most_rounds: int = 4  # of sampling
+    most_rounds: int = 6  # of sampling
     largest_correction: float = 0.3  # of the log evidence, that so few draws can support
 
 
 def refined(
     model_class: ModelClass,
-    sample_class: Callable[..., Posterior],
-    seed: int,
+    sample_class: Callable[[ModelClass], Posterior],
     log_evidence_error: float,
-    workers: Workers | None = None,
     settings: RefinementSettings | None = None,
     report: Callable[[str, float], None] = lambda *_: None,
 ) -> Posterior:
@@ -86,18 +69,6 @@ def refined(
         return done
 
     model_class.check_structure()
-    rng = np.random.default_rng([seed, 2])
-    z = rng.standard_normal((N_CERTIFIED, len(model_class.parameters)))
-    widened = _with_errors_of_approximation(model_class, model_class.values(z))
-    misfit = least_misfit(widened, seed, workers)
-    if misfit > HOPELESS_MISFIT:
-        posterior = sample_class(model_class, roughly=True)
-        hopeless = (
-            f"even its best fit is {misfit:.0f} nats worse than its errors can make it, so it was "
-            "sampled roughly, and the error of its evidence is not known"
-        )
-        return replace(posterior, failed_checks=(hopeless,), emulators=_emulators(model_class))
-    model_class = _accurate_near_maxima(model_class, widened, seed, workers, settings)
     better = model_class
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
@@ -110,9 +81,7 @@ def refined(
         better = more_accurate(model_class, values, settings)
         if better is model_class:
             confirmation = confirmed_by_full_solutions()
-            if confirmation.error > log_evidence_error:
-                better = with_solutions_at(model_class, confirmation.values)
-            if better is model_class and confirmation.failures(log_evidence_error, settings):
+            if confirmation.failures(log_evidence_error, settings):
                 settings = replace(settings, error_share=STRICTER * settings.error_share)
                 better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -125,105 +94,12 @@ def refined(
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
     failed += confirmation.failures(log_evidence_error, settings)
+    emulators = tuple(test.structure.emulator for test in model_class.configurations)
     return replace(
         corrected(posterior, confirmation, remarks),
         failed_checks=(*posterior.failed_checks, *failed),
-        emulators=_emulators(model_class),
+        emulators=emulators if any(emulators) else (),
     )
-
-
-def _emulators(model_class: ModelClass) -> tuple[Any, ...]:
-    emulators = tuple(test.structure.emulator for test in model_class.configurations)
-    return emulators if any(emulators) else ()
-
-
-def least_misfit(model_class: ModelClass, seed: int, workers: Workers | None) -> float:
-    """By how many nats the best fit is worse than errors can make it; at most zero if it is not.
-
-    Half the least sum of squares of the paired residuals over their errors, where descents end,
-    less twice what is expected, one half for each residual. A second search confirms the first one.
-    Zero where a pairing is inferred, which can leave out any mode.
-    """
-    if not all(likelihood.pairing_is_given for likelihood in model_class.likelihoods):
-        return 0.0
-    least = math.inf
-    for search in range(2):
-        rng = np.random.default_rng([seed, 3, search])
-        ends = starts_in_narrow_regions(model_class, workers, rng).z
-        values = model_class.values(ends)
-        halves = np.zeros(len(values))
-        for _, likelihood, columns in model_class.parts(values):
-            test = PairedResiduals(likelihood)
-            pairings, errors = test.given_pairings(len(values)), test.errors(columns, 0.0)
-            residuals = test.residuals(likelihood.modes(columns), pairings, errors)
-            halves += 0.5 * (residuals**2).sum(axis=1) - residuals.shape[1]
-        least = float(np.append(halves[np.isfinite(halves)], least).min())
-        if least <= 0.0:
-            break
-    return least if math.isfinite(least) else 0.0
-
-
-def _accurate_near_maxima(
-    model_class: ModelClass,
-    widened: ModelClass,
-    seed: int,
-    workers: Workers | None,
-    settings: RefinementSettings,
-) -> ModelClass:
-    """The class with structures accurate where quick searches expect the posterior.
-
-    The searches count the errors of the approximation as errors of the data, at first those over
-    the prior, so that no region is lost because its modes are not accurate yet. They narrow as the
-    structures become accurate.
-    """
-    for _ in range(settings.most_searches):
-        values = _near_maxima(widened, seed, workers)
-        better = improved(model_class, values, settings)
-        if better is model_class:
-            break
-        model_class = better
-        widened = _with_errors_of_approximation(model_class, values)
-    return model_class
-
-
-def _with_errors_of_approximation(model_class: ModelClass, values: FloatArray) -> ModelClass:
-    """The class with the structures' errors at ``values`` added to those of the identification."""
-    widened = []
-    for test, likelihood, columns in model_class.parts(values):
-        structure = likelihood.structure
-        if not structure.is_approximate:
-            widened.append(test)
-            continue
-        frequency, shape, *_ = structure.accuracy(
-            columns[:, : len(structure.parameters)], n_needed(likelihood, columns)
-        )
-        modes = tuple(
-            replace(
-                mode,
-                frequency_cov=math.hypot(mode.frequency_cov or 0.0, frequency) or None,
-                shape_sd=(mode.shape is not None and math.hypot(mode.shape_sd or 0.0, shape))
-                or None,
-            )
-            for mode in test.data.modes
-        )
-        widened.append(replace(test, data=replace(test.data.without_covariance(), modes=modes)))
-    return replace(model_class, configurations=tuple(widened))
-
-
-def _near_maxima(model_class: ModelClass, seed: int, workers: Workers | None) -> FloatArray:
-    """Parameter values where a quick search expects the posterior."""
-    rng = np.random.default_rng([seed, 1])
-    n = len(model_class.parameters)
-    target = class_target(model_class, workers)
-    z = rng.standard_normal((N_SEARCHED, n))
-    best = np.argsort(-target.log_likelihood(z), kind="stable")[:N_CLIMBS]
-    starts = np.concatenate([z[best], target.suggested(rng)])
-    try:
-        mixture = find_maxima(target, starts).as_mixture()
-    except ValueError:  # the likelihood is zero everywhere, which sampling reports
-        return model_class.values(starts)
-    draws = mixture.draw(rng.multinomial(N_CERTIFIED, mixture.all_weights), rng)
-    return model_class.values(draws)
 
 
 class Confirmation(NamedTuple):
@@ -385,16 +261,6 @@ def improved(
     """The class with structures accurate enough at ``values``, or more accurate than they were."""
     needed = requirements(model_class, values, settings)
     return model_class.with_structures(lambda structure, i: structure.accurate_at(needed[i]))
-
-
-def with_solutions_at(model_class: ModelClass, values: FloatArray) -> ModelClass:
-    """The class with its approximate structures making use of the exact ones at ``values``."""
-    columns = [part for _, _, part in model_class.parts(values)]
-
-    def better(structure: Structure, i: int) -> Structure:
-        return structure.with_solutions_at(columns[i][:, : len(structure.parameters)])
-
-    return model_class.with_structures(better)
 
 
 def certified(

@@ -112,9 +112,8 @@ def sample(
             if not is_approximate(emulated):
                 return sample_class(emulated)
             refine = partial(
-                refined, emulated, sample_class, seed, settings.log_evidence_error,
-                own_run.workers, refinement,
-            )  # fmt: skip
+                refined, emulated, sample_class, settings.log_evidence_error, refinement
+            )
             if is_emulated:
                 return _with_solutions_counted(refine(), emulated)
             return refine(report=partial(run.report, model_class.name))
@@ -170,14 +169,11 @@ def sample_as_it_is(
     run: Run | None = None,
     journal: Journal | None = None,
     known_starts: FloatArray | None = None,
-    *,
-    roughly: bool = False,
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
     Arguments and errors are as in :func:`bayes_ssi.inference.posterior_sampling.sample.sample`;
-    ``journal`` recalls the evaluations that it holds and records the others; ``roughly`` is as in
-    :func:`bayes_ssi.inference.sampling.engine.sample_target`.
+    ``journal`` recalls the evaluations that it holds and records the others.
     """
     settings, run = settings or SamplingSettings(), run or Run()
     started = perf_counter()
@@ -191,7 +187,6 @@ def sample_as_it_is(
                 seed_of(model_class.name, seed),
                 settings,
                 partial(run.report, model_class.name),
-                roughly=roughly,
             )
         except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
             raise
@@ -223,7 +218,7 @@ def sample_as_it_is(
             checks=sampled.evidence_checks,
         ),
         regions=_regions(sampled, z, values),
-        maxima=model_class.values(sampled.maxima.z),
+        maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
         burn_in=sampled.quoted[0].burn_in,
         thinned_by=sampled.quoted[0].thinned_by,

@@ -20,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
+from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
-from bayes_ssi.inference.sampling.maxima import LevelSets, Maxima
+from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture, tails_within
 from bayes_ssi.inference.sampling.proposals import drawn_anew
-from bayes_ssi.inference.sampling.regions import local_maxima
-from bayes_ssi.inference.sampling.target import LogDensity, Target, log_standard_normal
+from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 # Share of the particles that survives a level: for a given error, from 0.1 to 0.3 takes the
 # fewest evaluations (Zuev, Beck, Au and Katafygiotis 2012).
@@ -49,10 +48,6 @@ PARTICLES_PER_COMPONENT = 30
 # Shares of the maxima's components and of the prior in the proposals.
 MAXIMA_SHARE = 0.3
 PRIOR_SHARE = 0.02
-# Most particles from which further ascents begin, and of how many they are the local maxima:
-# the time to find neighbours in many dimensions rises with the square of that.
-MOST_CLIMBERS = 32
-MOST_COMPARED = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +57,6 @@ class Compression:
     # (n_particles, d), distributed as the posterior, in standard-normal coordinates.
     draws: FloatArray
     log_posteriors: FloatArray  # (n_particles,), likelihood times prior density
-    passed: FloatArray  # (m, d), all particles on the way, at their levels
-    log_likelihoods_passed: FloatArray  # (m,)
     log_evidence: float
     # Its standard error, from the chance by which particles survive and the correlation left
     # between levels.
@@ -75,12 +68,6 @@ class Compression:
         """``n`` of the particles at random, with repetition only where there are fewer."""
         chosen = rng.choice(len(self.draws), n, replace=len(self.draws) < n)
         return Walkers(self.draws[chosen], self.log_posteriors[chosen])
-
-    def climbers(self, maxima: Maxima) -> FloatArray:
-        """Particles (m, d) above all their neighbours on all levels, but at none of the maxima."""
-        among = evenly_spaced_indices(len(self.passed), MOST_COMPARED)
-        highest = local_maxima(self.passed[among], self.log_likelihoods_passed[among])
-        return highest[~maxima.are_at(highest).any(axis=0)][:MOST_CLIMBERS]
 
 
 def compress_prior(
@@ -188,28 +175,25 @@ class _Climb:
 
         copies = np.resize(rng.permutation(len(self.positions)), self._n)
         positions, before = self.positions[copies], self.log_likelihoods[copies]
-        sets = self._maxima.level_sets(level)
-        mixture, ranks = self._proposals(sets, others), _ranks(before, rng)
-        redrawn, values = self._redrawn(sets, positions, before, log_density)
+        mixture, ranks = self._proposals(others), _ranks(before, rng)
         # Few particles may all be copies of one, to which no mixture can be fitted.
         share = 0.7 if np.ptp(others, axis=0).any() else 0.0
         independence = drawn_anew(mixture, share, log_density, rng)
-        sampler, start = begin(
-            log_density, redrawn, (log_standard_normal(redrawn), values), independence, rng, others
-        )
+        values = log_standard_normal(positions), before
+        sampler, start = begin(log_density, positions, values, independence, rng, others)
         left = 1.0
         states = sampler.sample(
             start, iterations=MOST_MOVES, store=False, skip_initial_state_check=True
         )
-        for made, state in enumerate(states, start=2):
+        for made, state in enumerate(states, start=1):
             last = left
             left = max(
                 _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
             )
-            if made >= 2 and left < CORRELATION_LEFT:
+            if left < CORRELATION_LEFT:
                 break
             # Between separate regions nothing may move: then it settles above the mark.
-            if made >= 8 and last - left < 0.002:
+            if made >= 7 and last - left < 0.002:
                 break
         self.positions, self.log_likelihoods = np.array(state.coords), np.array(state.blobs)
         left = float(np.clip(left, 0.0, 0.9))
@@ -223,35 +207,12 @@ class _Climb:
         least = np.where(self.log_likelihoods == level, rank, 0.0)
         self._ranks_of_equals = least + (1.0 - least) * rng.random(self._n)
 
-    def _redrawn(
-        self, sets: LevelSets, positions: FloatArray, values: FloatArray, log_density: LogDensity
-    ) -> tuple[FloatArray, FloatArray]:
-        """Positions and log-likelihoods after particles in a maximum's level set move within it.
-
-        Where the log-likelihood is quadratic, draws of the prior in the set are above the level.
-        Of other proposals hardly any is, in many dimensions: nearly all of a set is near its edge.
-        """
-        which = sets.first_around(positions)
-        drawn, moving = [positions[:0]], [which[:0]]
-        for k in range(len(sets.at)):
-            members = np.flatnonzero(which == k)
-            drawn.append(sets.draw(k, len(members), self._rng))
-            moving.append(members[: len(drawn[-1])])
-        z, rows = np.concatenate(drawn), np.concatenate(moving)
-        there = sets.first_around(z) == which[rows]
-        z, rows = z[there], rows[there]
-        log_densities, log_likelihoods = log_density(z)
-        taken = log_densities > -math.inf
-        positions, values = positions.copy(), values.copy()
-        positions[rows[taken]], values[rows[taken]] = z[taken], log_likelihoods[taken]
-        return positions, values
-
-    def _proposals(self, sets: LevelSets, others: FloatArray) -> StudentMixture:
+    def _proposals(self, others: FloatArray) -> StudentMixture:
         n, d = others.shape
         n_components = max(1, n // (PARTICLES_PER_COMPONENT * d))
         mixture = fit_mixture(others, n_components, tails_within(d), self._rng).widened()
-        if len(sets.at):
-            mixture = mixture.mixed_with(sets.as_mixture(), MAXIMA_SHARE)
+        if len(self._maxima.z):
+            mixture = mixture.mixed_with(self._maxima.as_mixture(), MAXIMA_SHARE)
         return mixture.with_prior_component(PRIOR_SHARE)
 
     def compression(self) -> Compression:
@@ -274,8 +235,6 @@ class _Climb:
         return Compression(
             passed[chosen],
             log_likelihoods[chosen] + log_standard_normal(passed[chosen]),
-            passed,
-            log_likelihoods,
             log_evidence,
             math.sqrt(variance),
             behind,

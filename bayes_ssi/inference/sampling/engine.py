@@ -5,7 +5,7 @@
    ridges, give a mixture close to the posterior (``mixture``), where the
    target knows its problem, its searches agree, and the draws are good. Else two independent
    compressions of the prior (``compression``) carry particles to the regions around the maxima and
-   to others, from which further ascents begin, and the mixture is fitted to the particles.
+   to others, and the mixture is fitted to the particles.
 3. Mixture importance sampling gives the evidence and the share of the posterior in each region
    (``regions``).
 4. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior; the importance
@@ -18,7 +18,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -36,7 +36,6 @@ from bayes_ssi.inference.sampling.ensembles import (
     Ensemble,
     Walkers,
     run_ensembles,
-    statistics_of,
     thinned_ensembles,
 )
 from bayes_ssi.inference.sampling.importance import (
@@ -48,13 +47,11 @@ from bayes_ssi.inference.sampling.importance import (
     bridge_sampling,
     joined_samples,
 )
-from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, find_maxima, reached
+from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, reached
 from bayes_ssi.inference.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
 from bayes_ssi.inference.sampling.multistart import (
-    ASCENTS_BESIDE_STARTS,
     MultistartSearch,
     search_maxima,
-    search_starts,
 )
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
@@ -65,10 +62,6 @@ from bayes_ssi.inference.sampling.target import Target
 # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
 # longer chains, not of more, R-hat falls.
 WALKERS = 16
-# Steps between two fits of a mixture, and the draws for each effective one above which they are
-# too slow, so that it is fitted again.
-STEPS_OF_ADAPTATION = 100
-SLOW = 20.0
 # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
 # draws by less than this factor.
 MOST_REFITS = 4
@@ -86,23 +79,18 @@ def sample_target(
     seed: np.random.SeedSequence,
     settings: SamplingSettings | None = None,
     progress: StepProgress = lambda _step, _done: None,
-    *,
-    roughly: bool = False,
 ) -> SamplingResult:
     """Sample the posterior of ``target`` and estimate its evidence.
 
     Args:
         target: log-likelihood over coordinates whose prior is N(0, I).
-        roughly: by Laplace's approximation around the maxima of one small search, and importance
-            draws from it, however poor they are.
     """
     settings = settings or SamplingSettings()
     # The matrices are small: threads inside BLAS would only wait for one another.
     with threadpool_limits(limits=1, user_api="blas"):
         seeds = seed.spawn(6)
         rng = np.random.default_rng(seeds[5])
-        sampling = _Sampling(target, settings, seeds, rng, progress)
-        result = sampling.rough_result() if roughly else sampling.result()
+        result = _Sampling(target, settings, seeds, rng, progress).result()
         progress("evidence", 1.0)
         return result
 
@@ -117,7 +105,6 @@ class _Sampling:
     seeds: Sequence[np.random.SeedSequence]
     rng: np.random.Generator
     progress: StepProgress
-    is_rough: bool = False  # with mixtures as they are
 
     @cached_property
     def sampler(self) -> ImportanceSampler:
@@ -136,20 +123,6 @@ class _Sampling:
         if result is None or result.failed_checks:
             result = self._from_particles(search)
         return result
-
-    def rough_result(self) -> SamplingResult:
-        """The result of one small search, with short chains."""
-        few = ASCENTS_BESIDE_STARTS
-        n_draws = few * self.target.n_dimensions
-        highest, suggested = search_starts(self.target, n_draws, self.rng)
-        maxima = find_maxima(self.target, np.concatenate([highest[:few], suggested]))
-        search = MultistartSearch(maxima, np.ones((1, len(maxima.z)), dtype=bool), n_draws)
-        first = self.sampler.sample(maxima.as_mixture().widened())
-        settings = replace(self.settings, log_evidence_error=1e3, max_steps=STEPS_OF_ADAPTATION)
-        coarse = replace(self, settings=settings, is_rough=True)
-        return coarse._sampled(
-            search, maxima.as_mixture(), maxima, first, self._starts(first.split(2, self.rng)), []
-        )
 
     def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice."""
@@ -184,7 +157,7 @@ class _Sampling:
                 break
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
         walkers = self._starts(best.split(2, self.rng))
-        return self._sampled(search, around_maxima, search.maxima, best, walkers, [check])
+        return self._sampled(search, around_maxima, best, walkers, [check])
 
     def _starts(self, samples: Sequence[ImportanceSample]) -> list[Walkers]:
         """Walkers of an ensemble for each sample, resampled from it."""
@@ -200,14 +173,11 @@ class _Sampling:
             self.seeds[0:2],
             part(self.progress, "compression of the prior"),
         )
-        # Particles may have passed through regions that no search found: climb from there, too.
-        climbers = np.concatenate([one.climbers(search.maxima) for one in compressions])
-        maxima = find_maxima(self.target, climbers, search.maxima)
-        around_maxima = along_ridges(self.target, maxima, self.rng) or maxima.as_mixture()
+        ridges = along_ridges(self.target, search.maxima, self.rng)
+        around_maxima = ridges or search.maxima.as_mixture()
         return self._sampled(
             search,
             around_maxima,
-            maxima,
             self._fitted(around_maxima, *(one.draws for one in compressions)),
             [one.walkers(self.n_walkers, self.rng) for one in compressions],
             [compression_estimate(compressions)],
@@ -218,7 +188,6 @@ class _Sampling:
         self,
         search: MultistartSearch,
         around_maxima: StudentMixture,
-        maxima: Maxima,
         trial: ImportanceSample,
         walkers: Sequence[Walkers],
         checks: Sequence[EvidenceEstimate],
@@ -229,86 +198,42 @@ class _Sampling:
         Where importance draws serve, they come first, and the ensembles' proposals are taken from
         them. Else the ensembles come first, and show where importance draws should go.
         """
-        others: tuple[ScoredDraws, ...] = compressions
-        if not self.is_rough and (compressions or not self._serves(trial)):
-            walkers, trial, adapted = self._adapted(walkers, around_maxima, trial, compressions)
-            others = (*adapted, *compressions)
         rngs = [np.random.default_rng(seed) for seed in self.seeds[2:4]]
         run = partial(
             run_ensembles, self.target, walkers, settings=self.settings, rngs=rngs,
             progress=part(self.progress, "ensembles"),
         )  # fmt: skip
         if self._serves(trial):
-            first, regions = self._importance(trial, others)
+            first, regions = self._importance(trial, compressions)
             halves, added = first.split(2, self.rng), [first]
             share = self._share(first)
             propose = partial(self.sampler.as_proposals, share=share, added=added)
-            ensembles = run(proposals=[propose(half) for half in halves])
+            ensembles, statistics = run(proposals=[propose(half) for half in halves])
             importance, unused = joined_samples(added), halves[0]
             if self._is_doubted(importance, ensembles):
-                importance, regions = self._importance(importance, (*ensembles, *others))
+                importance, regions = self._importance(importance, (*ensembles, *compressions))
                 unused = importance
         else:
-            ensembles = run(proposals=self._proposals(trial, rngs))
-            if self._is_worth_refitting(trial):
-                trial = self._refitted(around_maxima, ensembles, trial)
-            importance, regions = self._importance(trial, (*ensembles, *others))
+            ensembles, statistics = run(proposals=self._proposals(trial, rngs))
+            trial = self._refitted(around_maxima, ensembles, trial)
+            importance, regions = self._importance(trial, (*ensembles, *compressions))
             unused = importance
         bridge = bridge_sampling(ensembles[1], unused)
-        quoted, chains = thinned_ensembles(self.target, ensembles, self.settings)
+        quoted, chains = thinned_ensembles(self.target, ensembles, statistics, self.settings)
         return SamplingResult(
             search=search,
             compressions=compressions,
-            maxima=maxima,
             ensembles=ensembles,
             quoted=quoted,
             chains=chains,
             importance=importance,
-            evidence_checks=(bridge, *checks, maxima.laplace_estimate),
+            evidence_checks=(bridge, *checks, search.maxima.laplace_estimate),
             regions=regions,
             maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
             settings=self.settings,
             n_evaluations=self.target.n_evaluations,
             is_flat=self.target.is_flat,
         )
-
-    def _adapted(
-        self,
-        walkers: Sequence[Walkers],
-        around_maxima: StudentMixture,
-        trial: ImportanceSample,
-        compressions: Sequence[Compression],
-    ) -> tuple[Sequence[Walkers], ImportanceSample, tuple[Ensemble, ...]]:
-        """Walkers after burn-in, importance draws from a mixture that suits, and the last chains.
-
-        While chains mix slowly, or chains or particles are where importance draws are not, chains
-        continue from their positions with a mixture fitted to their draws.
-        """
-        wanted_error = self.settings.log_evidence_error
-        # As many draws as the evidence needs, some of them where walkers went.
-        sampler = replace(self.sampler, max_draws=MOST_BATCHES * self.sampler.batch)
-        of_ensembles = [seed.spawn(MOST_REFITS) for seed in self.seeds[2:4]]
-        for seeds in zip(*of_ensembles, strict=True):
-            rngs = [np.random.default_rng(seed) for seed in seeds]
-            ensembles = run_ensembles(
-                self.target, walkers, self._proposals(trial, rngs), self.settings, rngs,
-                only=min(STEPS_OF_ADAPTATION, self.settings.max_steps),
-            )  # fmt: skip
-            walkers = [Walkers(e.positions[-1], e.log_posteriors[-1]) for e in ensembles]
-            others: tuple[ScoredDraws, ...] = (*ensembles, *compressions)
-            if not self._is_worth_refitting(trial):
-                trial = sampler.refined(trial, wanted_error, others)
-            fast = statistics_of(self.target, ensembles).slowness <= SLOW
-            agree = trial.pareto_k <= PARETO_K_LIMIT
-            if fast and agree and trial.share_beyond(others) <= wanted_error:
-                break
-            efficient, before = self._serves(trial), trial.efficiency
-            trial = self._refitted(around_maxima, ensembles, trial)
-            if efficient and trial.efficiency < LEAST_IMPROVEMENT * before:
-                break  # mixtures hardly fit this posterior, but well enough for importance draws
-        if self._is_worth_refitting(trial):
-            trial = self._refitted(around_maxima, ensembles, trial)
-        return walkers, trial, ensembles
 
     def _fitted(
         self, around_maxima: StudentMixture, draws: FloatArray, held_out: FloatArray

@@ -114,13 +114,15 @@ def statistics_of(target: Target, ensembles: Sequence[Ensemble]) -> ChainStatist
 
 
 def thinned_ensembles(
-    target: Target, ensembles: Sequence[Ensemble], settings: SamplingSettings
+    target: Target,
+    ensembles: tuple[Ensemble, ...],
+    statistics: ChainStatistics,
+    settings: SamplingSettings,
 ) -> tuple[tuple[Ensemble, ...], ChainStatistics]:
     """Without steps that hardly add to what ``settings`` aim at, and the statistics of the others.
 
     One step in half an autocorrelation time, as emcee advises, or in half, a quarter … of that.
     """
-    statistics = statistics_of(target, ensembles)
     by = int(statistics.slowness / 2.0)
     while by > 1:
         fewer = tuple(ensemble.thinned(by) for ensemble in ensembles)
@@ -128,7 +130,7 @@ def thinned_ensembles(
         if of_fewer.reach(settings):
             return fewer, of_fewer
         by //= 2
-    return tuple(ensembles), statistics
+    return ensembles, statistics
 
 
 def run_ensembles(
@@ -138,12 +140,11 @@ def run_ensembles(
     settings: SamplingSettings,
     rngs: Sequence[np.random.Generator],
     progress: Callable[[float], None] = lambda _: None,
-    only: int | None = None,
-) -> tuple[Ensemble, ...]:
-    """Sample the posterior with emcee until the chains are what ``settings`` aim at.
+) -> tuple[tuple[Ensemble, ...], ChainStatistics]:
+    """Sample the posterior with emcee until the chains, and statistics, are as ``settings`` aim.
 
     Most moves propose from a mixture, independently of a walker's position, so that walkers
-    change between separate regions. ``only`` so many steps, if given.
+    change between separate regions.
     """
     from bayes_ssi.inference.sampling.moves import begin
 
@@ -153,20 +154,16 @@ def run_ensembles(
         values = log_posteriors, log_posteriors - log_standard_normal(positions)
         running.append(begin(target.log_density, positions, values, independence, rng))
     n, most = min(FIRST_STEPS, settings.max_steps), settings.max_steps
-    if only:
-        n = most = only
     while True:
         running = [
             (sampler, sampler.run_mcmc(state, n - sampler.iteration, skip_initial_state_check=True))
             for sampler, state in running
         ]
         ensembles = tuple(_ensemble(sampler) for sampler, _ in running)
-        if n >= most:
-            return ensembles
         statistics = statistics_of(target, ensembles)
-        if statistics.reach(settings):
+        if n >= most or statistics.reach(settings):
             progress(1.0)
-            return ensembles
+            return ensembles, statistics
         wanted = math.ceil(n * statistics.steps_needed(settings))
         progress(n / wanted)
         n = min(wanted, most)

@@ -24,10 +24,9 @@ from bayes_ssi.inference.sampling.mixture import (
     Bend,
     StudentMixture,
     monomials,
-    tails_within,
 )
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, lowest_between
-from bayes_ssi.inference.sampling.target import Target, log_standard_normal
+from bayes_ssi.inference.sampling.target import Target
 
 MOST_RIDGES = 8  # maxima, those with the most mass first, whose ridges are followed
 # A direction is along the ridge if the posterior has more than this share of the prior's
@@ -41,10 +40,6 @@ MOST_MONOMIALS = 1200
 # Points, at least as many again as coefficients, and at least so many more, to know by how much
 # polynomials miss the ridge.
 LEAST_POINTS_LEFT = 60
-# Where polynomials are far from a ridge, which they are at few places, components so many times
-# as thick cover it. Their share costs as much of the other draws.
-THICKER = 3.0
-SHARE_OF_THICKER = 0.15
 # Polynomials are good enough where they widen a ridge by no more than this factor.
 MOST_WIDENING = 1.1
 
@@ -68,11 +63,6 @@ LEAST_RISE = 1e-3
 ENDS_WITHIN = 0.1
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
-# Logs of powers of the likelihood that leave the prior as it is, and with which a quadratic
-# reaches no more than 1e-7 nats, which is rounding, above a level; their error costs few draws.
-LOG_POWERS = (-20.0, 18.0)
-LOG_POWER_ERROR = 0.01
-MOST_ROUNDS_OF_DRAWS = 50  # in fifty dimensions one draw in thirteen is accepted
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,81 +101,12 @@ class Maxima:
 
     def as_mixture(self) -> StudentMixture:
         """One component per maximum, weighted by its mass."""
-        factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)
-        return _mixture(self.z, factors, self.log_masses)
-
-    def level_sets(self, log_likelihood: float) -> "LevelSets":
-        """Where the log-likelihood, as a quadratic at each maximum, is above a level."""
-        precisions, axes = np.linalg.eigh(self.precisions)
-        at = np.einsum("mij,mi->mj", axes, self.z)
-        # No precision is below the prior's, 1, but for rounding.
-        curvatures = np.maximum(precisions - 1.0, 0.0)
-        heights = self.log_posteriors - log_standard_normal(self.z) - log_likelihood
-
-        def normal(log_powers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            """Means and variances of prior · e^(κ q), and the mean of q."""
-            powers = np.exp(log_powers)[:, None]
-            variances = 1.0 / (1.0 + powers * curvatures)
-            means = powers * variances * (1.0 + curvatures) * at
-            away = means - at
-            rises = at * away - 0.5 * curvatures * (away**2 + variances)
-            return means, variances, heights + rises.sum(axis=1)
-
-        low, high = (np.full(len(at), end) for end in LOG_POWERS)
-        while np.ptp([low, high], axis=0).max(initial=0.0) > LOG_POWER_ERROR:
-            middle = 0.5 * (low + high)
-            above = normal(middle)[2] > 0.0
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        found = np.isfinite(heights) & (high < LOG_POWERS[1])
-        sets = axes, at, curvatures, heights, np.exp(high), *normal(high)[:2]
-        return LevelSets(*(values[found] for values in sets))
-
-
-@dataclass(frozen=True, eq=False)
-class LevelSets:
-    """Parts of the prior in which quadratics q are positive, one around each of m maxima.
-
-    In principal coordinates u, q = h + a·(u - a) - Σ c (u - a)²/2, as the maximum of the posterior
-    is at a. Of all normal densities prior · e^(κ q), the one in which the mean of q is zero has
-    the largest share of draws that serve, by rejection, as draws of the prior where q > 0.
-    """
-
-    axes: FloatArray  # (m, d, d), of the principal coordinates, as columns
-    at: FloatArray  # (m, d), a
-    curvatures: FloatArray  # (m, d), c
-    heights: FloatArray  # (m,), h
-    powers: FloatArray  # (m,), κ of that density
-    means: FloatArray  # (m, d), its own, in principal coordinates
-    variances: FloatArray  # (m, d)
-
-    def as_mixture(self) -> StudentMixture:
-        """One component like the prior within each set."""
-        log_masses = 0.5 * np.log(self.variances).sum(1) - 0.5 * (self.means**2).sum(1)
-        means = np.einsum("mij,mj->mi", self.axes, self.means)
-        factors = self.axes * np.sqrt(self.variances)[:, None]
-        return _mixture(means, factors, log_masses, tails_within(means.shape[1]))
-
-    def first_around(self, z: FloatArray) -> NDArray[np.intp]:
-        """The first set that each of ``z`` (n, d) is in, (n,); m for none."""
-        inside = [self._q(k, z @ axes) > 0.0 for k, axes in enumerate(self.axes)]
-        return np.argmax([*inside, np.ones(len(z), dtype=bool)], axis=0)
-
-    def draw(self, k: int, n: int, rng: np.random.Generator) -> FloatArray:
-        """``n`` draws (n, d) of the prior within a set, or fewer where hardly any is accepted."""
-        sds, drawn = np.sqrt(self.variances[k]), np.empty((0, self.at.shape[1]))
-        for _ in range(MOST_ROUNDS_OF_DRAWS):
-            u = self.means[k] + sds * rng.standard_normal((n, len(sds)))
-            q = self._q(k, u)
-            accepted = (q > 0.0) & (rng.exponential(size=n) > self.powers[k] * q)
-            drawn = np.concatenate([drawn, u[accepted]])
-            if len(drawn) >= n:
-                break
-        return np.asarray(drawn[:n] @ self.axes[k].T)
-
-    def _q(self, k: int, u: FloatArray) -> FloatArray:
-        """q of one set at ``u`` (n, d), (n,)."""
-        away = u - self.at[k]
-        return np.asarray(self.heights[k] + away @ self.at[k] - 0.5 * away**2 @ self.curvatures[k])
+        log_weights = self.log_masses - logsumexp(self.log_masses)
+        kept = log_weights > NEGLIGIBLE_LOG_MASS
+        weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
+        factors = np.linalg.cholesky(self.covariances).astype(float, copy=False)[kept]
+        dof = np.full(len(weights), HEAVY_TAILS)
+        return StudentMixture(weights / weights.sum(), self.z[kept], factors, dof)
 
 
 def reached(
@@ -198,20 +119,6 @@ def reached(
     lowest = lowest_between(target.log_posterior, maxima.z[m], z[n], lower_ends)
     are_at[m, n] = lowest >= lower_ends - VALLEY_DEPTH
     return are_at
-
-
-def _mixture(
-    means: FloatArray,
-    factors: FloatArray,
-    log_masses: FloatArray,
-    tails: float = HEAVY_TAILS,
-) -> StudentMixture:
-    """A component for each mean (m, d) and factor (m, d, d), but those of negligible mass."""
-    log_weights = log_masses - logsumexp(log_masses)
-    kept = log_weights > NEGLIGIBLE_LOG_MASS
-    weights = np.asarray(np.exp(log_weights[kept]), dtype=float)
-    dof = np.full(len(weights), tails)
-    return StudentMixture(weights / weights.sum(), means[kept], factors[kept], dof)
 
 
 def no_maxima(n_dimensions: int) -> Maxima:
@@ -409,21 +316,7 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
             dof[k] = LIGHT_TAILS
     if not any(bends):
         return None
-    bent = replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
-    return bent.mixed_with(_thickened(bent), SHARE_OF_THICKER)
-
-
-def _thickened(mixture: StudentMixture) -> StudentMixture:
-    """The mixture with its bent components thicker, which covers where polynomials miss a ridge.
-
-    Along the ridge, they are as wide as before: more would be far from nearly all of it.
-    """
-    factors, bends = mixture.factors.copy(), list(mixture.bends)
-    for k, bend in enumerate(bends):
-        if bend is not None:
-            factors[k][:, bend.n_wide :] *= THICKER
-            bends[k] = replace(bend, thin=THICKER * bend.thin)
-    return replace(mixture, factors=factors, bends=tuple(bends))
+    return replace(mixture, factors=factors, dof=dof, bends=tuple(bends))
 
 
 def _ridge(

@@ -37,32 +37,30 @@ REACH = 10.0
 class Bend:
     """The polynomials of one component's thin coordinates.
 
-    Components whose bends have the same array of coefficients differ in nothing but ``wide`` and
-    ``thin``: polynomials are evaluated once for all of them.
+    Components whose bends have the same array of coefficients differ in nothing but ``width``:
+    polynomials are evaluated once for all of them.
     """
 
     coefficients: FloatArray  # (d - m, F), of all monomials of the wide coordinates
     n_wide: int  # m
     degree: int
-    # Widths of the component, in either direction, over those that the coefficients are for.
-    wide: float = 1.0
-    thin: float = 1.0
+    width: float = 1.0  # of the component, over that which the coefficients are for
 
     def straightened(self, w: FloatArray) -> FloatArray:
         """Coordinates v (d, n) of w (d, n)."""
-        return np.concatenate([w[: self.n_wide], w[self.n_wide :] - self.shifts(w) / self.thin])
+        return np.concatenate([w[: self.n_wide], w[self.n_wide :] - self.shifts(w) / self.width])
 
     def bent(self, v: FloatArray) -> FloatArray:
         """Coordinates w (d, n) of v (d, n)."""
-        return np.concatenate([v[: self.n_wide], v[self.n_wide :] + self.shifts(v) / self.thin])
+        return np.concatenate([v[: self.n_wide], v[self.n_wide :] + self.shifts(v) / self.width])
 
     def widened(self, factor: float) -> "Bend":
         """The bend of the same ridge for a component ``factor`` times as wide."""
-        return replace(self, wide=factor * self.wide, thin=factor * self.thin)
+        return replace(self, width=factor * self.width)
 
     def shifts(self, w: FloatArray) -> FloatArray:
         """The polynomials (d - m, n) at w (d, n), constant beyond their reach."""
-        wide = np.clip(self.wide * w[: self.n_wide], -REACH, REACH)
+        wide = np.clip(self.width * w[: self.n_wide], -REACH, REACH)
         return self.coefficients @ monomials(wide, self.degree)
 
 
@@ -115,7 +113,7 @@ class StudentMixture:
                 ridge = id(bend.coefficients)
                 if ridge not in shifts:
                     shifts[ridge] = bend.shifts(of_component)
-                of_component[bend.n_wide :] -= shifts[ridge] / bend.thin
+                of_component[bend.n_wide :] -= shifts[ridge] / bend.width
         whitened *= whitened
         return whitened.sum(axis=1)
 

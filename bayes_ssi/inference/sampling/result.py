@@ -15,7 +15,6 @@ from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import STANDARD_ERRORS, Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT, ImportanceSample
-from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.multistart import MultistartSearch
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
@@ -43,7 +42,6 @@ class SamplingResult:
 
     search: MultistartSearch
     compressions: tuple[Compression, ...]
-    maxima: Maxima
     ensembles: tuple[Ensemble, ...]
     quoted: tuple[Ensemble, ...]  # the same, thinned
     chains: ChainStatistics  # of all their walkers

@@ -170,11 +170,6 @@ class EmulatedStructure(ApproximateStructure):
             values, x, allowed = values[is_open], x[is_open], 0.0
         return self._of_fit(self._with(fit, values[self._worst(fit, x, allowed)]))
 
-    def with_solutions_at(self, values: FloatArray) -> Self:
-        if self.emulator.n_solutions >= self.most_solutions:
-            return self
-        return self._of_fit(self._with(self.emulator, values))
-
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         fit, x = self._fit_for(n_modes), self._coordinates(values)
         spread = float(np.quantile(fit.spreads(x), CLAIMED_AT))

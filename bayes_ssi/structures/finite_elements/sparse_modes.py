@@ -86,25 +86,8 @@ def _superlu(matrix: Matrix, order: Literal["NATURAL", "MMD_AT_PLUS_A"], problem
 
 
 def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
-    """An order of the rows (n,) in which the factors of a positive definite matrix stay sparse.
-
-    Of two, the one with fewer entries of factors: by minimum degree, which suits most structures,
-    and by the reverse Cuthill-McKee algorithm, whose narrow band suits slender ones.
-    """
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-    factor = _superlu(matrix, "MMD_AT_PLUS_A", "the matrix is singular")
-    banded = reverse_cuthill_mckee(sp.csr_matrix(matrix), symmetric_mode=True).astype(np.intp)
-    if 2 * _envelope(matrix, banded) <= factor.nnz:
-        return banded
-    return np.argsort(factor.perm_c)
-
-
-def _envelope(matrix: Matrix, order: NDArray[np.intp]) -> int:
-    """Number of entries from the first to the diagonal (George and Liu 1981, section 4.2)."""
-    place = np.argsort(order)
-    first = np.minimum.reduceat(place[matrix.indices], matrix.indptr[:-1])
-    return int((place - first + 1).sum())
+    """An order of the rows (n,) in which factors of a positive definite matrix stay sparse."""
+    return np.argsort(_superlu(matrix, "MMD_AT_PLUS_A", "the matrix is singular").perm_c)
 
 
 def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:

@@ -269,7 +269,6 @@ def _sampled(
     known_regions = RefinementSettings(
         # Full solutions at draws correct the evidence, or enlarge the shared basis once.
         error_share=0.5,
-        most_searches=0,
         most_rounds=2,
     )
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
