@@ -44,7 +44,8 @@ def draw(code: str) -> None:
     last = max(i for i, part in enumerate(parts) if part.startswith("plots.plot_"))
     for part in parts[: last + 1]:
         exec(compile(part, "guide", "exec"), variables)
-        if match := re.match(r"plots\.plot_(\w+)\(", part):
+        # That of shapes that move is of a page, taken by a browser.
+        if match := re.match(r"plots\.plot_(?!moving)(\w+)\(", part):
             path = PICTURES / f"{match[1]}.png"
             plt.gcf().savefig(path, dpi=DPI, bbox_inches="tight")
             plt.close("all")

@@ -4,7 +4,7 @@
     python runs/predict_roof.py [RESULT [FILE]]
 
 From the stored result RESULT, runs/results/shear_building if not given, nothing is sampled. Draws
-the 95 % bands of the roof's transfer function for class 3, whose infill vibrates, and class 1-a,
+the 90 % bands of the roof's transfer function for class 3, whose infill vibrates, and class 1-a,
 whose infill is mass only, over the true building's, and prints where the truth lies. Draws FILE,
 runs/results/roof.png if not given.
 """
@@ -54,17 +54,17 @@ def main() -> None:
         figure = Figure(figsize=(6.8, 3.4))
         axes = figure.subplots(1, 2, sharey=True)
         for ax, (name, title) in zip(axes, NAMES.items(), strict=True):
-            band = Band(*(part[0] for part in predicted[name].band(0.95)))
+            band = Band(*(part[0] for part in predicted[name].band()))
             inside = ((band.low <= truth) & (truth <= band.high))[near]
             share = f"{100 * inside.mean():.0f} % of the frequencies from {low} to {high} Hz"
-            print(f"class {name}: the truth lies in the 95 % band at {share}", end="")
+            print(f"class {name}: the truth lies in the 90 % band at {share}", end="")
             beyond = np.where(near, np.maximum(truth / band.high, band.low / truth), 0.0)
             at = int(beyond.argmax())
             far = f", beyond it by up to a factor of {beyond[at]:.1f}, at {FREQUENCIES[at]:.2f} Hz"
             print("" if inside.all() else far)
             plot_transfer_functions(
                 FREQUENCIES,
-                {"posterior median and 95 % band": band},
+                {"posterior median and 90 % band": band},
                 ax,
                 reference=("true building", truth),
                 quantity="roof acceleration / ground acceleration" if name == "3" else "",

@@ -51,6 +51,9 @@ GROUP = "NAME=PARAMETER,…"
     text="CSV file of tests and degrees, say, that the common share is proportional to; --common "
     "is then its standard deviation at the test that differs most from those before.",
 )
+@options.flag(
+    "--losses-only", text="Consider no mass, appendage, or anything else that came or went."
+)
 @options.flag("--independent", text="Tests share no prediction errors, unless the study says so.")
 @options.default_option(
     "--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20)
@@ -59,13 +62,14 @@ GROUP = "NAME=PARAMETER,…"
 def changes(
     study: Path, before: tuple[str, ...], after: tuple[str, ...], names: tuple[str, ...],
     joined: tuple[str, ...], places: tuple[str, ...], left_out: tuple[str, ...],
-    loss: tuple[float, float], common: float | None, covariate: Path | None, independent: bool,
-    most: int, sampling: RunOptions,
+    loss: tuple[float, float], common: float | None, covariate: Path | None, losses_only: bool,
+    independent: bool, most: int, sampling: RunOptions,
 ) -> None:  # fmt: skip
     """Compare two tests of the structure of STUDY: did anything change, where, and how much?
 
-    Hypotheses (nothing changed; the stiffness of one place is a share less after than before; then
-    of two) are built on the study's model classes. Both tests share the errors of the model. Says
+    Hypotheses (nothing changed; the stiffness of one place is a share less after than before; a
+    mass or an appendage came or went; something else; then two of these) are built on the study's
+    model classes. Both tests share the errors of the model. Says
     the probability of a change, of each place, the size with its interval, and the smallest loss
     that the tests would have shown.
     """
@@ -81,6 +85,7 @@ def changes(
         covariate=None if covariate is None else read_covariate(covariate)[1],
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
         shared=None if independent else ChangeSettings().shared,
+        losses_only=losses_only,
     )
     grouping: dict[str, Any] = {
         "joined": options.named_values("--join", joined, GROUP, r"([^=]+)=(.+)", _names),

@@ -13,6 +13,7 @@ from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 
 MODE_FIELDS = (
@@ -70,7 +71,7 @@ def identify(
     from bayes_ssi.measurements.modes.modal_files import modal_files, write_modal_data
     from bayes_ssi.measurements.records import modal_identification, other_methods
     from bayes_ssi.measurements.records.record_files import read_record
-    from bayes_ssi.report.tables.mode_tables import estimates_table, methods_table
+    from bayes_ssi.report.tables.mode_tables import estimates_table
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
@@ -80,10 +81,31 @@ def identify(
     found = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
-    chosen = other_methods.modes_by(method, record, found.quoted)
-    terminal.show(estimates_table(found.quoted, found.method))
+    by_others: dict[str, ModalData | str] = {}
     if compare:
         by_others = other_methods.compared(record, found.quoted)
+    chosen = other_methods.modes_by(method, record, found.quoted)
+    drawn: list[Path] = []
+    said: list[str] = []  # after all is written, however the output ends
+    if figures is not None:
+        from bayes_ssi.plots.record_plots import MOVING, save_record_figures
+
+        drawn = save_record_figures(figures, found)
+        page = f"; shapes move in {MOVING}" if (figures / MOVING).is_file() else ""
+        said.append(f"Wrote {len(drawn)} figures in {figures}{page}.")
+    if out is not None:
+        data = found.modal_data(f"identified from {record.source}")
+        (own,) = data.identifications
+        own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
+        if method != BAYESIAN_FFT:
+            data = replace(chosen, source=data.source)
+            own = replace(own, method=METHOD_NAMES[method])
+        data = replace(data, identifications=(own,))
+        said.append(f"Wrote {listed(write_modal_data(data, out))}.")
+    terminal.show(estimates_table(found.quoted, found.method))
+    if compare:
+        from bayes_ssi.report.tables.mode_tables import methods_table
+
         terminal.show(methods_table(by_others, METHOD_NAMES))
         failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
         terminal.say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
@@ -94,21 +116,7 @@ def identify(
         *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
         *(f"(!) Failed check: {check}" for check in found.failed_checks),
     )
-    drawn: list[Path] = []
-    if figures is not None:
-        from bayes_ssi.plots.record_plots import save_record_figures
-
-        drawn = save_record_figures(figures, found)
-        terminal.say(f"Wrote {len(drawn)} figures in {figures}.")
-    if out is not None:
-        data = found.modal_data(f"identified from {record.source}")
-        (own,) = data.identifications
-        own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
-        if method != BAYESIAN_FFT:
-            data = replace(chosen, source=data.source)
-            own = replace(own, method=METHOD_NAMES[method])
-        data = replace(data, identifications=(own,))
-        terminal.say(f"Wrote {listed(write_modal_data(data, out))}.")
+    terminal.say(*said)
     terminal.conclude(_record(found, warnings), found.failed_checks)
 
 

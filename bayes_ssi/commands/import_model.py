@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
-        AlteredModel,
         MatrixTerm,
         ParameterMatrices,
         Powers,
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 @options.path_option("--labels", metavar="FILE",
              text="Text file with a line such as '12 x' for every row, where the exports do not "
              "state which degree of freedom it is.")  # fmt: skip
+@options.flag("--number-rows", text="Name rows without labels dof 1, dof 2, …")
 @click.option("--data", "files", multiple=True, metavar="CSV",
               help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
               "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
@@ -75,6 +76,7 @@ def import_model(
     checks: tuple[str, ...],
     keys: str | None,
     labels: Path | None,
+    number_rows: bool,
     files: tuple[str, ...],
     sensors: tuple[str, ...],
     points: Path | None,
@@ -86,7 +88,8 @@ def import_model(
     """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
 
     Stiffness and mass become sums of matrices times powers of factors of the altered properties,
-    by differences of the exports. Nothing is overwritten.
+    by differences of the exports; without --changed, the whole stiffness has one factor. Nothing is
+    overwritten.
     """
     from bayes_ssi.measurements.modes.modal_files import read_modal_data
     from bayes_ssi.structures.solver_files.model_files import read_model
@@ -101,30 +104,43 @@ def import_model(
     of_sensors = options.named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
-    if not changed:
-        raise ValueError("--changed: give at least one export with an altered property")
+    if tests:
+        measured = {name for modes in tests for name in modes.sensors}
+        require_known("--sensor: the data have no sensor", of_sensors, measured)
     names = _keys(keys)
 
     def exported(text: str, known_kg: float | None = None) -> ExportedModel:
         path, mass = _model_files(text)
-        return read_model(path, mass, keys=names, labels=labels, units=units, mass_kg=known_kg)
+        return read_model(
+            path, mass, keys=names, labels=labels, units=units, mass_kg=known_kg,
+            numbered=number_rows,
+        )  # fmt: skip
+
+    given = [
+        (*_factors_and_file(text, option), option)
+        for option, texts in (("--changed", changed), ("--check", checks))
+        for text in texts
+    ]
 
     model = exported(nominal, mass_kg)
-    measured = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
-    wanted = dict.fromkeys(of_sensors.get(name, name) for name in measured)
+    sensed = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
+    wanted = dict.fromkeys(of_sensors.get(name, name) for name in sensed)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
     model = model.with_rows(tied, spring)
 
-    def read(text: str, option: str) -> AlteredModel:
-        factors, file = _factors_and_file(text, option)
-        return AlteredModel(file, factors, exported(file).with_rows(tied, spring))
-
-    matrices = parameter_matrices(
-        model,
-        [read(text, "--changed") for text in changed],
-        [read(text, "--check") for text in checks],
+    altered, checked = (
+        [
+            AlteredModel(file, factors, exported(file).with_rows(tied, spring))
+            for factors, file, option in given
+            if option == wanted
+        ]
+        for wanted in ("--changed", "--check")
     )
+    if not altered:  # all of the stiffness has one factor
+        doubled = replace(model, stiffness=2.0 * model.stiffness)
+        altered = [AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
+    matrices = parameter_matrices(model, altered, checked)
     places, said = _sensors(model, tests, of_sensors, points, points_scale)
     to_come = "" if data else f" Put the modes into {study.with_suffix('.csv')}."
     data = data or {"": study.with_suffix(".csv")}
@@ -217,7 +233,7 @@ def _sensors(
     if model.labels is None:
         raise ValueError(
             "--nominal: this export has no labels, by which sensors are named: give them in a "
-            "--labels file, with a line such as '12 x' for every row"
+            "--labels file, with a line such as '12 x' for every row, or --number-rows for 'dof 1'"
         )
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
     points = () if points_file is None else read_sensor_points(points_file, measured)
@@ -242,7 +258,6 @@ def _sensors(
             found[name] = label
         return found
 
-    require_known("--sensor: the data have no sensor", labels, names)
     as_stated = places(SAME_AXES)
     for name, label in as_stated.items():
         if label not in model.labels:

@@ -1,11 +1,17 @@
 """``bayes-ssi merge``: one file of modes from those of several setups or records."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
+
+if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.merging import MergedModes
 
 MODE_FIELDS = ("frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
 
@@ -36,25 +42,30 @@ def merge(files: tuple[Path, ...], out: Path | None) -> None:
     merged = merge_modal_data(
         {name: read_modal_data(file) for name, file in options.named_paths(files).items()}
     )
+    files_written = () if out is None else write_modal_data(merged.data, out)
     terminal.show(merged_table(merged))
     terminal.say(
         "Band: {:g} to {:g} Hz.".format(*merged.data.band_hz),
         *(f"(!) {remark}" for remark in merged.remarks),
         *(f"(!) Failed check: {check}" for check in merged.data.all_failed_checks),
     )
-    if out is not None:
-        terminal.say(f"Wrote {listed(write_modal_data(merged.data, out))}.")
-    failed = merged.data.all_failed_checks
-    modes = [
-        {
-            "label": row.label,
-            "labels": dict(row.labels),
-            **columns(mode, MODE_FIELDS),
-            "frequency_scatter": row.frequency,
-            "shape_scatter": row.shape,
-        }
-        for row, mode in zip(merged.modes, merged.data.modes, strict=True)
-    ]
-    of_data = columns(merged.data, ("source", "band_hz", "sensors"))
-    further = {"modes": modes, "remarks": merged.remarks, "failed_checks": failed}
-    terminal.conclude(of_data | further, failed)
+    if files_written:
+        terminal.say(f"Wrote {listed(files_written)}.")
+    terminal.conclude(_record(merged), merged.data.all_failed_checks)
+
+
+def _record(merged: MergedModes) -> dict[str, Any]:
+    return columns(merged.data, ("source", "band_hz", "sensors")) | {
+        "modes": [
+            {
+                "label": row.label,
+                "labels": dict(row.labels),
+                **columns(mode, MODE_FIELDS),
+                "frequency_scatter": row.frequency,
+                "shape_scatter": row.shape,
+            }
+            for row, mode in zip(merged.modes, merged.data.modes, strict=True)
+        ],
+        "remarks": merged.remarks,
+        "failed_checks": merged.data.all_failed_checks,
+    }

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 )
 @click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
-@options.default_option("--level", 0.95, "Probability of the credible bands.")
+@options.default_option("--level", 0.9, "Probability of the credible bands.")
 @options.default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
 @options.path_option(
     "--out", text="Directory for tables and figures.  [default: RESULT/predictions]"

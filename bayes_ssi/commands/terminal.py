@@ -7,6 +7,7 @@ prints go to standard error.
 
 from __future__ import annotations
 
+import codecs
 import functools
 import io
 import json
@@ -16,6 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from enum import IntEnum
+from time import monotonic
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
@@ -43,6 +45,7 @@ STEPS = {
     "ensembles": (0.45, 0.9),
     "evidence": (0.9, 1.0),
 }
+SAID_EVERY = 60.0  # seconds between lines of a log
 
 
 class OneLineErrors(click.Group):
@@ -67,6 +70,7 @@ class OneLineErrors(click.Group):
         )
         if not standalone_mode:
             return run()
+        _accept_any_encoding()
         try:
             with _one_line_errors():
                 code = run()
@@ -88,6 +92,30 @@ class OneLineErrors(click.Group):
             click.echo("Interrupted.", err=True)
             sys.exit(ExitCode.INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+# What stands for a character that the encoding of an output lacks.
+PLAIN = {
+    "≈": "~", "±": "+/-", "×": "x", "σ": "sd", "ζ": "zeta", "φ": "phi", "ω": "omega", "√": "sqrt ",
+    "²": "2", "³": "3", "⁻": "-", "…": "...", "–": "-", "─": "-", "━": "-", "≤": "<=", "≥": ">=",
+    "→": "->", "°": " deg", "∠": " at ", "µ": "u", "μ": "u", "·": "*",
+}  # fmt: skip
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(PLAIN.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
+def _accept_any_encoding() -> None:
+    """Print on outputs of any encoding, also where standard error is closed."""
+    codecs.register_error(META, _plain)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - until the exit
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError):  # of a stream that is no file
+            stream.reconfigure(errors=META)
 
 
 @contextmanager
@@ -223,7 +251,7 @@ def say(*lines: str) -> None:
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
     """A function that reports progress on standard error, unless output is suppressed.
 
-    A terminal shows a bar for each model class, other output a line at its end.
+    A terminal shows a bar for each model class, other output lines of a log.
     """
     from rich.console import Console
 
@@ -234,12 +262,28 @@ def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
         with _bars(stderr) as show:
             yield show
     else:
-        yield _print_end
+        yield lines_of_progress()
 
 
-def _print_end(name: str, step: str, done: float) -> None:
-    if step == "evidence" and done >= 1.0:
-        click.echo(f"sampled {name}", err=True)
+def lines_of_progress(now: Callable[[], float] = monotonic) -> Callable[[str, str, float], None]:
+    """Lines of a log: each class at its end, and every minute what is done and how long is left."""
+    begun: dict[str, tuple[float, float]] = {}
+    said = now()
+
+    def show(name: str, step: str, done: float) -> None:
+        nonlocal said
+        begin, end = STEPS.get(step, (0.0, 1.0))
+        share, what = begin + done * (end - begin), name if step in STEPS else f"{name}, {step}"
+        first, before = begun.setdefault(what, (now(), share))
+        if step == "evidence" and done >= 1.0:
+            click.echo(f"sampled {name}", err=True)
+        elif share > before and now() - said >= SAID_EVERY:
+            said = now()
+            minutes = (said - first) * (1.0 - share) / (share - before) / 60.0
+            text = f"{what}: {100.0 * share:.0f} % done, about {minutes:.0f} min left"
+            click.echo(text, err=True)
+
+    return show
 
 
 @contextmanager

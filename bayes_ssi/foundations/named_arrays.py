@@ -33,6 +33,8 @@ def read_arrays(
 ) -> dict[str, Any]:
     """Name → array of a file, in its order; of MATLAB, also sparse ones and cells.
 
+    A field of a MATLAB structure has the name ``structure.field``.
+
     Args:
         names: those to read; all if None.
         attributes: of HDF5, of the file and of its arrays, that count as arrays where they are.
@@ -47,8 +49,23 @@ def read_arrays(
                 return {n: arrays[n] for n in arrays.files if names is None or n in names}
         if _is_hdf5(path):
             return _read_hdf5(path, names, attributes)
-        read = loadmat(path, spmatrix=False, variable_names=None if names is None else list(names))
-        return {name: array for name, array in read.items() if not name.startswith("__")}
+        wanted = None if names is None else [name.partition(".")[0] for name in names]
+        read = loadmat(path, spmatrix=False, variable_names=wanted)
+        return dict(
+            field
+            for name, array in read.items()
+            if not name.startswith("__")
+            for field in _fields(name, array)
+        )
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """The value itself, or the fields of a structure."""
+    if getattr(value, "dtype", None) is None or not value.dtype.names or value.size != 1:
+        yield name, value
+        return
+    for field in value.dtype.names:
+        yield from _fields(f"{name}.{field}", value.flat[0][field])
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -71,10 +88,14 @@ def _items(file: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _holds_values(kind: np.dtype[Any]) -> bool:
-    """Numbers or texts, not the references of MATLAB's cells."""
+    """Numbers, texts, or references to what MATLAB's cells hold."""
     import h5py
 
-    return kind.kind in "biufcS" or h5py.check_string_dtype(kind) is not None
+    return (
+        kind.kind in "biufcS"
+        or h5py.check_string_dtype(kind) is not None
+        or h5py.check_ref_dtype(kind) is not None
+    )
 
 
 def _read_hdf5(
@@ -86,16 +107,29 @@ def _read_hdf5(
         arrays: dict[str, Any] = {}
         arrays |= {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
         for name, item in _items(file):
+            is_matlab = path.suffix.lower() == ".mat"
+            name = name.replace("/", ".") if is_matlab else name
             if names is not None and name not in names:
                 continue
             if isinstance(item, h5py.Group):
                 arrays[name] = _sparse(item)
                 continue
+            if h5py.check_ref_dtype(item.dtype):
+                arrays[name] = np.array([_text(file[cell]) for cell in item[()].ravel("F")])
+                continue
+            if item.attrs.get("MATLAB_class") == b"char":
+                arrays[name] = np.array(_text(item))
+                continue
             array = np.asarray(item.asstr()[()] if item.dtype.kind == "O" else item[()])
             # MATLAB's order of dimensions is the other one.
-            arrays[name] = array.T if path.suffix.lower() == ".mat" else array
+            arrays[name] = array.T if is_matlab else array
             arrays |= {key: np.asarray(item.attrs[key]) for key in attributes if key in item.attrs}
     return arrays
+
+
+def _text(characters: Any) -> str:
+    """What MATLAB keeps as the codes of characters, in a cell or by itself."""
+    return "".join(map(chr, characters[()].ravel())) if characters.dtype.kind == "u" else ""
 
 
 def _sparse(group: Any) -> sp.csc_array:

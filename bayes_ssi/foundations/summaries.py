@@ -9,6 +9,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 
 # Of a median and the central 90 %.
+LEVEL = 0.9  # probability of every interval that is shown
 LEVELS = (0.05, 0.5, 0.95)
 Quantiles = tuple[float, float, float]
 

@@ -1,13 +1,16 @@
 """Text files of columns, as spreadsheets and other programs write them, and names of files."""
 
+import codecs
 import csv
 import errno
 import os
 import re
 import stat
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from bayes_ssi.foundations.packages import optional_package
 
 
 def file_stem(name: str) -> str:
@@ -42,6 +45,9 @@ def file_names(names: Iterable[str], suffix: str) -> dict[str, str]:
 STATED_DELIMITER = re.compile(r'\s*"?sep=([,;\t])"?[,;\s]*?(?=\n|\Z)', re.IGNORECASE)
 
 
+WORKBOOKS = (".xlsx", ".xlsm")
+
+
 def require_regular_file(path: Path) -> None:
     """Refuse what can be opened but has no end of its own, such as a pipe or a device."""
     mode = path.stat().st_mode
@@ -72,22 +78,50 @@ def first_bytes(path: Path) -> bytes:
         return file.read(8192)
 
 
-def read_columns(path: Path) -> tuple[str, str | None]:
+def read_columns(path: Path, sheet: str | int = 0) -> tuple[str, str | None]:
     """The text of a file of columns, and the delimiter that it states, None where it states none.
 
-    A first line such as ``sep=;`` is blank, so that the numbers of the others stay the same.
+    Text is in UTF-8, in UTF-16 with its mark, or else in Windows' Latin alphabet. Of a workbook
+    (.xlsx), a sheet is the text. A first line such as ``sep=;`` is blank, so that the numbers of
+    the others stay the same.
     """
     require_regular_file(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file in UTF-8; save it as CSV (UTF-8)") from None
+    if path.suffix.lower() in WORKBOOKS:
+        return _sheet_text(path, sheet), ","
+    text = _decoded(path.read_bytes())
+    if "\0" in text:
+        raise ValueError(f"{path}: not a text file; save it as CSV (UTF-8)")
     if not text.strip():
-        raise ValueError(f"{path}: the file is empty")
+        raise ValueError(f"{path}: the file is empty, and holds no samples or modes")
+    if text.lstrip()[:1] == "<":
+        raise ValueError(f"{path}: a web page or XML, not a table; save it as CSV (UTF-8)")
     stated = STATED_DELIMITER.match(text)
     if stated is None:
         return text, None
     return "\n" * stated[0].count("\n") + text[stated.end() :], stated[1]
+
+
+def _decoded(content: bytes) -> str:
+    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if utf16 else ("utf-8-sig", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    return content.decode("latin-1")
+
+
+def _sheet_text(path: Path, sheet: str | int) -> str:
+    """A sheet of a workbook as CSV."""
+    import pandas as pd
+
+    with optional_package("openpyxl", extra="xlsx"):
+        import openpyxl  # noqa: F401 - pandas reads with it
+    with damage_named(path), pd.ExcelFile(path, engine="openpyxl") as book:
+        names = [str(name) for name in book.sheet_names]
+    if sheet not in (0, *names):
+        raise ValueError(f"{path}: no sheet {sheet!r}; choose from {', '.join(map(repr, names))}")
+    with damage_named(path):
+        cells = pd.read_excel(path, sheet, header=None, dtype=object, engine="openpyxl")
+    return str(cells.to_csv(header=False, index=False, lineterminator="\n"))
 
 
 def read_table(path: Path) -> tuple[list[str], list[tuple[str, list[str]]]]:

@@ -1,7 +1,8 @@
 """Figures of stored records, posteriors and predictions; nothing here samples.
 
-Every function draws on given axes, or on those of a new figure, and returns them. ``as`` says to
-type checkers that a name is meant for others.
+Every function draws on given axes, or on those of a new figure, and returns them; but
+:func:`plot_moving_shapes`, which makes a page. ``as`` says to type checkers that a name is meant
+for others.
 """
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner
@@ -13,6 +14,7 @@ from bayes_ssi.plots.class_plots import plot_pairing as plot_pairing
 from bayes_ssi.plots.class_plots import plot_parameters as plot_parameters
 from bayes_ssi.plots.class_plots import plot_population as plot_population
 from bayes_ssi.plots.figure_style import style as style
+from bayes_ssi.plots.moving_shapes import plot_moving_shapes as plot_moving_shapes
 from bayes_ssi.plots.place_plots import plot_gains as plot_gains
 from bayes_ssi.plots.place_plots import plot_layout as plot_layout
 from bayes_ssi.plots.place_plots import plot_places as plot_places

@@ -15,10 +15,10 @@ from matplotlib.ticker import MaxNLocator
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import arviz
-from bayes_ssi.foundations.summaries import LEVELS
+from bayes_ssi.foundations.summaries import LEVEL, LEVELS
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
-from bayes_ssi.inference.posterior.model_at_draws import INTERVAL_LEVEL, UpdatedMode
+from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
@@ -33,7 +33,7 @@ def plot_frequency_change(
     data: ModalData,
     ax: Axes | None = None,
     *,
-    level: float = INTERVAL_LEVEL,
+    level: float = LEVEL,
 ) -> Axes:
     """Frequencies of modes before and after updating, relative to the identified ones.
 
@@ -72,7 +72,7 @@ def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axe
     for y, (label, (before, after)) in enumerate(macs.items()):
         low, median, high = after
         _draw_change(
-            ax, y, before, after, INTERVAL_LEVEL, f"mode {label} before: MAC {before:.4f}",
+            ax, y, before, after, LEVEL, f"mode {label} before: MAC {before:.4f}",
             f"mode {label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
         )  # fmt: skip
     return _finished(ax, "MAC with the identified shape\n(1: the same shape)")

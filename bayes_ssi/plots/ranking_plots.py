@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -18,6 +19,7 @@ from bayes_ssi.plots.figure_style import (
     GREY,
     MARKERS,
     MOST_CLASSES,
+    SDS_OF_90_PERCENT,
     VERMILION,
     NamedFigure,
     axes_of,
@@ -29,17 +31,14 @@ from bayes_ssi.plots.figure_style import (
     width_of_modes,
     without_math,
 )
+from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.plots.shape_plots import has_errors_on, plot_identified_shapes
-from bayes_ssi.plots.space import can_be_drawn, plot_modes_in_space
-from bayes_ssi.results.predictions.nodal_modes import nodal_modes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.findings import FamilyRecord
 
-# Name of the files of modes in space, or its beginning.
-MODES = "modes"
 # The beginning of the names of the files of identified shapes, before a configuration's number.
 IDENTIFIED_SHAPES = "identified_shapes"
 
@@ -88,8 +87,8 @@ def plot_frequencies(
 ) -> Axes:
     """Posterior model frequencies relative to the identified ones, class by class.
 
-    A bar is the central 95 % of a paired model mode, its mark the median, and the grey band an
-    identified mode's own 95 % interval, where the data give one. Identified modes that a class
+    A bar is the central 90 % of a paired model mode, its mark the median, and the grey band an
+    identified mode's own 90 % interval, where the data give one. Identified modes that a class
     calls spurious are marked with a cross.
 
     Args:
@@ -98,7 +97,7 @@ def plot_frequencies(
     ax = axes_of(ax, (width_of_modes(len(data.modes)), 3.4))
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
-            half = 196.0 * mode.frequency_cov  # 1.96 standard deviations, in per cent
+            half = 100.0 * SDS_OF_90_PERCENT * mode.frequency_cov
             ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
@@ -115,7 +114,7 @@ def plot_frequencies(
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
     without_math(*ax.get_xticklabels())
-    title_of(ax, label_in(configuration, "Model frequencies, 95 % of the posterior"))
+    title_of(ax, label_in(configuration, "Model frequencies, 90 % of the posterior"))
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=4)
     return ax
@@ -142,7 +141,7 @@ def _draw_class(
             # The number of the mode may change from draw to draw.
             hz = np.array(updated[mode.label].after_hz)
         else:
-            hz = np.quantile(frequencies_hz[..., number - 1], [0.025, 0.5, 0.975])
+            hz = np.quantile(frequencies_hz[..., number - 1], LEVELS)
         low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
         point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
                             color=colour, markersize=4, capsize=2, label=name)  # fmt: skip
@@ -192,10 +191,10 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     tests = {test.name: test.data for test in best.configurations}
     figures = chain(
         result_figures(tests, ranked, ranking.comparison, search),
-        figures_of_modes(best, ranked[0]),
         figures_of_identified_shapes(best),
     )
     save_figures(directory, figures)
+    save_scenes(ranking, directory)
 
 
 def result_figures(
@@ -213,28 +212,6 @@ def result_figures(
     yield "evidence", plot_evidence(comparison, most=most)
     if search is not None:
         yield "places", plot_places(search)
-
-
-def figures_of_modes(model_class: ModelClass, posterior: Posterior) -> Iterator[NamedFigure]:
-    """The paired modes in space, where coordinates are known, one figure for each configuration.
-
-    They are those of the exact structure at the most probable parameters.
-    """
-    for i, test in enumerate(model_class.configurations, 1):
-        structure = test.structure
-        pairing = posterior.configurations[i - 1].pairing
-        if structure.geometry is None or not pairing:
-            continue
-        likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
-        try:
-            modes = nodal_modes(
-                structure, np.array([likeliest[p.name] for p in structure.parameters])
-            )
-        except ValueError:  # labels name no nodes
-            continue
-        if can_be_drawn(modes):
-            name = f"{MODES}_{i}" if len(model_class.configurations) > 1 else MODES
-            yield name, plot_modes_in_space(modes, pairing)
 
 
 def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[NamedFigure]:

@@ -24,8 +24,10 @@ from bayes_ssi.plots.figure_style import (
     save_figures,
     title_of,
 )
+from bayes_ssi.plots.moving_shapes import plot_moving_shapes
 from bayes_ssi.plots.shape_plots import plot_identified_shapes
 
+MOVING = "moving_shapes.html"
 # The figures of an identification by the names of their files.
 CAPTIONS = {
     "singular_values": "Singular values of the record's spectral matrices and of the fit's; modes "
@@ -148,8 +150,10 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
 
 
 def save_record_figures(directory: Path, found: ModalIdentification) -> list[Path]:
-    """Write the figures of an identification as PNG files."""
+    """Write the figures of an identification as PNG files, and a page of shapes that move."""
     directory.mkdir(parents=True)
+    if len(found.too_short) < len(found.modes):
+        plot_moving_shapes(found.modal_data()).save(directory / MOVING)
     return save_figures(directory, _figures(found))
 
 

@@ -76,7 +76,7 @@ def plot_shapes(
 
 
 def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
-    """The paired modes' shapes, with 95 % bands and the identified components.
+    """The paired modes' shapes, with 90 % bands and the identified components.
 
     A structure of floors that move sideways is drawn deformed, with the shape before updating
     dashed; of any other, components are bars. Shapes are scaled by
@@ -296,7 +296,7 @@ def plot_identified_modes(
     """The band with every identified frequency in it, and the shapes at the sensors.
 
     Shapes are scaled to a largest component of ±1, with the identification's own 90 % intervals; a
-    grey bar is the 95 % interval of a frequency.
+    grey bar is the 90 % interval of a frequency.
     """
     shapes = _shapes(data)
     across = look.panels_across(len(shapes)) if shapes else 1
@@ -329,7 +329,7 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     )
     for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
-            half = 1.96 * mode.frequency_cov * mode.frequency_hz
+            half = look.SDS_OF_90_PERCENT * mode.frequency_cov * mode.frequency_hz
             ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=look.GREY,
                        alpha=0.5, linewidth=0)  # fmt: skip
         (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=look.BLUE, linewidth=1.5)

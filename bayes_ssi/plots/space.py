@@ -1,11 +1,10 @@
-"""Structures in three dimensions, in axes of one scale: at rest, and deformed by their modes."""
+"""Structures in three dimensions, in axes of one scale."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import ArrayLike, NDArray
@@ -20,71 +19,16 @@ from bayes_ssi.plots.figure_style import (
     title_of,
     width_of_panels,
 )
-from bayes_ssi.results.predictions.nodal_modes import NodalModes
 from bayes_ssi.structures.geometry import Geometry
 
 Corners = NDArray[np.intp]
 
 
-def can_be_drawn(modes: NodalModes) -> bool:
-    """Whether any displacement is at a node with coordinates."""
-    return bool(modes.displacements[:, _located(modes), :3].any())
-
-
-def _located(modes: NodalModes) -> NDArray[np.intp]:
-    """The nodes with coordinates."""
-    return np.flatnonzero(np.isfinite(modes.positions).all(axis=1))
-
-
-def plot_modes_in_space(modes: NodalModes, pairing: Mapping[str, int]) -> Figure:
-    """The structure deformed by each paired mode, in colour, and its outline at rest.
-
-    Faces of shells and solids are drawn where the geometry has them, else lines, else nodes. The
-    largest displacement of each mode is drawn with the same length.
-    """
-    if not pairing or not can_be_drawn(modes):
-        raise ValueError("plot_modes_in_space: needs a mode, and coordinates of what moves")
-    known, geometry = _located(modes), modes.geometry
-    points, displacements = modes.positions[known], modes.displacements[:, known, :3]
-    number = {modes.nodes[node]: i for i, node in enumerate(known.tolist())}
-    lines, faces = _numbered(geometry, number)
-    largest = np.abs(displacements).max(axis=(1, 2))
-    # The largest displacement drawn, of the longest side.
-    reach = 0.12 * longest_side(points)
-    hz = modes.frequencies_hz
-    titles = [f"mode {label}\n{hz[i - 1]:.4g} Hz" for label, i in pairing.items()]
-    figure, panels = panels_in_space(titles, points, reach)
-    for i, ax in zip(pairing.values(), panels, strict=True):
-        shape = displacements[i - 1] / (largest[i - 1] or 1.0)
-        _draw_deformed(ax, points, lines, faces, reach * shape)
-    return figure
-
-
-def _numbered(
-    geometry: Geometry | None, number: Mapping[str, int]
-) -> tuple[Corners, list[list[int]]]:
+def numbered(geometry: Geometry) -> tuple[Corners, list[list[int]]]:
     """Lines (n, 2) and faces by the numbers of their nodes."""
-    lines, faces = (geometry.lines, geometry.faces) if geometry else ((), ())
-    ends = np.array([[number[end] for end in line] for line in lines], dtype=np.intp)
-    return ends.reshape(-1, 2), [[number[corner] for corner in face] for face in faces]
-
-
-def _draw_deformed(
-    ax: Any, points: FloatArray, lines: Corners, faces: Sequence[Sequence[int]], moved: FloatArray
-) -> None:
-
-    scale = colormaps["viridis"]
-    size = np.linalg.norm(moved, axis=1)
-    size = size / (size.max() or 1.0)
-    borders = outline(points, faces)
-    _draw_lines(ax, points[np.concatenate([borders, lines])], GREY, 0.5)
-    deformed = points + moved
-    if not len(lines) and not faces:
-        ax.scatter(*points.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
-        ax.scatter(*deformed.T, s=1.5, c=scale(size), depthshade=False, rasterized=True)
-    draw_faces(ax, deformed, faces, 0.9, lambda corners: scale(size[corners].mean(axis=1)))
-    _draw_lines(ax, deformed[borders], "black", 0.4)
-    _draw_lines(ax, deformed[lines], scale(size[lines].mean(axis=1)), 1.2)
+    number = {node: i for i, node in enumerate(geometry.nodes)}
+    ends = np.array([[number[end] for end in line] for line in geometry.lines], dtype=np.intp)
+    return ends.reshape(-1, 2), [[number[corner] for corner in face] for face in geometry.faces]
 
 
 def longest_side(points: ArrayLike) -> float:
@@ -169,25 +113,15 @@ def draw_structure(ax: Any, geometry: Geometry) -> None:
     if not geometry.lines and not geometry.faces:
         ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
         return
-    number = {node: i for i, node in enumerate(geometry.nodes)}
-    lines, faces = _numbered(geometry, number)
-    draw_faces(ax, nodes, faces, 0.08, GREY)
+    lines, faces = numbered(geometry)
+    flat = {"linewidths": 0.0, "edgecolors": "none", "antialiaseds": False, "rasterized": True}
+    for corners in by_corners(faces):
+        ax.add_collection3d(Poly3DCollection(nodes[corners], facecolors=GREY, alpha=0.08, **flat))
     pairs = np.concatenate([outline(nodes, faces), lines])
-    _draw_lines(ax, nodes[pairs], GREY, 0.5, alpha=0.5, rasterized=len(pairs) > MOST_VECTORS)
-
-
-def _draw_lines(
-    ax: Any, ends: FloatArray, colours: Any, width: float, *, alpha: float | None = None,
-    rasterized: bool = True,
-) -> None:  # fmt: skip
-    """Lines between pairs of points (n, 2, 3)."""
-
-    if len(ends):
-        ax.add_collection3d(
-            Line3DCollection(
-                ends, colors=colours, linewidths=width, alpha=alpha, rasterized=rasterized
-            )
-        )
+    if len(pairs):
+        drawn = Line3DCollection(nodes[pairs], colors=GREY, linewidths=0.5, alpha=0.5)
+        drawn.set_rasterized(len(pairs) > MOST_VECTORS)
+        ax.add_collection3d(drawn)
 
 
 def by_corners(faces: Sequence[Sequence[int]]) -> Iterator[Corners]:
@@ -219,22 +153,3 @@ def outline(points: FloatArray, faces: Sequence[Sequence[int]]) -> Corners:
     # Faces that meet at a larger angle have a line between them: those of a mesh on one wall do
     # not, nor do those around a column of twelve sides.
     return sides_once[(count != 2) | (aligned < math.cos(math.radians(35.0)))]
-
-
-def draw_faces(
-    ax: Any, points: FloatArray, faces: Sequence[Sequence[int]], alpha: float, colours: Any
-) -> None:
-    """Faces between ``points`` (n_points, 3), as one picture within a drawing."""
-
-    for corners in by_corners(faces):
-        ax.add_collection3d(
-            Poly3DCollection(
-                points[corners],
-                facecolors=colours(corners) if callable(colours) else colours,
-                edgecolors="none",
-                linewidths=0.0,
-                antialiaseds=False,
-                alpha=alpha,
-                rasterized=True,
-            )
-        )

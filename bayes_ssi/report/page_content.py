@@ -19,8 +19,10 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary, Peak
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST_DECAYS
+from bayes_ssi.plots.moving_shapes import asset, box, saved_scenes
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
+from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
@@ -33,6 +35,7 @@ from bayes_ssi.report.tables.search_tables import (
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
+from bayes_ssi.results.stored_what_if import recorded_class
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -116,6 +119,7 @@ def page_content(
         "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
         "limit_sds": CRITICISM.limit_sds,
         "tests": stored.tests,
+        "auto_macs": {name: auto_mac(data) for name, data in stored.tests.items()},
         "several": len(stored.tests) > 1,
         "identifications": _identifications(stored.tests, classes),
         "shortest": SHORTEST_DECAYS,
@@ -135,6 +139,9 @@ def page_content(
         "predictions": predictions,
         "plan": [plan_answer(plan), layout_rows(plan)] if plan else None,
         "figures": figures,
+        "moving": {name: box(scenes) for name, scenes in saved_scenes(stored.directory).items()},
+        "moving_style": asset("css"),
+        "moving_script": asset("js"),
         "limits": LIMITS,
         # As far as the record says.
         "command": record.command
@@ -147,6 +154,12 @@ def page_content(
 def _class(row: RankedClass, posterior: Posterior, stored: StoredResult) -> dict[str, Any]:
     record = stored.record.model_class(row.name)
     records = {configuration.name: configuration for configuration in record.configurations}
+    comacs = {}
+    if posterior.sensor_shapes is not None:
+        tests = recorded_class(stored, row.name).configurations
+        for test, modes in zip(tests, posterior.configurations, strict=True):
+            known: Any = test.structure
+            comacs[modes.name] = co_mac(test.data, modes, known.known.shapes)
     return {
         "row": row,
         "record": record,
@@ -156,6 +169,7 @@ def _class(row: RankedClass, posterior: Posterior, stored: StoredResult) -> dict
         "configurations": [
             {
                 **_of_configuration(modes, stored.tests[modes.name], posterior),
+                "comac": comacs.get(modes.name),
                 "structure": _structure(records[modes.name], record.configurations[0]),
             }
             for modes in posterior.configurations

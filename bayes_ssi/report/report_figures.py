@@ -28,7 +28,6 @@ from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_fi
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
 from bayes_ssi.plots.ranking_plots import (
     IDENTIFIED_SHAPES,
-    MODES,
     plot_evidence,
     plot_frequencies,
     plot_sensitivity,
@@ -168,13 +167,7 @@ def _embed_saved(
     stored: StoredResult, predictions: SavedPredictions | None, figures: ReportFigures
 ) -> None:
     """Figures that were drawn when the result, or its predictions, were saved."""
-    drawn, best = stored.directory / FIGURES, stored.comparison.best.name
-    for path, name in zip(sorted(drawn.glob(f"{MODES}*.png")), stored.tests, strict=False):
-        caption = (
-            f"{label_in(name, '')}Modes of {best!r} at its most probable parameters, displacements "
-            "in colour, and the outline at rest"
-        )
-        figures.classes[best].append(embedded_file(path, caption))
+    drawn = stored.directory / FIGURES
     for i, name in enumerate(stored.tests, 1):
         path = drawn / f"{IDENTIFIED_SHAPES}_{i}.png"
         if path.is_file():

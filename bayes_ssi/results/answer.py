@@ -80,8 +80,8 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     missing = result.comparison.unmodelled_appendage
     if missing:
         yield (
-            "The data look as if an appendage split a mode, and no model class has one. The answer "
-            "is among wrong structures.",
+            "The data look as if an appendage split a mode that the most probable class has whole. "
+            "The answer is among wrong structures.",
             (missing,),
         )
     if misfit:
@@ -143,6 +143,8 @@ def _reasons(result: StoredResult) -> Iterator[str]:
     else:
         parameters = parameters_in_words(posterior, result.record.model_class(best.name))
         yield " ".join([f"It {explained(posterior, result.tests)}.", *parameters])
+    if result.comparison.hidden_appendage:
+        yield result.comparison.hidden_appendage
     runner_up = _distinguishable(result)
     if runner_up is not None:
         yield _in_words(result, runner_up, posterior)

@@ -14,6 +14,7 @@ from bayes_ssi.results.wording import (
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
+from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
 
@@ -224,8 +225,19 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     own = [each for each in record.places if not each.place.is_common]
     if record.probability_of_any >= PROBABLE:
         yield from _places(record)
+    if record.probability_of_any >= 0.5 and len(record.kinds) > 1:
+        kinds = (f"{kind} {probability_in_words(p)}" for kind, p in record.kinds.items())
+        yield f"The probabilities of the kinds of change are: {listed(kinds)}."
     if record.has_visible:
-        yield from _visible([each for each in own if each.is_observed])
+        losses = [each for each in own if isinstance(each.place, ChangePlace)]
+        yield from _visible([each for each in losses if each.is_observed])
+    if record.moved_alike:
+        shares = sorted(abs(100.0 * each) for each in record.risen.values())
+        moved = "rose" if min(record.risen.values()) > 0.0 else "fell"
+        yield (
+            f"All {len(shares)} frequencies that both sides have {moved} by {shares[0]:.2g} to "
+            f"{shares[-1]:.2g} %, as they do where all places change alike."
+        )
     for common in (each for each in record.places if each.place.is_common):
         yield (
             "That all places lost a share in common, which counts as no change, has the "
@@ -237,6 +249,14 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
             "That all places lost a share in common, as by temperature or moisture, was not "
             "considered, and would be taken for a change."
         )
+    if "an appendage" not in record.kinds and not record.settings.losses_only:
+        yield (
+            "An appendage that came or went was not considered, because no mode of one side alone "
+            "is unpaired."
+            if record.mass_scale
+            else "Masses and appendages that came or went were not considered, because the "
+            "structure carries no elements."
+        )
     if record.shared is not None:
         yield (
             f"The tests share {_percent(record.shared)} of the "
@@ -246,17 +266,25 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     yield from unsampled(record)
 
 
-def _places(record: FamilyRecord) -> Iterator[str]:
+def _changed(record: ChangeRecord, change: Finding) -> str:
+    """One change, its probability, and how much of it there is."""
+    place, probability = change.place, probability_in_words(change.probability)
+    if isinstance(place, SomethingElse):
+        return f"{place.name} (probability {probability}), which changed every frequency by itself"
+    if isinstance(place, ElementPlace):
+        return (
+            f"{place.description} (probability {probability}), of {lost(change)} of the "
+            f"{record.mass_scale}"
+        )
+    return f"{place.name} (probability {probability}), which lost {lost(change)}"
+
+
+def _places(record: ChangeRecord) -> Iterator[str]:
     best = record.best_with_features
     if best is None:
         return
     changed = [record.place(each.place.name) for each in best.features]
-    items = [
-        f"{each.place.name} (probability {probability_in_words(each.probability)}), which lost "
-        f"{lost(each)}"
-        for each in changed
-        if not each.place.is_common
-    ]
+    items = [_changed(record, each) for each in changed if not each.place.is_common]
     if record.probability_of_any >= 0.5:
         yield f"Most probably it is {listed(items)}: medians and 90 % intervals."
     else:

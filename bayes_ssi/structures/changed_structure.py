@@ -1,8 +1,11 @@
 """A structure after a change: some of its parameters are no longer what they were."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
+
+import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
@@ -23,12 +26,14 @@ class Loss:
 class ChangedStructure(SubstituteStructure):
     """Another structure, whose parameters have lost a share of what they were.
 
-    Its parameters are those of the other structure, then the losses. How modes are computed, and
-    how accurately, is left to the other structure, at the parameters that result.
+    Its parameters are those of the other structure, the losses, then the falls. How modes are
+    computed, and how accurately, is left to the other structure, at the parameters that result.
     """
 
     structure: Structure
     losses: tuple[Loss, ...]
+    # Number of a mode, from 1 → the share by which its frequency is lower, whatever the cause.
+    falls: Mapping[int, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("is_cheap", "is_solved_by_rows", "is_approximate"):
@@ -41,7 +46,7 @@ class ChangedStructure(SubstituteStructure):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return collect_parameters(
-            (*self.structure.parameters, *(each.loss for each in self.losses))
+            (*self.structure.parameters, *(e.loss for e in self.losses), *self.falls.values())
         )
 
     def left(self, values: FloatArray) -> FloatArray:
@@ -53,10 +58,21 @@ class ChangedStructure(SubstituteStructure):
         return own
 
     def modes(self, values: FloatArray) -> Modes:
-        return self.structure.modes(self.left(values))
+        frequencies_hz, shapes = self.structure.modes(self.left(values))
+        return Modes(self._fallen(frequencies_hz, values), shapes)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
-        return self.structure.modal_model(self.left(values))
+        model = self.structure.modal_model(self.left(values))
+        return model._replace(frequencies_hz=self._fallen(model.frequencies_hz, values))
+
+    def _fallen(self, frequencies_hz: FloatArray, values: FloatArray) -> FloatArray:
+        if not self.falls:
+            return frequencies_hz
+        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
+        factors = np.ones_like(frequencies_hz)
+        for number, fall in self.falls.items():
+            factors[:, number - 1] -= values[:, column[fall.name]]
+        return frequencies_hz * factors
 
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         return self.structure.labelled_modes(self.left(values[None])[0])

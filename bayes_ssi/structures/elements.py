@@ -12,7 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
+from bayes_ssi.parameters.parameters import (
+    Product,
+    Value,
+    as_product,
+    fraction_product,
+    positive_product,
+)
 from bayes_ssi.structures.geometry import Motion, Place, checked_place, motion_of, place_name
 
 
@@ -64,7 +70,11 @@ class Element(ABC):
             object.__setattr__(self, "label", default_label)
         for field in fields(self):  # type: ignore[arg-type]
             if field.type in (Value, "Value"):  # a text if annotations are delayed
-                positive_product(getattr(self, field.name), f"{self.label}: {field.name}")
+                where, value = f"{self.label}: {field.name}", getattr(self, field.name)
+                if field.name != "in_model":
+                    positive_product(value, where)
+                elif value != 1.0:
+                    fraction_product(value, where)
 
 
 @dataclass(frozen=True)
@@ -105,8 +115,31 @@ class AddedMass(Element):
 
 
 class _InSeries(Element):
+    mass: Value
     frequency: Value
     stiffness_factor: Value
+    in_model: Value
+
+    @abstractmethod
+    def _standing(self) -> Sequence[tuple[Place, float]]:
+        """Where the mass stands as long as it does not vibrate, and its shares there."""
+
+    def as_mass(self) -> AddedMass:
+        """Its mass where it stands; none of it is in the model already.
+
+        Raises:
+            ValueError: a share of it is.
+        """
+        if self.in_model != 0.0:
+            raise ValueError(f"{self.label}: as mass, it is in the model already")
+        return AddedMass(self.mass, tuple(self._standing()), f"{self.label}, as mass", self.label)
+
+    def _less_in_model(self) -> list[Contribution]:
+        """What leaves the places, because the model has it there already."""
+        if self.in_model == 0.0:
+            return []
+        mass = as_product(self.mass) * self.in_model * -1.0
+        return [Contribution.on(place, mass * share) for place, share in self._standing()]
 
     @property
     def own_degree_of_freedom(self) -> str:
@@ -129,6 +162,8 @@ class Pendulum(_InSeries):
         frequency: natural frequency of the appendage on a fixed floor, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``m (2πf)²``.
         label: of the element and its own degree of freedom; made from its place if not given.
+        in_model: share of its mass, from 0 to 1, that the structure has at its place already, and
+            that leaves it.
 
     Raises:
         ValueError, TypeError: as those of every :class:`Element`.
@@ -139,6 +174,7 @@ class Pendulum(_InSeries):
     frequency: Value
     stiffness_factor: Value = 1.0
     label: str = ""
+    in_model: Value = 0.0
 
     def __post_init__(self) -> None:
         on = checked_place(self.on, f"{self.label or 'pendulum'}: on")
@@ -155,10 +191,10 @@ class Pendulum(_InSeries):
         return [Contribution(stiffness, (*motion_of(self.on, -1.0), (self.label, 1.0)))]
 
     def masses(self) -> Sequence[Contribution]:
-        return [Contribution.on(self.label, as_product(self.mass))]
+        return [Contribution.on(self.label, as_product(self.mass)), *self._less_in_model()]
 
-    def as_mass(self) -> AddedMass:
-        return AddedMass(self.mass, ((self.on, 1.0),), f"{self.label}, as mass", self.label)
+    def _standing(self) -> Sequence[tuple[Place, float]]:
+        return ((self.on, 1.0),)
 
 
 @dataclass(frozen=True)
@@ -183,12 +219,9 @@ class _Infill(Element):
         "must be two different floors such as (1, 2), 0 being the ground, or other places"
     )
 
-    def as_mass(self) -> AddedMass:
+    def _standing(self) -> Sequence[tuple[Place, float]]:
         """Half of the mass on each of the two floors."""
-        low, high = self.between
-        shares = ((low, 0.5), (high, 0.5))
-        own = self.own_degree_of_freedom or ""
-        return AddedMass(self.mass, shares, f"{self.label}, as mass", own)
+        return tuple((end, 0.5) for end in self.between)
 
 
 @dataclass(frozen=True)
@@ -215,6 +248,9 @@ class InPlaneInfill(_Infill):
     def masses(self) -> Sequence[Contribution]:
         return self.as_mass().masses()
 
+    def as_mass(self) -> AddedMass:
+        return AddedMass(self.mass, tuple(self._standing()), f"{self.label}, as mass")
+
 
 @dataclass(frozen=True)
 class OutOfPlaneInfill(_Infill, _InSeries):
@@ -229,11 +265,13 @@ class OutOfPlaneInfill(_Infill, _InSeries):
         frequency: its natural frequency between fixed floors, in Hz.
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
         label: of the element and its own degree of freedom; made from its place if not given.
+        in_model: as that of a :class:`Pendulum`.
     """
 
     frequency: Value
     stiffness_factor: Value = 1.0
     label: str = ""
+    in_model: Value = 0.0
 
     def springs(self) -> Sequence[Contribution]:
         low, high = self.between
@@ -248,4 +286,5 @@ class OutOfPlaneInfill(_Infill, _InSeries):
             Contribution.on(low, mass * 0.25),
             Contribution.on(high, mass * 0.25),
             Contribution.on(self.label, mass * 0.5),
+            *self._less_in_model(),
         ]

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,6 +69,7 @@ def place_name(place: Place) -> str:
 Point = tuple[float, float, float]
 # Last words of labels of translations, as in "node 7 x".
 DIRECTIONS = ("x", "y", "z")
+ROTATIONS = ("rx", "ry", "rz", "torsion")
 
 
 class Location(NamedTuple):
@@ -168,6 +170,41 @@ def direction_name(direction: Point) -> str:
         if abs(direction[axis]) == 1.0:
             return name if direction[axis] > 0.0 else f"-{name}"
     return f"({', '.join(f'{cosine:.2g}' for cosine in direction)})"
+
+
+# Of a node along x, y and z.
+Motions = tuple[Motion, ...]
+# Nodes to draw with the lines and faces between them, and how each moves; one that is not named
+# is at rest.
+Drawing = tuple[Geometry, Mapping[str, Motions]]
+
+
+def stick(labels: Sequence[str]) -> Drawing:
+    """Degrees of freedom or sensors one above the other, as far as nothing says where they are.
+
+    Each moves in the direction with which its label ends, or along x; rotations do not move it.
+    """
+    motions: dict[str, list[Motion]] = {}
+    for label in labels:
+        name, _, last = label.rpartition(" ")
+        directed = bool(name) and last in (*DIRECTIONS, *ROTATIONS)
+        along = motions.setdefault(name if directed else label, [(), (), ()])
+        if last not in ROTATIONS:
+            along[DIRECTIONS.index(last) if directed else 0] = ((label, 1.0),)
+    names = ["", *motions]  # from the ground
+    nodes = {name: (0.0, 0.0, float(i)) for i, name in enumerate(names)}
+    moving = {name: tuple(along) for name, along in motions.items()}
+    return Geometry(nodes, tuple(pairwise(names))), moving
+
+
+def drawn_at(drawing: Drawing, motion: Motion) -> Location | None:
+    """Where a motion along one axis is on a drawing; None where it is none of its nodes'."""
+    geometry, moving = drawing
+    for node, along in moving.items():
+        if motion in along:
+            unit = np.eye(3)[along.index(motion)]
+            return Location(geometry.nodes[node], _point(unit))
+    return None
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,12 @@ Stiffness and mass are sums of fixed matrices times products of parameters, asse
 batch at once; a subclass may add stiffness of another kind.
 """
 
+import math
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Self
 
 import numpy as np
@@ -23,7 +24,19 @@ from bayes_ssi.parameters.parameters import (
     positive_product,
 )
 from bayes_ssi.structures.elements import AddedMass, Contribution, Element
-from bayes_ssi.structures.geometry import Candidate, Motion, Place, Sensor, SinglePlace, motion_of
+from bayes_ssi.structures.geometry import (
+    Candidate,
+    Drawing,
+    Geometry,
+    Location,
+    Motion,
+    Motions,
+    Place,
+    Point,
+    Sensor,
+    SinglePlace,
+    motion_of,
+)
 from bayes_ssi.structures.matrix_terms import (
     AddedTerm,
     AffineArray,
@@ -80,6 +93,12 @@ class LumpedStructure(Structure):
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         motions = np.array([self._vector(motion_of(place)) for place in places])
         return motions @ self.modes(values).shapes[0]
+
+    def place_masses(self, places: Sequence[Place]) -> FloatArray:
+        motions = np.array([self._vector(motion_of(place)) for place in places])
+        mass = self._mass.evaluate(self.prior_medians())[0]
+        inverse = np.diag(1.0 / mass) if mass.ndim == 1 else np.linalg.inv(mass)
+        return 1.0 / np.einsum("pi,ij,pj->p", motions, inverse, motions)
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
         floors = range(1, self.n_floors + 1)
@@ -172,6 +191,53 @@ class LumpedStructure(Structure):
             # On a single place it is drawn a little above.
             heights[label] = middle + 0.35 if middle in around else middle
         return heights
+
+    def size_of_drawing(self) -> tuple[float, float, Sequence[float]]:
+        """Half widths of the floors along x and y, and their levels, for drawings."""
+        return 0.7, 0.7, [float(floor) for floor in range(1, self.n_floors + 1)]
+
+    def _floors(self) -> Iterator[tuple[float, tuple[str, ...]]]:
+        """Level of each floor and its degrees of freedom: along x, or along x, y and about z."""
+        labels = tuple(self.main_degrees_of_freedom())
+        each = len(labels) // self.n_floors
+        for i, level in enumerate(self.size_of_drawing()[2]):
+            yield level, labels[i * each : (i + 1) * each]
+
+    def drawing(self) -> Drawing:
+        """See :meth:`Structure.drawing`; floors are plates on columns, appendages points."""
+        half_x, half_y, (storey, *_) = self.size_of_drawing()
+        nodes: dict[str, Point] = {}
+        moving: dict[str, Motions] = {}
+        levels: dict[str, float] = {}
+        plates: list[tuple[str, ...]] = []
+        top = 0.0
+        for top, own in chain([(0.0, ())], self._floors()):
+            levels |= dict.fromkeys(own, top)
+            plates.append(tuple(f"{top:g}, corner {i}" for i in range(4)))
+            for name, (i, k) in zip(plates[-1], ((-1, -1), (1, -1), (1, 1), (-1, 1)), strict=True):
+                x, y = i * half_x, k * half_y
+                nodes[name] = (x, y, top)
+                moving[name] = _point_of_floor(own, x, y)
+        for label, spring in zip(self.appendages, self._carried.own_springs, strict=True):
+            carriers = [self.degrees_of_freedom[row] for row in spring.vector]
+            around = {levels[carrier] for carrier in carriers if carrier in levels} or {top}
+            around |= {0.0} if spring.on_ground else set()
+            above = 0.35 * storey if len(around) == 1 else 0.0
+            levels[label] = sum(around) / len(around) + above
+            nodes[label] = (0.0, 0.0, levels[label])
+            in_y = any(carrier.endswith(" y") for carrier in carriers)
+            moving[label] = ((), ((label, 1.0),)) if in_y else (((label, 1.0),),)
+        columns = (ends for pair in pairwise(plates) for ends in zip(*pair, strict=True))
+        return Geometry(nodes, tuple(columns), faces=tuple(plates)), moving
+
+    def sensor_location(self, sensor: str) -> Location | None:
+        """See :meth:`Structure.sensor_location`; on its line of measurement, nearest the centre."""
+        (motion,) = self.sensor_motions([sensor])
+        for level, own in self._floors():
+            x, y, turn = (*(motion.get(label, 0.0) for label in own), 0.0, 0.0)[:3]
+            if set(motion) <= set(own) and (size := math.hypot(x, y)):
+                return Location((turn * y, -turn * x, level), (x / size, y / size, 0.0))
+        return None
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """See :meth:`Structure.modal_model`; the influence of ground motion is known."""
@@ -271,6 +337,14 @@ class LumpedStructure(Structure):
             f"{label}: the structure has no place {place!r}; choose a floor from 1 to "
             f"{len(self.main_degrees_of_freedom())}, or 0 for the ground"
         )
+
+
+def _point_of_floor(labels: Sequence[str], x: float, y: float) -> Motions:
+    """How a point of a floor moves along x and y: u, or (u - y θ, v + x θ)."""
+    if len(labels) < 3:
+        return tuple(((label, 1.0),) for label in labels)
+    u, v, turn = labels
+    return ((u, 1.0), (turn, -y)), ((v, 1.0), (turn, x))
 
 
 @dataclass(frozen=True)

@@ -353,6 +353,14 @@ def mac(shapes: FloatArray, others: FloatArray) -> FloatArray:
     return mac_of_pairs(shapes.T[:, None, :], others.T[None, :, :])
 
 
+def comac(shapes: FloatArray, others: FloatArray) -> FloatArray:
+    """Coordinate MAC (..., n_sensors) of shapes (..., n_sensors, m) paired with others.
+
+    (Σ |φ ψ|)² / (Σ φ² Σ ψ²) over the modes (Lieven and Ewins 1988), all of unit length.
+    """
+    return mac_of_pairs(np.abs(shapes), np.abs(others))
+
+
 def mac_of_pairs(a: FloatArray, b: FloatArray) -> FloatArray:
     """The same of shapes (..., n_sensors) one by one, leading dimensions broadcast."""
     common = np.isfinite(a) & np.isfinite(b)

@@ -40,6 +40,7 @@ from bayes_ssi.structures.structure import Structure
 # definition.
 UNITS = {
     "g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048,
+    "mg": 0.00980665,
 }  # fmt: skip
 SPELLINGS = {"gal": "cm/s2", "gals": "cm/s2", "g0": "g", "gs": "g"}
 # In m/s². Earthquakes have been recorded with 40 m/s² (Iwate-Miyagi 2008; Aoi et al. 2008, Science

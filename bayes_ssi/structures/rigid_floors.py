@@ -134,6 +134,11 @@ class ShearBuilding3D(RigidFloors):
     def n_floors(self) -> int:
         return len(self.masses)
 
+    def size_of_drawing(self) -> tuple[float, float, Sequence[float]]:
+        """Of square floors with the largest radius of gyration, which need not be square."""
+        half = math.sqrt(1.5) * max(as_product(radius).median for radius in self.radii_of_gyration)
+        return half, half, [1.5 * half * floor for floor in range(1, self.n_floors + 1)]
+
     def main_springs(self) -> Sequence[Contribution]:
         springs = []
         for storey, (x, y) in enumerate(self.eccentricities, 1):

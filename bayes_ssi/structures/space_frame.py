@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -92,6 +92,10 @@ class SpaceFrame(RigidFloors):
     @property
     def n_floors(self) -> int:
         return len(self.storey_heights)
+
+    def size_of_drawing(self) -> tuple[float, float, Sequence[float]]:
+        half_x, half_y = (max(map(abs, lines)) for lines in (self.x_lines, self.y_lines))
+        return half_x, half_y, list(accumulate(self.storey_heights))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -18,16 +18,20 @@ from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.error_places import rows_at_fault
 from bayes_ssi.parameters.parameters import Parameter, checked_values, values_at
-from bayes_ssi.structures.elements import Element
+from bayes_ssi.structures.elements import AddedMass, Element
 from bayes_ssi.structures.geometry import (
+    DIRECTIONS,
     Candidate,
+    Drawing,
     Geometry,
     Location,
     Place,
     Sensor,
     SensorMatrix,
     SinglePlace,
+    drawn_at,
     motion_of,
+    stick,
 )
 from bayes_ssi.structures.modal import ModalModel, Modes
 
@@ -174,17 +178,22 @@ class Structure(ABC):
         """
         labels = self.degrees_of_freedom
         known = set(labels)
-        combined = {
-            **self._rigid_motions(),
-            **{sensor.label: dict(sensor.motion) for sensor in self.sensors},
-        }
-        motions = [combined.get(name, {name: 1.0}) for name in sensors]
+        motions = self.sensor_motions(sensors)
         for name, motion in zip(sensors, motions, strict=True):
             if not known.issuperset(motion):
+                combined = (*self._rigid_motions(), *(sensor.label for sensor in self.sensors))
                 choices = labels if name in combined else (*combined, *labels)
                 missing = f"{what} {name!r}: the structure has no degree of freedom"
                 require_known(missing, motion, choices)
         return SensorMatrix.of(motions, labels)
+
+    def sensor_motions(self, sensors: Iterable[str]) -> list[Mapping[str, float]]:
+        """What each of these sensors measures: degree of freedom → share."""
+        combined: dict[str, Mapping[str, float]] = {
+            **self._rigid_motions(),
+            **{sensor.label: dict(sensor.motion) for sensor in self.sensors},
+        }
+        return [combined.get(name, {name: 1.0}) for name in sensors]
 
     def _check_sensors(self) -> None:
         """Refuse sensors whose label is taken, or that measure what the structure does not have."""
@@ -248,6 +257,11 @@ class Structure(ABC):
         """
         return self
 
+    @property
+    def for_many_hypotheses(self) -> Structure:
+        """This structure, or the same in a reduced basis where solving it takes longer."""
+        return self
+
     # What elements are put on, and what a search needs for that.
 
     @property
@@ -292,10 +306,23 @@ class Structure(ABC):
         """
         return None
 
+    def place_masses(self, places: Sequence[Place]) -> FloatArray:
+        """Masses (n_places,) that can leave places for appendages there, at the prior medians.
+
+        M - m w wᵀ is positive definite for m below 1 / (wᵀ M⁻¹ w). Zero where that is not known.
+        """
+        return np.zeros(len(places))
+
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label, at one row."""
         frequencies, shapes = (each[0] for each in self.modes(values[None]))
         return self.degrees_of_freedom, frequencies, shapes
+
+    @property
+    def given_as_mass(self) -> tuple[AddedMass, ...]:
+        """The elements on it that stand for appendages, which may vibrate."""
+        elements = getattr(self, "elements", ())
+        return tuple(one for one in elements if isinstance(one, AddedMass) and one.stands_for)
 
     @property
     def appendages(self) -> tuple[str, ...]:
@@ -318,6 +345,21 @@ class Structure(ABC):
     def location_of(self, place: Place) -> Location | None:
         """Where a place of an element is, and in which direction it moves; None if not known."""
         return self.geometry.location(motion_of(place)) if self.geometry else None
+
+    def drawing(self) -> Drawing:
+        """Nodes to draw in space, and how each moves by degrees of freedom."""
+        if self.geometry is None:
+            return stick(self.degrees_of_freedom)
+        along = {
+            node: tuple(((f"{node} {direction}", 1.0),) for direction in DIRECTIONS)
+            for node in self.geometry.nodes
+        }
+        return self.geometry, along
+
+    def sensor_location(self, sensor: str) -> Location | None:
+        """Where a sensor is on :meth:`drawing`, and in which direction it measures, if known."""
+        motion = tuple(self.sensor_motions([sensor])[0].items())
+        return self.location_of(motion) if self.geometry else drawn_at(self.drawing(), motion)
 
     def description(self) -> Mapping[str, Any]:
         """Description for reports if it is not a dataclass.
@@ -355,6 +397,10 @@ class SubstituteStructure(Structure):
     description = _as_substituted("description")
     labelled_modes = _as_substituted("labelled_modes")
     location_of = _as_substituted("location_of")
+    drawing = _as_substituted("drawing")
+    sensor_location = _as_substituted("sensor_location")
+    place_masses = _as_substituted("place_masses")
+    given_as_mass = _as_substituted("given_as_mass")
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         return self.substituted.modal_model(values)

@@ -17,7 +17,7 @@ from bayes_ssi.studies.appendages.appendage_search import appendage_findings
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.appendages.search_result import SearchRecord
-from bayes_ssi.studies.appendages.unmodelled import missing_appendage
+from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.changes.change_search import ChangeRecord, change_findings
 from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
 from bayes_ssi.studies.ranking.checks import CHECKERS, ranked
@@ -51,7 +51,7 @@ def rank(
     settings, run = settings or SamplingSettings(), run or Run()
     with run.working():
         posteriors = sample_all(study.model_classes, seed, settings, run)
-        return ranked(study, posteriors, seed, settings, run, (*CHECKERS, missing_appendage))
+        return ranked(study, posteriors, seed, settings, run, (*CHECKERS, appendage_checks))
 
 
 @checked
@@ -153,6 +153,7 @@ def searched(
     run: Run,
 ) -> SearchResult[Record]:
     """The hypotheses of a family, screened, sampled where the answer rests on them, and ranked."""
+    family = family.in_reduced_bases()
     with run.working():
         found = search_family(family, seed, settings, run)
         return SearchResult(found.ranking, findings(family, found, seed, run))

@@ -1,13 +1,21 @@
-"""What changed between two tests of the IASC-ASCE benchmark structure: how often is it right?
+"""What changed between two tests: how often is it right?
 
     python runs/benchmarks/changes.py STUDY FILE.csv [--seeds FIRST LAST] [--finer]
     python runs/benchmarks/changes.py table FILE.csv...
     python runs/benchmarks/changes.py visible
 
-Every pair is two simulated tests (``tests/benchmarks/make_asce_benchmark.py``), before and after;
-with --finer both are of the model on flexible beams, which the class of 12 degrees of freedom is
-not. A row of FILE is written for each pair as it is done, and pairs that it has are not done again.
-STUDY is
+STUDY is one of random buildings, or of the IASC-ASCE benchmark structure. Of random buildings it
+is stiffness, mass, appendage or unchanged: shear buildings of 3 to 8 storeys, one stiffness a
+storey to be inferred, whose masses the model has 2 to 6 % wrong. One storey lost 10 to 40 % of its
+stiffness, or one floor gained 5 to 25 % of the mean floor mass, or a pendulum of 2 to 10 % of it
+appeared within 8 % of the frequency of one of the lowest three modes. The analyst calls each mode
+as that before which it is most like, and leaves the new one unpaired. All changes are considered.
+A change is visible where its own hypothesis is nine times as probable as that nothing changed.
+
+Every pair of the benchmark structure is two simulated tests, before and after
+(``tests/benchmarks/make_asce_benchmark.py``); with --finer both are of the model on flexible
+beams, which the class of 12 degrees of freedom is not. A row of FILE is written for each pair as it
+is done, and pairs that it has are not done again. Losses alone are considered. STUDY is
 
     none, or a pattern of the benchmark
     uniform         3 % of all stiffnesses
@@ -37,10 +45,12 @@ from functools import cache
 from pathlib import Path
 from time import process_time
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import beside_tests  # noqa: F401
 import make_asce_benchmark as asce
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.summaries import weighted_quantiles
@@ -53,6 +63,9 @@ from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypoth
 
 ROOT = Path(__file__).parents[2]
 
+# Study of random buildings → the kind of change.
+KINDS = {"stiffness": "a loss of stiffness", "mass": "a mass", "appendage": "an appendage",
+         "unchanged": ""}  # fmt: skip
 STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
 OF_STOREYS = ("pattern 1", "pattern 2")
 # One ascent where a change is scanned, another from the prior; importance draws of 20 dimensions.
@@ -68,7 +81,8 @@ def frame():
 
 
 def settings_of(study):
-    return bs.ChangeSettings(branches=1, common_sd=0.05 if study == "uniform-common" else None)
+    common_sd = 0.05 if study == "uniform-common" else None
+    return bs.ChangeSettings(branches=1, common_sd=common_sd, losses_only=study not in KINDS)
 
 
 def losses_of(study, rng):
@@ -118,7 +132,7 @@ def pair(study, seed, finer):
 
 def family_of(study, model_class):
     tests, places = bs.Study("benchmark", [model_class]), STOREYS if study in OF_STOREYS else {}
-    names = [parameter.name for parameter in frame().parameters]
+    names = [] if study in KINDS else [parameter.name for parameter in frame().parameters]
     left_out = [name for name in names if name != study.split(":")[0]] if ":" in study else []
     settings = settings_of(study)
     return choose_changes(tests, ["before"], ["after"], settings, places=places, left_out=left_out)
@@ -144,16 +158,20 @@ def losses_found(study, finer):
     }
 
 
+def screened_record(family):
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
+    found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
+    return change_record(family, found)
+
+
 def row(study, seed, finer):
     begun = process_time()
     model_class, losses = pair(study, seed, finer)
     family = family_of(study, model_class)
     features = family.features[model_class.name]
     true = [place for place in features if losses.keys() & set(place.parameters)]
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
-    nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
-    found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
-    record = change_record(family, found)
+    record = screened_record(family)
     sets = {}
     for each in record.hypotheses:
         key = storeys(change.place for change in each.features if not change.place.is_common)
@@ -180,6 +198,117 @@ def row(study, seed, finer):
     )  # fmt: skip
 
 
+class RandomPair(NamedTuple):
+    model_class: bs.ModelClass
+    place: str  # where it changed; empty if nowhere
+    amount: float
+
+
+def random_pair(kind, seed):
+    rng = np.random.default_rng([seed, 51])
+    n = int(rng.integers(3, 9))
+    masses = rng.uniform(0.8, 1.2, n)
+    stiffness = (2.0 * np.pi * rng.uniform(1.0, 3.0)) ** 2 * (0.4 * n**2 + 0.5 * n)
+    true = rng.lognormal(0.0, 0.15, n)
+    names, prior = [f"k{i + 1}" for i in range(n)], bs.LogNormal(1.0, 0.2)
+    parameters = [bs.Parameter(name, prior) for name in names]
+    wrong = masses * (1.0 + rng.choice([-1.0, 1.0], n) * rng.uniform(0.02, 0.06, n))
+    model = bs.ShearBuilding(tuple(wrong), [stiffness * p for p in parameters])
+    real = bs.ShearBuilding(tuple(masses), [stiffness * p for p in parameters])
+    chosen = [int(i) for i in np.sort(rng.choice(n - 1, min(n, 5) - 1, replace=False))]
+    sensors = [f"floor {i + 1}" for i in (*chosen, n - 1)]
+    n_modes = min(n, 5)
+    floor, amount, after, left = int(rng.integers(1, n + 1)), 0.0, real, true.copy()
+    place = ""
+    if kind == "stiffness":
+        amount, place = rng.uniform(0.1, 0.4), f"k{floor}"
+        left[floor - 1] *= 1.0 - amount
+    elif kind == "mass":
+        amount, place = rng.uniform(0.05, 0.25), f"mass on floor {floor}"
+        after = real.with_element(bs.AddedMass(amount * masses.mean(), [(floor, 1.0)]))
+    elif kind == "appendage":
+        amount, place = rng.uniform(0.02, 0.1), f"appendage on floor {floor}, mode new"
+        hz = real.modes(true[None]).frequencies_hz[0, rng.integers(min(n, 3))]
+        hz *= rng.uniform(0.92, 1.08)
+        after = real.with_element(bs.Pendulum(floor, amount * masses.mean(), float(hz)))
+
+    def shapes_of(structure, values, n_modes):
+        hz, shapes = structure.modes(values[None])
+        at_sensors = structure.sensor_matrix(sensors).apply(shapes)[0, :, :n_modes]
+        return hz[0, :n_modes], at_sensors / np.linalg.norm(at_sensors, axis=0)
+
+    hz, shapes = shapes_of(real, true, n_modes)
+    highest = 1.02 * hz[-1]
+    labels = [str(i + 1) for i in range(n_modes)]
+    new_hz, new_shapes = shapes_of(after, left, n_modes + (kind == "appendage"))
+    new_labels = labels
+    if kind == "appendage":
+        likeness = (shapes.T @ new_shapes) ** 2 - 2.0 * np.abs(np.log(new_hz / hz[:, None]))
+        rows, columns = linear_sum_assignment(-likeness)
+        by_column = dict(zip(columns.tolist(), rows.tolist(), strict=True))
+        new_labels = [labels[by_column[i]] if i in by_column else "new" for i in range(n_modes + 1)]
+
+    def data(hz, shapes, labels):
+        identified = [
+            bs.IdentifiedMode(
+                label, float(f * (1.0 + 0.002 * rng.standard_normal())),
+                shape + 0.01 * rng.standard_normal(len(shape)), frequency_cov=0.002, shape_sd=0.01,
+            )
+            for label, f, shape in zip(labels, hz, shapes.T, strict=True)
+        ]  # fmt: skip
+        identified.sort(key=lambda mode: mode.frequency_hz)
+        return bs.ModalData(tuple(identified), (0.0, float(1.1 * highest)), tuple(sensors))
+
+    pairing = {label: i for i, label in enumerate(labels, 1)}
+    tests = {"before": data(hz, shapes, labels), "after": data(new_hz, new_shapes, new_labels)}
+    configurations = [bs.Configuration(k, model, v, pairing=pairing) for k, v in tests.items()]
+    return RandomPair(bs.ModelClass(kind, configurations=configurations), place, amount)
+
+
+def row_of_random(kind, seed):
+    begun = process_time()
+    drawn = random_pair(kind, seed)
+    family = family_of(kind, drawn.model_class)
+    record = screened_record(family)
+    alone = {each.name: each.probability for each in record.hypotheses}
+    nothing = alone["nothing changed"] or 1e-300
+    amounts = list(record.place(drawn.place).amounts.values()) if drawn.place else []
+    first = record.best_with_features.name
+    return dict(
+        zip(HEADER, (
+            kind, seed, 0, KINDS[kind], json.dumps({drawn.place: drawn.amount}),
+            f"{record.probability_of_any:.6g}", first,
+            f"{alone.get(drawn.place, 0.0) / nothing:.4g}",
+            json.dumps(amounts), json.dumps(record.kinds), f"{process_time() - begun:.1f}",
+        ), strict=True)
+    )  # fmt: skip
+
+
+def print_random(rows):
+    print("\nrandom buildings  pairs  visible  kind first  place first  stated above 0.9  "
+          "amounts in 90 % intervals of visible ones")  # fmt: skip
+    for study in KINDS:
+        own = [each for each in rows if each["study"] == study]
+        seen = [
+            each
+            for each in own
+            if float(each["odds_of_true"]) >= ODDS_SHOWN and study != "unchanged"
+        ]
+        kind = place = inside = 0
+        for each in seen:
+            kinds, ((name, amount),) = (
+                json.loads(each["odds_of_places"]),
+                json.loads(each["losses"]).items(),
+            )
+            kind += max(kinds, key=kinds.get) == KINDS[study]
+            place += each["best"] == name
+            inside += all(low <= amount <= high for low, _, high in json.loads(each["intervals"]))
+        stated = sum(float(each["change"]) > 0.9 for each in own)
+        print(
+            f"{study:<16}{len(own):>7}{len(seen):>9}{kind:>12}{place:>13}{stated:>18}{inside:>12}"
+        )
+
+
 def written(path):
     if not path.exists():
         return []
@@ -192,7 +321,7 @@ def run(study, path, seeds, finer):
     for seed in range(seeds[0], seeds[1] + 1):
         if (study, seed, finer) in done:
             continue
-        made = row(study, seed, finer)
+        made = row_of_random(study, seed) if study in KINDS else row(study, seed, finer)
         with path.open("a", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, HEADER)
             if file.tell() == 0:
@@ -201,6 +330,8 @@ def run(study, path, seeds, finer):
 
 
 def print_table(rows):
+    if not rows:
+        return
     groups = {}
     for each in rows:
         groups.setdefault((each["study"], bool(int(each["finer"]))), []).append(each)
@@ -283,7 +414,9 @@ def main():
     arguments.add_argument("--finer", action="store_true")
     given = arguments.parse_args()
     if given.study == "table":
-        print_table([each for path in given.files for each in written(path)])
+        rows = [each for path in given.files for each in written(path)]
+        print_random(rows)
+        print_table([each for each in rows if each["study"] not in KINDS])
     elif given.study == "visible":
         print_visible(given.finer)
     else:

@@ -160,7 +160,7 @@ def test_an_appendage_is_in_all_tests_or_in_some(fake_sampling, present_in, coun
     assert result.record.present_in == (None if present_in is None else tuple(present_in))
     for made in result.ranking.study.model_classes[1:]:
         assert [len(test.structure.appendages) for test in made.configurations] == counts
-        assert len(made.parameters) == 3  # shared by the tests
+        assert len(made.parameters) == 4  # k, and three shared by the tests
 
 
 def test_appendages_are_in_the_tests_whose_structures_have_their_places(fake_sampling):

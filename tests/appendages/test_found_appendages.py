@@ -86,9 +86,12 @@ def test_the_effective_mass_is_that_of_the_motion_of_its_place(uniform, main_str
 
 
 def test_a_light_appendage_may_be_at_any_place_that_moves(uniform):
-    """Lighter where the structure moves more: no place is preferred, the true one is left."""
+    """Lighter where the structure moves more: no place is preferred, the true one is left.
+
+    Floor 1 would have lost up to a tenth of its mass, which its other modes would show.
+    """
     left = {place.place.candidate.place: place.by_data for place in uniform.places_by_data}
-    assert left.keys() == {1, 2, 3, 4, 5}
+    assert left.keys() == {2, 3, 4, 5}
     assert max(left.values()) < 0.5
     masses = {place.place.candidate.place: place.amounts["mass"][1] for place in uniform.places}
     assert sorted(masses, key=masses.get) == [5, 4, 3, 2, 1]
@@ -102,7 +105,7 @@ def test_the_data_say_the_same_under_any_prior_of_the_mass(uniform, of_heavy_one
         assert place.by_data == pytest.approx(by_data[place.place.name], abs=0.12)
     assert of_heavy_ones.places[0].place.candidate.place < FLOOR
     probabilities = {p.place.candidate.place: p.probability for p in of_heavy_ones.places}
-    assert probabilities[1] > 3.0 * probabilities[5]
+    assert probabilities[2] > 3.0 * probabilities[5]
 
 
 def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):

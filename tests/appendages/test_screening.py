@@ -58,7 +58,7 @@ def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
     simpler = None
     if place:
         simpler = screen(ToScreen(hypothesis(bare, ()), None), 5)
-    candidate = hypothesis(bare, place)
+    candidate = hypothesis(bare, [replace(each, in_model=None) for each in place])
     result = screen(ToScreen(candidate, simpler), 5)
     (posterior,) = [
         p for p in found_in_case_c.ranking.posteriors if p.name == candidate.name

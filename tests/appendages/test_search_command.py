@@ -233,8 +233,9 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     arguments = ("search", tiny_study_file, *ONE_K, "--out", out)
 
     def one_with_both(family, hypotheses, n):
-        del family, n
-        levels = {1: [(PENDULUM_1,), (INFILL_01,)], 3: [(PENDULUM_1, INFILL_01)]}
+        del n
+        one, other = family.features["one k"]
+        levels = {1: [(one,), (other,)], 3: [(one, other)]}
         return Level([Key("one k", places) for places in levels.get(len(hypotheses), [])])
 
     with monkeypatch.context() as patch:

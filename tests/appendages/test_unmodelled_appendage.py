@@ -9,9 +9,10 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.results.answer import first_screen
 from bayes_ssi.studies.appendages import unmodelled as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.unmodelled import missing_appendage
+from bayes_ssi.studies.appendages.unmodelled import appendage_checks, hidden_appendages
 from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
@@ -28,14 +29,45 @@ def test_the_analyst_who_misses_the_infill_is_warned():
     comparison = ranked("shear_building", "1-a", "1-b", "2").comparison
     assert comparison.best.name == "1-a"
     text = comparison.unmodelled_appendage
-    assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one mode")
+    assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one that")
     assert "most probably an infill between floors 1 and 2" in text
     assert text.endswith("ask with a search for appendages")
     assert comparison.failed_checks == (text,)
 
 
-def test_nothing_is_said_where_a_class_has_the_appendage():
-    assert not ranked("shear_building").comparison.unmodelled_appendage
+def test_nothing_is_said_where_the_best_class_has_the_appendage():
+    """Approach 3: no further appendage would change a parameter by more than its interval."""
+    comparison = ranked("shear_building").comparison
+    assert not comparison.unmodelled_appendage
+    assert not comparison.hidden_appendage
+
+
+def test_what_an_appendage_would_change_that_shows_no_second_mode():
+    """f1, f2a and f3 alone: nothing is spurious, and k2 is 13 % too stiff (true value 1)."""
+    (first, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
+    modes = tuple(mode for mode in first.data.modes if mode.label != "2b")
+    made = replace(first, configurations=(
+        replace(first.configurations[0], data=replace(first.data, modes=modes)),))  # fmt: skip
+    ranking = bs.rank(bs.Study("f1, f2a and f3", [made]), settings=QUICK)
+    assert ranking.comparison.failed_checks == ()
+    near = {each.label: each for each in hidden_appendages(ranking, Run())}
+    before, (low, middle, high) = near["2a"].changed["k2"]
+    assert before == pytest.approx(1.13, abs=0.01)
+    assert low < 1.0 < high
+    assert middle < 1.09
+    assert list(near) == ["1", "2a"]
+    assert near["2a"].probability > near["1"].probability > 0.0
+    said = ranking.comparison.hidden_appendage
+    assert said == " ".join(map(str, near.values()))
+    assert said in " ".join(first_screen(ranking).split())
+
+
+def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
+    (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    antenna = bare.structure.with_element(bs.Pendulum(3, 0.01, 7.5, label="antenna"))
+    made = replace(bare, configurations=(replace(bare.configurations[0], structure=antenna),))
+    comparison = bs.rank(bs.Study("with an antenna", [made]), settings=QUICK).comparison
+    assert comparison.unmodelled_appendage.startswith("modes '2a' and '2b'")
 
 
 def test_the_warning_comes_first_and_fails(tmp_path):
@@ -74,8 +106,8 @@ def test_a_spurious_mode_is_no_appendage(spurious):
 
 def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
-    (check,) = missing_appendage(ranked("bare_building"), Run())
-    assert check.words.endswith("and no class models one; ask with a search for appendages")
+    (check,) = appendage_checks(ranked("bare_building"), Run())
+    assert check.words.endswith("which 'bare frame' lacks; ask with a search for appendages")
 
 
 def test_a_class_with_an_appendage_is_no_rival_without_any():

@@ -1,6 +1,7 @@
 """Between two tests: whether anything changed, where and by how much; and what is refused."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,11 @@ from searches import COARSE as OF_FEW
 import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
-from bayes_ssi.studies.changes.change_search import without_influence
-from bayes_ssi.studies.changes.changes_family import ChangePlace, choose_changes
+from bayes_ssi.studies.changes.change_search import change_record, without_influence
+from bayes_ssi.studies.changes.changes_family import choose_changes, frequencies_moved_alike
+from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, element_places
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS
+from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
 K = (2.0 * np.pi) ** 2
@@ -67,7 +71,8 @@ def of_second_storey():
     tests = model_class(
         before=identified((1.05, 0.95, 1.0), rng), after=identified((1.05, 0.665, 1.0), rng)
     )
-    return bs.changes(tests, ["before"], ["after"], settings=COARSE, visible=False)
+    losses = bs.ChangeSettings(losses_only=True)
+    return bs.changes(tests, ["before"], ["after"], losses, settings=COARSE, visible=False)
 
 
 def test_the_storey_that_lost_stiffness_is_found(of_second_storey):
@@ -95,7 +100,8 @@ def test_the_share_of_errors_is_inferred_with_a_prior_and_said(of_second_storey)
 
 def test_exactly_the_same_modes_show_no_change():
     same = identified((1.0, 1.0, 1.0))
-    found = bs.changes(model_class(a=same, b=same), ["a"], ["b"], settings=COARSE, visible=False)
+    same, losses = model_class(a=same, b=same), bs.ChangeSettings(losses_only=True)
+    found = bs.changes(same, ["a"], ["b"], losses, settings=COARSE, visible=False)
     assert found.record.probability_of_any < 0.05
     assert found.record.hypotheses[0].name == "nothing changed"
     assert "That nothing changed" in first_screen(found)
@@ -107,7 +113,7 @@ def test_exactly_the_same_modes_show_no_change():
 def test_a_common_loss_is_no_change():
     """Three per cent of all stiffnesses, as by temperature; exact modes."""
     tests = model_class(a=identified((1.0, 1.0, 1.0)), b=identified((0.97, 0.97, 0.97)))
-    settings = bs.ChangeSettings(common_sd=0.05)
+    settings = bs.ChangeSettings(losses_only=True)  # considered since all frequencies fell alike
     found = bs.changes(tests, ["a"], ["b"], settings, settings=COARSE, visible=False)
     assert found.record.hypotheses[0].name == "all in common"
     assert found.record.probability_of_any < 0.2
@@ -115,6 +121,131 @@ def test_a_common_loss_is_no_change():
     ((low, _, high),) = common.amounts.values()
     assert low < 0.03 < high
     assert "counts as no change" in first_screen(found)
+    assert "All 3 frequencies that both sides have fell by 1.5 to 1.5 %" in first_screen(found)
+
+
+def changed_by(*elements, labels=("1", "2", "3"), rng_seed=1):
+    """Modes of the building with elements on it, with errors as those of :func:`identified`."""
+    structure, rng = BUILDING, np.random.default_rng(rng_seed)
+    for element in elements:
+        structure = structure.with_element(element)
+    hz, shapes = (each[0] for each in structure.modes(np.ones((1, 3))))
+    unit = shapes[:3] / np.linalg.norm(shapes[:3], axis=0)
+    modes = [
+        bs.IdentifiedMode(
+            label,
+            float(f * (1.0 + 0.002 * rng.standard_normal())),
+            shape + 0.01 * rng.standard_normal(3),
+            frequency_cov=0.002,
+            shape_sd=0.01,
+        )
+        for label, f, shape in zip(labels, hz, unit.T, strict=True)
+    ]
+    return bs.ModalData(tuple(modes), (0.0, 3.0), SENSORS)
+
+
+def screened_changes(after, pairing):
+    """The hypotheses of one change, by probability, from their approximate evidences."""
+    before = bs.Configuration(
+        "a", BUILDING, changed_by(rng_seed=2), pairing={"1": 1, "2": 2, "3": 3}
+    )
+    tests = bs.ModelClass(
+        "building", error=ERROR,
+        configurations=[before, bs.Configuration("b", BUILDING, after, pairing=pairing)],
+    )  # fmt: skip
+    settings = bs.ChangeSettings(number_weights=(1.0, 1.0))
+    family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], settings)
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), replace(EFFORTS, most_full=0))
+    none = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
+    return change_record(family, FamilySearch(none, tuple(hypotheses.values()), tuple(levels)))
+
+
+def test_a_mass_that_came_is_found_as_one():
+    """A tenth of a floor's mass on floor 2."""
+    after = changed_by(bs.AddedMass(0.1, [(2, 1.0)]))
+    record = screened_changes(after, {"1": 1, "2": 2, "3": 3})
+    assert record.hypotheses[0].name == "mass on floor 2"
+    assert record.kinds["a mass"] > 0.9
+    ((low, _, high),) = record.place("mass on floor 2").amounts.values()
+    assert low < 0.1 < high
+    assert high - low < 0.08
+
+
+def test_an_appendage_that_appeared_is_found_by_the_mode_that_is_new():
+    """Five hundredths of a floor's mass at 1.2 Hz, beside the second mode."""
+    after = changed_by(bs.Pendulum(3, 0.05, 1.2), labels=("1", "2", "new", "3"))
+    record = screened_changes(after, {"1": 1, "2": 2, "3": 3})
+    assert record.hypotheses[0].name == "appendage on floor 3, mode new"
+    assert record.kinds["an appendage"] > 0.99
+    ((low, _, high),) = record.place("appendage on floor 3, mode new").amounts.values()
+    assert low < 0.05 < high
+
+
+def test_frequencies_that_no_loss_mass_or_appendage_explains_are_something_else():
+    """The highest rises by a fifth, the lowest falls by a fifth; shapes are as they were."""
+    same = changed_by()
+    modes = [
+        replace(mode, frequency_hz=factor * mode.frequency_hz)
+        for mode, factor in zip(same.modes, (0.8, 1.0, 1.2), strict=True)
+    ]
+    record = screened_changes(replace(same, modes=tuple(modes)), {"1": 1, "2": 2, "3": 3})
+    assert record.hypotheses[0].name == "something else"
+    assert record.kinds["something else"] > 0.99
+    ((low, _, high), *_, (_, _, highest)) = record.place("something else").amounts.values()
+    assert low < 0.2 < high
+    assert highest < -0.15
+
+
+def test_the_mode_of_an_appendage_is_one_more_in_order_of_frequency():
+    after = changed_by(bs.Pendulum(3, 0.05, 1.2), labels=("1", "2", "new", "3"))
+    pairing = {"1": 1, "2": 2, "3": 3}
+    tests = [bs.Configuration(name, BUILDING, data, pairing=pairing)
+             for name, data in (("a", SAME), ("b", after))]  # fmt: skip
+    both = bs.ModelClass("building", error=ERROR, configurations=tests)
+    family = choose_changes(bs.Study("s", [both]), ["a"], ["b"])
+    place = next(
+        e for e in family.features["building"] if e.name == "appendage on floor 1, mode new"
+    )
+    made = family.hypothesis(family.classes[0], (place,), "one")
+    assert made.configurations[0].pairing == pairing
+    assert made.configurations[1].pairing == {"1": 1, "2": 2, "new": 3, "3": 4}
+    assert {e.name for e in family.features["building"]} >= {
+        "mass on floor 1", "mass gone from floor 3", "something else"
+    }  # fmt: skip
+    # The other way round, it stood there before.
+    back = choose_changes(bs.Study("s", [both]), ["b"], ["a"])
+    place = next(e for e in back.features["building"] if e.name.startswith("appendage gone"))
+    made = back.hypothesis(back.classes[0], (place,), "gone")
+    assert [len(test.structure.appendages) for test in made.configurations] == [1, 0]
+
+
+def test_a_mass_on_a_node_moves_in_all_its_directions():
+    x, y = (bs.Parameter(name, PRIOR) for name in ("x", "y"))
+    frame = bs.MatrixStructure(
+        [(x, np.diag([40.0, 0.0])), (y, np.diag([0.0, 90.0]))],
+        np.eye(2),
+        labels=["top x", "top y"],
+        n_modes=2,
+    )
+    (mass,) = [e for e in element_places(frame, ["top x", "top y"], {False: (), True: ()})
+               if not e.has_gone]  # fmt: skip
+    assert (mass.name, mass.ends) == ("mass on top", ("top x", "top y"))
+
+
+@pytest.mark.parametrize(
+    ("factors", "alike"),
+    [
+        ((0.97, 0.97, 0.97), True),  # all frequencies fall by 1.5 %
+        ((1.05, 1.05, 1.05), True),
+        ((1.0, 0.8, 1.0), False),  # by 1.5, 8.6 and 2.2 %
+        ((1.0, 1.0, 1.0), False),
+    ],
+)
+def test_frequencies_that_move_alike_are_noticed(factors, alike):
+    tests = model_class(a=identified((1.0,) * 3), b=identified(factors))
+    assert frequencies_moved_alike(tests, ["a"], ["b"]) is alike
+    family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"])
+    assert any(each.is_common for each in family.features["building"]) is alike
 
 
 def test_losses_multiply_parameters_of_the_tests_after():
@@ -134,7 +265,8 @@ def test_losses_multiply_parameters_of_the_tests_after():
 
 def test_a_covariate_gives_every_test_its_part_of_the_common_loss():
     """Degrees 10 and 14 before, 24 and 6 after: the one farthest from 12 is 12 away."""
-    settings = bs.ChangeSettings(common_sd=0.03, covariate={"a": 10, "b": 14, "c": 24, "d": 6})
+    degrees = {"a": 10, "b": 14, "c": 24, "d": 6}
+    settings = bs.ChangeSettings(common_sd=0.03, covariate=degrees, losses_only=True)
     same = dict.fromkeys("abcd", identified((1.0,) * 3))
     study = bs.Study("s", [model_class(**same)])
     family = choose_changes(study, ["a", "b"], ["c", "d"], settings)
@@ -162,7 +294,7 @@ def test_two_places_that_do_the_same_are_named_together():
         tests.with_structures(lambda *_: structure),
         ["before"],
         ["after"],
-        bs.ChangeSettings(number_weights=(1.0, 1.0)),
+        bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=True),
         settings=COARSE,
         visible=False,
     )
@@ -242,7 +374,7 @@ def test_settings_that_cannot_be_are_refused(options, message):
 
 
 def test_independent_errors_allow_any_pairing():
-    settings = bs.ChangeSettings(shared=None)
+    settings = bs.ChangeSettings(shared=None, losses_only=True)
     study = bs.Study("s", [TWO.with_any_pairing("any")])
     family = choose_changes(study, ["a"], ["b"], settings)
     assert not family.classes[0].error.is_correlated
@@ -278,11 +410,12 @@ def study_file(tmp_path, request):
 @pytest.mark.usefixtures("coarse_command")
 def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file, tmp_path):
     out = tmp_path / "r"
-    arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1)
+    arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1,
+                 "--losses-only")  # fmt: skip
     result = run(*arguments, "--out", out, "--accept-failed-checks")
     assert result.exit_code == 0, result.output
     shown = " ".join(result.stdout.split())
-    for words in ("Changes from a to b", "share lost (%)", "Most probably it is k2"):
+    for words in ("Changes from a to b", "lost or added (%)", "Most probably it is k2"):
         assert words in shown
     stored = bs.load_result(out)
     assert stored.search.place("k2").probability > 0.9

@@ -394,3 +394,17 @@ def test_export_of_a_structure_without_nodes_writes_its_parameters(
     written = tmp_path / "r" / "updated"
     assert [path.name for path in written.iterdir()] == ["parameters.csv"]
     assert (written / "parameters.csv").read_text("utf-8").startswith("name,most_probable,mean")
+
+
+def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
+    (tmp_path / "m.csv").write_text("Mode;Frequency [Hz];Damping [%];roof\n1;1,5;1,2;1\n")
+    done = run("check", tmp_path / "m.csv", "--band", 0, 6)
+    assert done.exit_code == 0, done.output
+    assert "Band: 0 to 6 Hz. Sensors: roof." in done.output
+    assert_one_line_error(run("check", tmp_path / "m.csv"), "m.csv: no band; add a line such as")
+    (tmp_path / "r.csv").write_text("# rate_hz, 9\nA (g),A (g)\n1,2\n2,1\n3,3\n")
+    assert_one_line_error(
+        run("check", tmp_path / "r.csv"),
+        "r.csv: record: two sensors are named 'A'; name all in their order (--sensor)",
+    )
+    assert_one_line_error(run("check", tmp_path / "r.csv", "--band", 0, 6), "--band: applies to mo")

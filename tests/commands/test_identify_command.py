@@ -67,7 +67,8 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     record = json.loads(done.stdout)
     assert [len(peak["frequencies_hz"]) for peak in record["peaks"]] == [1, 1, 1, 1]
     assert sorted(file.stem for file in figures.iterdir()) == [
-        "complexity", "shapes", "singular_values", "stabilisation", "whitened_residuals",
+        "complexity", "moving_shapes", "shapes", "singular_values", "stabilisation",
+        "whitened_residuals",
     ]  # fmt: skip
     modes = bs.read_modal_data(out)
     assert modes.sensors == SENSORS
@@ -87,9 +88,9 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
 
 
 def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
-    done = run(path, *BAND)
+    done = run(path, *BAND, "--quantity", "velocity")
     assert done.exit_code == 2
-    assert "the quantity of the samples is not given" in done.stderr
+    assert "unit of velocity must be one of" in done.stderr
     # One mode at two peaks: what it becomes is neither of them.
     between = ["--band", "2.2", "3.5", "--mode", 2.8]
     wrong = run(path, *between, "--quantity", "acceleration")

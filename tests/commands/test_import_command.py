@@ -136,7 +136,6 @@ def test_several_tests_are_configurations(folder):
         ),
         ((*FRAME[:2], "--changed", "lower:lower.sti"), "--changed: expected PROPERTY=FACTOR:FILE,"),
         ((*FRAME[:2], "--changed", "lower=1.2"), "--changed: expected PROPERTY=FACTOR:FILE, got"),
-        (FRAME[:2], "--changed: give at least one export with an altered property"),
         ((*FRAME, "--units", "SI"), "units must be one of 'N, m', 'N, mm'"),
         ((*FRAME, "--units", "N, mm", "--mass-kg", "1e4"), "units that fit: 'N, m'"),
         ((*FRAME, "--sensor", "roof"), "--sensor: must be SENSOR=LABEL, got 'roof'"),
@@ -260,3 +259,63 @@ def test_nothing_is_overwritten(folder, taken):
     assert f"{taken}: exists already and is not overwritten" in done.output
     assert (folder / taken).read_text() == "precious"
     assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.usefixtures("folder")
+def test_one_export_has_one_factor_and_names_are_checked_before_it_is_read():
+    done = run("one", "--nominal", "frame.sti", "--data", "modes.csv")
+    assert done.exit_code == 0, done.output
+    assert "K = stiffness K_stiffness" in done.output
+    (only,) = load_study(Path("one.py")).model_classes
+    (modes,) = (
+        each.structure.modes(np.array([[2.0]]))
+        for each in only.configurations
+    )  # fmt: skip
+    # Twice [[1600, -700], [-700, 700]], and masses of 5000.
+    squares = np.linalg.eigvalsh(2.0 * np.array([[1600.0, -700.0], [-700.0, 700.0]])) / 5e3
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / (2 * np.pi))
+    Path("frame.sti").unlink()
+    done = run("two", "--nominal", "frame.sti", "--data", "modes.csv", "--sensor", "roof=1 x")
+    assert (done.exit_code, "--sensor: the data have no sensor 'roof'" in done.output) == (2, True)
+
+
+def test_rows_without_labels_are_numbered_where_told_so(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    stiffness, mass = np.array([[1600.0, -700.0], [-700.0, 700.0]]), 5.0 * np.eye(2)
+    np.savez("frame.npz", K=stiffness, M=mass)
+    Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,dof 2\n1,1.9,1\n")
+    done = run("one", "--nominal", "frame.npz", "--data", "modes.csv")
+    assert (done.exit_code, "or --number-rows for 'dof 1'" in done.output) == (2, True)
+    done = run("one", "--nominal", "frame.npz", "--data", "modes.csv", "--number-rows")
+    assert done.exit_code == 0, done.output
+    assert bs.read_model("frame.npz", numbered=True).labels == ("dof 1", "dof 2")
+    with pytest.raises(ValueError, match="numbers do not say which rows are rotations"):
+        bs.read_model("frame.npz", numbered=True, units="N, mm")
+
+
+def test_weights_in_place_of_masses_are_recognised(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    labels, g = ("1 x", "2 x"), 386.089  # in/s²: of kip and in
+    stiffness = np.array([[1600.0, -700.0], [-700.0, 700.0]])
+    np.savez("frame.npz", K=stiffness, M=g * np.eye(2), labels=labels)
+    hz = np.sqrt(np.linalg.eigvalsh(stiffness)[0]) / (2 * np.pi)
+    Path("modes.csv").write_text(f"# band_hz,0,18\nlabel,frequency_hz,1 x\n1,{1.1 * hz},1\n")
+    done = run("one", "--nominal", "frame.npz", "--data", "modes.csv")
+    assert "divided by g = 386.089 in/s² it fits: are the masses weights?" in done.output
+    kg = 2 * 4448.2216152605 / 0.0254  # of two masses of 1 kip s²/in
+    with pytest.raises(ValueError, match=r"none; divided by g it fits .*'kip, in'.* weights"):
+        bs.read_model("frame.npz", units="kip, in", mass_kg=kg)
+
+
+def test_nine_digits_make_no_matrix_of_rounding(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((6, 6))
+    stiffness = half @ half.T + np.eye(6)
+    for name, factor in (("a", 1.0), ("b", 1.1)):
+        printed = np.vectorize(lambda x: float(f"{x:.8e}"))(factor * stiffness)
+        np.savez(name, K=printed, M=np.eye(6), labels=[f"{i} x" for i in range(6)])
+    Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,1 x\n1,0.1,1\n")
+    done = run("one", "--nominal", "a.npz", "--changed", "E=1.1:b.npz", "--data", "modes.csv")
+    assert done.exit_code == 0, done.output
+    assert "K = E K_E" in done.output.splitlines()

@@ -4,14 +4,18 @@ import json
 import os
 import pty
 import re
+import shlex
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 from conftest import assert_one_line_error
+from scipy.signal import lfilter
 
+import bayes_ssi as bs
 from bayes_ssi.cli import main
+from bayes_ssi.commands.terminal import lines_of_progress
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 
@@ -191,3 +195,51 @@ def test_an_option_of_another_name_is_named(run, arguments, words):
     assert done.exit_code == 2
     assert words in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±"), ("utf-8", "shape ±")]
+)
+def test_output_of_any_encoding_and_a_closed_standard_error(tmp_path, encoding, column):
+    path = tmp_path / "modes.csv"
+    path.write_text("# band_hz, 0, 9\nlabel,frequency_hz,σ≈1\n1,1.5,1\n", encoding="utf-8")
+    command = shlex.join([*COMMAND, "check", str(path)])
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    done = subprocess.run(["sh", "-c", f"{command} 2>&-"], env=environment, capture_output=True,
+                          check=False)  # fmt: skip
+    assert done.returncode == 0
+    printed = done.stdout.decode(encoding)
+    assert column in printed
+    assert f"Sensors: {'σ≈1' if encoding == 'utf-8' else 'sd~1'}." in printed
+
+
+def test_modes_are_written_before_they_are_printed(tmp_path, run, monkeypatch):
+    samples = np.random.default_rng(0).standard_normal((2, 4000))
+    samples = lfilter([1.0], [1.0, -1.9, 0.98], samples)
+    np.savez(tmp_path / "a.npz", a=samples, rate_hz=20.0, unit="g", sensors=["a", "b"])
+
+    def closed(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("bayes_ssi.commands.terminal.show", closed)
+    run("identify", tmp_path / "a.npz", "--band", 0.3, 3, "--out", tmp_path / "m.csv")
+    assert bs.read_modal_data(tmp_path / "m.csv").modes
+
+
+def test_a_log_says_every_minute_what_is_done_and_how_long_is_left(capsys):
+    """A fifth in 70 s leaves four times as long; a class is at 0.1 + 0.35/2 after half a step."""
+    clock = [0.0]
+    show = lines_of_progress(lambda: clock[0])
+    show("all hypotheses", "screening 200", 0.0)
+    for at, done in ((50.0, 0.15), (70.0, 0.2), (100.0, 0.3)):
+        clock[0] = at
+        show("all hypotheses", "screening 200", done)
+    show("one", "searches", 0.0)
+    clock[0] = 200.0
+    show("one", "compression of the prior", 0.5)
+    show("one", "evidence", 1.0)
+    assert capsys.readouterr().err.splitlines() == [
+        "all hypotheses, screening 200: 20 % done, about 5 min left",
+        "one: 28 % done, about 4 min left",
+        "sampled one",
+    ]

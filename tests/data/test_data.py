@@ -284,3 +284,14 @@ def test_modes_from_arrays_take_one_number_for_all_or_one_for_each():
     assert dampings == [0.02, None]
     with pytest.raises(ValueError, match=r"damping must be one number or 2, .* got shape \(3,\)"):
         given(damping=(0.02, 0.03, 0.04))
+
+
+def test_the_full_digest_holds_what_a_run_depends_on():
+    one = data(mode("1", 1.0, [1.0, 2.0, 3.0]))
+    assert bs.ModalData(one.modes, one.band_hz, one.sensors, "elsewhere").full_digest == (
+        one.full_digest
+    )
+    for change in ({"frequency_cov": 0.01}, {"shape_sd": 0.02}, {"label": "2"}):
+        other = data(replace(one.modes[0], **change))
+        assert other.digest == one.digest
+        assert other.full_digest != one.full_digest

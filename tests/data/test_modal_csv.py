@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.measurements.records.record_files import is_record
 
 HEAD = "# band_hz, 0, 6\nlabel, frequency_hz, a, b\n"
 COMMAS = """# source, ambient vibration test of 12 May
@@ -138,6 +139,73 @@ def test_band_from_the_caller(read):
     assert read("# band_hz, 0, 6\n" + text, band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
 
 
+TABLES = {
+    "radians and percent": "Mode, Frequency (rad/s), Damping (%), a, b\n"
+    "1, 9.42477796, 1.2, 0.5, 1\n",
+    "semicolons": "Mode No.;Frequency [Hz];Damping [%];a;b\n1;1,5;1,2;0,5;1,0\n",
+    "no labels": "Frequency [Hz];Damping [%];a;b\n1,5;1,2;0,5;1,0\n",
+    "an index": ", f (Hz), zeta [%], a, b\n1, 1.5, 1.2, 0.5, 1\n",
+    "period": "label, Period (s), damping, a, b\n1, 0.66666666667, 0.012, 0.5, 1\n",
+    "transposed": ", Mode 1\nf (Hz), 1.5\nDamping (%), 1.2\na, 0.5\nb, 1.0\n",
+    "real and imaginary": "label, frequency_hz, damping, a re, a im, b re, b im\n"
+    "1, 1.5, 0.012, 0.5, 0, 1, 0\n",
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_as_people_keep_them(read, name):
+    (mode,) = read("# band_hz, 0, 6\n" + TABLES[name]).modes
+    assert mode.label == ("Mode 1" if name == "transposed" else "1")
+    assert mode.frequency_hz == pytest.approx(1.5, rel=1e-9)
+    assert mode.damping == pytest.approx(0.012)
+    np.testing.assert_allclose(mode.shape, [0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("names", "cells"),
+    [
+        ("a mag, a phase (deg), b", "2, 60, 1"),
+        ("a (amplitude), a (phase), b", "2, 60, 1"),
+        ("a mag, a phase [rad], b", f"2, {math.pi / 3}, 1"),
+        ("a, b", "2∠60°, 1∠0"),
+        ("a, b", f"2 ∠ {math.pi / 3} rad, 1"),
+        ("a re, a im, b", f"1, {3**0.5}, 1"),
+    ],
+)
+def test_components_of_magnitude_and_phase(read, names, cells):
+    data = read(f"# band_hz, 0, 6\nlabel, frequency_hz, {names}\n1, 1.0, {cells}\n")
+    shape = dict(zip(data.sensors, data.modes[0].shape, strict=True))
+    assert shape["a"] == pytest.approx(1 + 3**0.5 * 1j, rel=1e-12)
+    assert shape["b"] == 1.0
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
+def test_encodings(read, encoding):
+    text = HEAD.replace(", a,", ", Träger,") + "1, 1, 1, 1\n"
+    assert read(text.encode(encoding)).sensors == ("Träger", "b")
+
+
+def test_a_workbook(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]")
+    book = openpyxl.Workbook()
+    for row in (["# band_hz", 0, 6], ["Mode", "Frequency [Hz]", "roof"], [1, 1.5, 0.5]):
+        book.active.append(row)
+    book.save(tmp_path / "modes.xlsx")
+    data = bs.read_modal_data(tmp_path / "modes.xlsx")
+    assert (data.band_hz, data.labels, data.sensors) == ((0.0, 6.0), ("1",), ("roof",))
+    assert data.frequencies_hz.tolist() == [1.5]
+
+
+def test_files_of_modes_and_records_are_told_apart(tmp_path):
+    path = tmp_path / "a.csv"
+    for text in (*TABLES.values(), HEAD, "Frequency,a\n"):
+        path.write_text(text)
+        assert not is_record(path)
+    for text in ("t (s),a\n0,1\n", "Sampling frequency (Hz): 20\nNo,a\n1,2\n", "Mode,a\n1,2\n"):
+        path.write_text(text)
+        assert is_record(path)
+
+
 NO_NUMBER = "is not a number"
 
 
@@ -161,13 +229,26 @@ NO_NUMBER = "is not a number"
         ("# source: a\n# Source: b\n" + HEAD + "1,1,1,1", "line 2: a second line of source"),
         ("# band_hz, 0\n" + HEAD[16:] + "1,1,1,1", r"line 1: band_hz needs two .* \['0'\]"),
         ("# band_hz, 0, six\nlabel, frequency_hz\n1, 1\n", f"line 1: band_hz: 'six' {NO_NUMBER}"),
-        ("\n\nlabel, frequency\n1, 1\n", "line 3: no column 'frequency_hz' among 'label', 'freq"),
-        ("name, frequency_hz\n1, 1\n", "line 1: no column 'label' among 'name'"),
+        ("\n\nlabel, frequency\n1, 1\n", "line 3: column 'frequency': state its unit, 'frequ"),
+        ("label, hertz\n1, 1\n", "line 1: no column 'frequency_hz' among 'label', 'hertz'"),
+        ("rank, frequency_hz\n1, 1\n2, 2\n", "line 1: column 'rank' counts the modes; name it"),
+        ("# band_hz, 0, 6\nlabel, period_s\n1, 0\n", "line 3: period_s: must be positive, got 0"),
+        (
+            HEAD + "1, 1.0, 1∠0.5, 3\n",
+            "line 3: sensor 'a': '1∠0.5': state the unit of",
+        ),
+        (
+            "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
+            r"line 2: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
+        ),
         ("label, frequency_hz, , a\n1, 1\n", "line 1: a column has no name"),
         ("label, frequency_hz, a, a\n1, 1\n", "line 1: two columns are named 'a'"),
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, -2\n", "line 3: .*frequency_cov .* -2.0"),
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, 2 %\n", "line 3: frequency_cov: '2 %' is"),
-        (HEAD.replace("a, b", "damping") + "1, 1, 1.2\n", "line 3: .*damping must be .* 1.2"),
+        (
+            HEAD.replace("a, b", "damping") + "1, 1, 1.2\n",
+            "line 3: damping: '1.2' .* name the column 'dam",
+        ),
         (HEAD.replace("a, b", "shape_sd") + "1, 1, 0\n", "line 3: .*shape_sd must be .* 0.0"),
     ],
 )
@@ -187,8 +268,9 @@ def test_messages_name_file_line_column_and_value(read, text, message):
         (HEAD + "1, 1, 1, 1\n2, 7.5, 1, 1\n", "mode '2': frequency_hz 7.5 lies outside"),
         ("label, frequency_hz\n1, 1.0\n", "no band; add a line such as '# band_hz, 0, 6'"),
         ("# band_hz, 6, 0\n" + HEAD[16:] + "1, 1, 1, 1\n", "band_hz must be 0 <= lowest < highest"),
-        (HEAD.encode("utf-16"), "not a text file in UTF-8"),
-        (HEAD.encode() + b"\xb5, 1.0, 1, 1\n", "not a text file in UTF-8"),
+        (HEAD.encode() + b"a\0b, 1.0, 1, 1\n", "not a text file; save it as CSV (UTF-8)"),
+        ("<!DOCTYPE html>\n" + HEAD, "a web page or XML, not a table; save it as CSV (UTF-8)"),
+        (HEAD + "1, 1.0, 1, 1\n" * 200_000, "200,002 lines; a file of modes has one for each of"),
     ],
 )
 def test_messages_about_the_whole_file(read, text, message):

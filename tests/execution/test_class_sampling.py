@@ -136,6 +136,16 @@ def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp
     assert_same(there, alone)
 
 
+def test_nothing_is_said_to_be_resumed_that_another_run_began(tiny_study, tmp_path, two_workers):
+    said = []
+    checkpoint = Checkpoint(tmp_path / "c", say=said.append)
+    first, second = tiny_study.model_classes
+    sample_all([first], 7, COARSE, bs.Run(checkpoint=checkpoint))
+    with pytest.raises(ValueError, match=r"the checkpoint of another run, with .*seed"):
+        sample_all([first, second], 8, COARSE, bs.Run(two_workers, checkpoint))
+    assert said == []
+
+
 def test_a_relative_checkpoint_is_where_the_run_was_started(tiny_study, tmp_path, monkeypatch):
     """Independently of the working directory of the workers, as on a cluster."""
     here, there = tmp_path / "here", tmp_path / "there"

@@ -72,8 +72,8 @@ def test_frequencies_relative_to_the_identified_ones(data, posteriors):
     np.testing.assert_allclose(actual[:, 0], [-0.3, 0.7, 0.3])
     np.testing.assert_allclose(actual[:, 1], [0.0, 25.0, 0.0], atol=0.2)
     segments = [bars[2][0].get_segments()[0][:, 1] for bars in ax.containers]
-    np.testing.assert_allclose(np.diff(segments[0]), 2 * 1.96, atol=0.3)  # 95 % of sd 1 %
-    np.testing.assert_allclose(np.diff(segments[1]), 2 * 1.96 * 1.25, atol=0.4)
+    np.testing.assert_allclose(np.diff(segments[0]), 2 * 1.645, atol=0.3)  # 90 % of sd 1 %
+    np.testing.assert_allclose(np.diff(segments[1]), 2 * 1.645 * 1.25, atol=0.4)
     crosses = sorted(
         float(at[0]) for line in ax.lines if line.get_marker() == "x" for at in line.get_xydata()
     )
@@ -83,11 +83,11 @@ def test_frequencies_relative_to_the_identified_ones(data, posteriors):
     assert "%" in ax.get_ylabel()
 
 
-def test_the_band_of_an_identified_mode_is_its_95_per_cent(data, posteriors):
+def test_the_band_of_an_identified_mode_is_its_90_per_cent(data, posteriors):
     ax = plot_frequencies(data, posteriors)
     (band,) = ax.collections[:1]
     heights = band.get_paths()[0].vertices[:, 1]
-    assert (heights.min(), heights.max()) == pytest.approx((-1.96, 1.96), abs=0.01)
+    assert (heights.min(), heights.max()) == pytest.approx((-1.645, 1.645), abs=0.01)
 
 
 def test_one_class_is_drawn_in_the_middle(data, posteriors):

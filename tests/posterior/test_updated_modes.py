@@ -38,12 +38,12 @@ def test_frequencies_and_macs(model_classes, case_c, values, updated):
     frequencies, shapes = candidate.structure.modes(values)
     for i, (label, mode) in enumerate(zip(case_c.labels, updated.modes, strict=True)):
         assert (mode.label, mode.model_mode) == (label, i + 1)
-        expected = np.quantile(frequencies[:, i], [0.025, 0.5, 0.975])
+        expected = np.quantile(frequencies[:, i], [0.05, 0.5, 0.95])
         assert mode.after_hz == pytest.approx(expected)
         result = [
             mac(shape[:3, i : i + 1], case_c.unit_shapes[:, i : i + 1])[0, 0] for shape in shapes
         ]
-        assert mode.mac_after == pytest.approx(np.quantile(result, [0.025, 0.5, 0.975]))
+        assert mode.mac_after == pytest.approx(np.quantile(result, [0.05, 0.5, 0.95]))
         # At the prior medians this is the model that made the data.
         assert mode.before_hz == pytest.approx(case_c.modes[i].frequency_hz, rel=1e-6)
         assert mode.mac_before == pytest.approx(1.0, abs=1e-9)

@@ -120,7 +120,7 @@ def test_shapes_are_those_of_the_record(model_classes):
     draws = PosteriorDraws("3", candidate.likelihoods[0].given(record.pairing), values)
     predicted = Predictions("3", (draws,))
     for mode in record.updated.modes:
-        band = predicted.shapes(mode.label, record.updated.places).band(0.95)
+        band = predicted.shapes(mode.label, record.updated.places).band(0.9)
         np.testing.assert_allclose(band, mode.shape_after, rtol=1e-9)
         assert np.abs(band.median[:3]).max() == pytest.approx(1.0, abs=0.01)
     # The infill, close to resonance, moves further than any floor.

@@ -100,3 +100,19 @@ def test_draws_of_some_parameters_end_at_three_standard_deviations_of_the_prior(
     (b,) = screened.posterior_draws(["b"], 101).T
     expected = [min(max(-5.0 + 0.1 * i, -3.0), 3.0) for i in range(101)]
     np.testing.assert_allclose(np.sort(b), expected, atol=1e-12)
+
+
+def test_large_models_are_searched_in_a_reduced_basis():
+    """A chain of 60 masses; its evidence as with full solutions."""
+    factor, n = bs.Parameter("factor", bs.LogNormal(1.0, 0.05)), 60
+    stiffness = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    chain = bs.MatrixStructure((factor, stiffness), np.eye(n), n_modes=3)
+    exact = 2.0 * np.sin(np.arange(1, 4) * np.pi / (2.0 * (n + 1))) / (2.0 * np.pi)
+    modes = tuple(bs.IdentifiedMode(str(j), float(hz)) for j, hz in enumerate(exact, 1))
+    data = bs.ModalData(modes, (0.0, 1.1 * float(exact[-1])), ())
+    whole = bs.ModelClass("whole", chain, data, ERROR, pairing={"1": 1, "2": 2, "3": 3})
+    family = Losses(bs.Study("losses", [whole]), {"whole": ()}, SearchLimits())
+    (quick,) = family.in_reduced_bases().classes
+    assert quick.structure.exact is chain
+    z = np.linspace(-2.0, 2.0, 5)[:, None]
+    assert quick.log_likelihood_at(z) == pytest.approx(whole.log_likelihood_at(z), abs=1e-4)

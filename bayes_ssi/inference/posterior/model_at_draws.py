@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, evenly_spaced_indices, joined
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
@@ -23,7 +24,6 @@ from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 from bayes_ssi.structures.response import ground_influence
 from bayes_ssi.structures.structure import Structure
 
-INTERVAL_LEVEL = 0.95
 DRAWS_OF_INTERVALS = 200  # enough for a plot, at a small part of the sampling's cost
 MOST_PLACES = 100  # with more degrees of freedom, shapes are kept at the sensors only
 # At which shapes at the sensors are kept: enough for means and evidences under changed settings
@@ -40,7 +40,7 @@ class UpdatedMode:
 
     Where the pairing was inferred, every draw has its own, as the order of model modes may change;
     draws that leave the mode out are left out. Intervals are the lower end, the median and the
-    upper end of the central 95 %.
+    upper end of the central 90 %.
 
     Shapes are scaled by :func:`~bayes_ssi.structures.modal.scaled_shapes` and turned to the
     identified ones. Close modes are those of the pair at its mean turn, as their MACs are
@@ -201,8 +201,7 @@ def moves_sideways(structure: Structure) -> bool:
 
 def _interval(draws: FloatArray) -> Any:
     """The ends of the interval and the median between them, of draws (n,) or of each column."""
-    ends = 0.5 * (1.0 - INTERVAL_LEVEL), 0.5 * (1.0 + INTERVAL_LEVEL)
-    return tuple(np.quantile(draws, [ends[0], 0.5, ends[1]], axis=0).tolist())
+    return tuple(np.quantile(draws, LEVELS, axis=0).tolist())
 
 
 class AtDraws(NamedTuple):

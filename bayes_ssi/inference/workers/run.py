@@ -173,12 +173,18 @@ class Checkpoint:
             _remove(lock.path)
             self._remove_if_empty()
 
-    def silent(self, names: Iterable[str]) -> Checkpoint:
-        """The same for other processes, once it is said which of these classes have a journal."""
-        resumed = [name for name in names if self._path(name).exists()]
+    def silent(
+        self, model_classes: Iterable[ModelClass], seed: int, settings: DataclassInstance
+    ) -> Checkpoint:
+        """The same for other processes, once it is said which of these classes are resumed."""
+        quiet, resumed = replace(self, say=_keep_quiet), []
+        for each in model_classes:
+            if self._path(each.name).exists():
+                with quiet.journal(each, seed, settings) as journal:  # refused if of another run
+                    resumed += [each.name] if journal.n_kept else []
         if resumed:
             self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
-        return replace(self, say=_keep_quiet)
+        return quiet
 
     @property
     def is_saving(self) -> bool:

@@ -200,6 +200,13 @@ class ModalData(Displayed):
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @property
+    def full_digest(self) -> str:
+        """Digest of all that a run from the data depends on: labels and sizes of errors, too."""
+        errors = [(mode.label, mode.frequency_cov, mode.shape_sd) for mode in self.modes]
+        text = json.dumps([self.digest, self.sensors, errors, self.covariance_digest])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
     def covariance_digest(self) -> str | None:
         """Digest of the joint covariance of the identification errors; None where there is none."""
         if self.covariance is None:

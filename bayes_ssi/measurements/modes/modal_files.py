@@ -12,12 +12,14 @@
 Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
 the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
 rows), ``identification`` (a file in the same directory); anything else there is a comment, allowed
-above the column names only. The first other row holds the column names, also spelled ``Frequency
-[Hz]``: ``label`` and ``frequency_hz`` are required, ``frequency_cov``, ``shape_sd``, ``damping``
-and ``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
+above the column names only. The first other row holds the column names: ``frequency_hz`` is
+required, ``label`` (else modes are 1, 2, …), ``frequency_cov``, ``shape_sd``, ``damping`` and
+``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
 structure's degree of freedom. An empty cell is a value not measured. Complex components are written
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
-``sep=;`` may say; with semicolons or tabs a decimal comma is understood.
+``sep=;`` may say; with semicolons or tabs a decimal comma is understood. A workbook (.xlsx) holds
+the same in its first sheet, and other tables that people keep are understood, too
+(:mod:`bayes_ssi.measurements.modes.mode_tables`).
 
 The JSON file beside it holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
 ``unit_shapes`` (m lists of n components, null where not measured) and
@@ -33,14 +35,14 @@ import io
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked, repeated
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
@@ -53,47 +55,24 @@ from bayes_ssi.measurements.modes.identified_mode import (
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
-
-T = TypeVar("T", float, complex)
+from bayes_ssi.measurements.modes.mode_tables import (
+    MEANT,
+    OF_A_MODE,
+    Line,
+    column_names,
+    combined,
+    component,
+    component_text,
+    has_frequencies,
+    upright,
+)
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
 NUMBER_COLUMNS = RESERVED_NAMES[1:]
+
 ONCE = ("source", "band_hz", "identification")  # keys that a file may hold once
 DELIMITERS = ",;\t"
-
-
-@dataclass(frozen=True)
-class _Line:
-    """One line of the file that is not blank."""
-
-    path: Path
-    number: int
-    cells: list[str]
-    decimal_comma: bool
-
-    @property
-    def is_comment(self) -> bool:
-        return self.cells[0].startswith("#")
-
-    def key_and_cells(self) -> tuple[str, list[str]]:
-        """The key that a comment states, in lower case, and the cells behind it."""
-        first, *others = self.cells
-        plain = first.lstrip("# ").strip()
-        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write.
-        stated = re.fullmatch(r"(\w+)\s*[:=]\s*(.*)", plain)
-        cells = [stated[2], *others] if stated else others
-        return (stated[1] if stated else plain).lower(), [cell for cell in cells if cell]
-
-    def error(self, message: str) -> ValueError:
-        return ValueError(f"{self.path}, line {self.number}: {message}")
-
-    def parse(self, kind: Callable[[str], T], text: str, column: str) -> T:
-        try:
-            if "_" in text:  # Python would accept the underscore, a typing error here
-                raise ValueError
-            return kind(text.replace(",", ".") if self.decimal_comma else text)
-        except ValueError:
-            raise self.error(f"{column}: {text!r} is not a number") from None
+MOST_MODES = 5000  # of a file that is not one of other things
 
 
 @checked
@@ -117,14 +96,19 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
     path = Path(path)
     if begins_universal(first_bytes(path)):
         if band_hz is None:
-            raise ValueError(f"{path}: give band_hz; a universal file does not state the band")
+            raise ValueError(
+                f"{path}: give band_hz (--band); a universal file does not state the band"
+            )
         return read_modal_uff(path, band_hz)
     lines = _split(path)
-    table = [line for line in lines if not line.is_comment]
+    table = upright([line for line in lines if not line.is_comment])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
-    columns = _column_names(table[0])
-    modes = tuple(_mode(line, columns) for line in table[1:])
+    columns, rows = combined(column_names(table[0]), table[1:])
+    counted = [line.cells[0] == str(i) for i, line in enumerate(rows, 1)]
+    if columns[0] not in OF_A_MODE and len(rows) > 1 and all(counted):
+        raise table[0].error(f"column {columns[0]!r} counts the modes; name it 'label'")
+    modes = tuple(_mode(line, columns, i) for i, line in enumerate(rows, 1))
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
 
@@ -136,7 +120,7 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = bands[0]
-    sensors = tuple(name for name in columns if name not in RESERVED_NAMES)
+    sensors = tuple(name for name in columns if name not in OF_A_MODE)
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
     for name in stated["identification"]:
@@ -195,7 +179,7 @@ def write_modal_data(data: ModalData, path: str | Path) -> tuple[Path, ...]:
             writer.writerow(
                 [mode.label]
                 + ["" if number is None else repr(float(number)) for number in numbers]
-                + [_component_text(component) for component in components]
+                + [component_text(component) for component in components]
             )
     if has_companion:
         _write_companion(data, beside)
@@ -207,65 +191,37 @@ def modal_files(path: str | Path) -> tuple[Path, Path]:
     return Path(path), Path(path).with_suffix(".identification.json")
 
 
-def _component_text(component: complex) -> str:
-    if not np.isfinite(component):
-        return ""
-    if isinstance(component, complex):
-        return f"{float(component.real)!r}{float(component.imag):+}j"
-    return repr(float(component))
-
-
-def _split(path: Path) -> list[_Line]:
-    """The lines that are not blank, at the delimiter that gives the required columns."""
+def _split(path: Path) -> list[Line]:
+    """The lines that are not blank, at the delimiter that gives a column of frequencies."""
     text, stated = read_columns(path)
+    if (n_lines := text.count("\n")) > MOST_MODES:
+        raise ValueError(
+            f"{path}: {n_lines:,} lines; a file of modes has one for each of at most "
+            f"{MOST_MODES:,}. If it is a record, identify its modes"
+        )
     delimiters = DELIMITERS if stated is None else stated
     for delimiter in delimiters:
         lines = _lines(path, text, delimiter)
-        if any(set(REQUIRED_COLUMNS) <= set(map(_spelled, line.cells)) for line in lines):
+        if any(has_frequencies(line.cells) for line in lines):
             return lines
-    return _lines(path, text, delimiters[0])
+    return max((_lines(path, text, d) for d in delimiters), key=lambda cut: len(cut[-1].cells))
 
 
-def _lines(path: Path, text: str, delimiter: str) -> list[_Line]:
+def _lines(path: Path, text: str, delimiter: str) -> list[Line]:
     """The lines that are not blank, cut at ``delimiter``."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
     lines, number = [], 1
     try:
         for row in reader:
             if any(cell.strip() for cell in row):
-                lines.append(_Line(path, number, [cell.strip() for cell in row], delimiter != ","))
+                lines.append(Line(path, number, [cell.strip() for cell in row], delimiter != ","))
             number = reader.line_num + 1  # a quoted cell may run over several lines
     except csv.Error as error:
         raise ValueError(f"{path}, line {number}: not CSV: {error}") from None
     return lines
 
 
-def _spelled(name: str) -> str:
-    """A name of this file's own columns as it is documented; others, of sensors, as they are."""
-    plain = re.sub(r"[\s_()\[\]]+", "_", name.lower()).strip("_")
-    return plain if plain in RESERVED_NAMES else name
-
-
-def _column_names(line: _Line) -> list[str]:
-    names = [_spelled(cell) for cell in line.cells]
-    while names and not names[-1]:
-        names.pop()
-    for required in REQUIRED_COLUMNS:
-        if required not in names:
-            raise line.error(
-                f"no column {required!r} among {', '.join(map(repr, names))}; the columns are "
-                "label, frequency_hz, optionally frequency_cov, shape_sd, damping and damping_sd, "
-                "and one for each sensor"
-            )
-    for name in names:
-        if not name:
-            raise line.error("a column has no name")
-    if twice := repeated(names):
-        raise line.error(f"two columns are named {twice[0]!r}")
-    return names
-
-
-def _read_statements(lines: list[_Line]) -> dict[str, list[Any]]:
+def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
     """Key → what its lines state: texts, and the two frequencies of a band."""
     stated: dict[str, list[Any]] = {key: [] for key in (*ONCE, "failed_check")}
     first: dict[str, int] = {}
@@ -278,8 +234,8 @@ def _read_statements(lines: list[_Line]) -> dict[str, list[Any]]:
         if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "band_hz":
-            if not line.decimal_comma:
-                values = [part for value in values for part in re.split(r"[,\s]+", value) if part]
+            separators = r"[,;]?\s+|;" if line.decimal_comma else r"[,\s]+"
+            values = [part for value in values for part in re.split(separators, value) if part]
             if len(values) != 2:
                 raise line.error(f"band_hz needs two frequencies in Hz, got {values!r}")
             stated[key].append([line.parse(float, value, "band_hz") for value in values])
@@ -297,35 +253,36 @@ def _read_statements(lines: list[_Line]) -> dict[str, list[Any]]:
     return stated
 
 
-def _component(text: str, column: str, line: _Line) -> complex:
-    if not text:
-        return complex("nan")
-    # Space around the sign, as in "0.3 + 0.1i", is how people write complex numbers.
-    written = re.sub(r"(?<=[\dji])\s*([+-])\s*(?=[\d.])", r"\1", text) if " " in text else text
-    value = line.parse(complex, written.replace("i", "j"), f"sensor {column!r}")
-    if not np.isfinite(value):
-        raise line.error(f"sensor {column!r}: {text!r} is not finite; leave a missing value empty")
-    return value
-
-
-def _mode(line: _Line, columns: list[str]) -> IdentifiedMode:
+def _mode(line: Line, columns: list[str], number: int) -> IdentifiedMode:
     if any(line.cells[len(columns) :]):
         raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
     cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
-    numbers = {
-        name: line.parse(float, cells[name], name) for name in NUMBER_COLUMNS if cells.get(name)
-    }
+    numbers = {}
+    for column in OF_A_MODE[1:]:
+        if cells.get(column):
+            name, meaning = MEANT.get(column, (column, float))
+            try:
+                numbers[name] = meaning(line.parse(float, cells[column], column))
+            except ZeroDivisionError:
+                raise line.error(f"{column}: must be positive, got 0") from None
     if "frequency_hz" not in numbers:
         raise line.error("frequency_hz: the cell is empty")
+    if not 0.0 <= numbers.get("damping", 0.0) < 1.0:
+        raise line.error(
+            f"damping: {cells.get('damping', '')!r} is no fraction of critical damping; if it "
+            "is in percent, name the column 'damping (%)'"
+        )
     shape = np.array(
-        [_component(cells[name], name, line) for name in columns if name not in RESERVED_NAMES]
+        [component(cells[name], name, line) for name in columns if name not in OF_A_MODE]
     )
     measured = shape[np.isfinite(shape)]
     if not np.any(measured.imag):
         shape = shape.real
     try:
         return IdentifiedMode(
-            label=cells["label"], shape=shape if len(measured) else None, **numbers
+            label=cells.get("label", str(number)),
+            shape=shape if len(measured) else None,
+            **numbers,
         )
     except ValueError as error:
         raise line.error(str(error)) from None

@@ -30,6 +30,8 @@ SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254,
 LEAST_GAIN_OF_MAC = 0.2
 # Nominal frequencies are not off by such a factor; in units that do not belong together they are
 # off by √1000 = 32, or √9.81 = 3.1 (kgf) to √(1000/9.81) = 10.
+GRAVITY = {9.80665: "m", 9806.65: "mm", 386.089: "in", 32.174: "ft"}
+MOST_RATIO_OF_WEIGHTS = 2.0  # of a structure's mass to what frequencies say
 MOST_RATIO_OF_FREQUENCIES = 3.0
 
 # Axis of the test → axis of the model that it is taken for.
@@ -174,7 +176,14 @@ def compared_with_nominal(
     )
     said = [f"Nominal frequencies: {nominal} Hz; identified: {identified} Hz."]
     ratio = frequencies[0] / modes.frequencies_hz[0]
-    if not 1.0 / MOST_RATIO_OF_FREQUENCIES < ratio < MOST_RATIO_OF_FREQUENCIES:
+    # Weights in place of masses make frequencies lower by the root of g.
+    g, unit = min(GRAVITY.items(), key=lambda each: abs(np.log(ratio**2 * each[0])))
+    if abs(np.log(ratio**2 * g)) < np.log(MOST_RATIO_OF_WEIGHTS):
+        said.append(
+            f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one; with the "
+            f"mass divided by g = {g:g} {unit}/s² it fits: are the masses weights?"
+        )
+    elif not 1.0 / MOST_RATIO_OF_FREQUENCIES < ratio < MOST_RATIO_OF_FREQUENCIES:
         said.append(
             f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are the "
             "model's units of force, length and mass consistent?"

@@ -1,4 +1,4 @@
-"""Records in files of measuring systems: universal files, TDMS, strong motion and PEER's AT2.
+"""Records in files of measuring systems: universal files, TDMS, MiniSEED, SAC, strong motion, AT2.
 
 Corrected strong motion (volume 2, ``.v2``) is that of the Center for Engineering Strong Motion
 Data. Every channel has a heading of text with a line such as ``Chan  4:  Long  (Sta Chn:  6)``,
@@ -29,6 +29,7 @@ ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 # Endings; the second is that of another format, of COSMOS, which is refused by its content.
 STRONG_MOTION = (".v2", ".v2c")
+SEISMIC = (".mseed", ".miniseed", ".msd", ".sac")
 CHANNEL_LINE = re.compile(
     r"\s*chan\s+(\d+):\s*(.*?)\s*(\(sta chn:\s*(\d+)\).*|location:.*)?$", re.IGNORECASE
 )
@@ -94,6 +95,27 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
         tuple(1.0 / stated["wf_increment"] for stated in properties if stated.get("wf_increment")),
         (),
         tuple(str(stated["unit_string"]) for stated in properties if stated.get("unit_string")),
+    )
+
+
+def read_seismic(path: Path) -> Channels:
+    """Read MiniSEED or SAC from the last beginning to the first end of its traces, with gaps.
+
+    Sensors are named ``network.station.location.channel``.
+    """
+    with optional_package("obspy", extra="seismic"):
+        import obspy
+    require_regular_file(path)
+    with damage_named(path):
+        stream = obspy.read(str(path)).merge()
+        stream.trim(
+            max(trace.stats.starttime for trace in stream),
+            min(trace.stats.endtime for trace in stream),
+        )
+    return Channels(
+        in_rows([np.ma.filled(np.ma.asarray(trace.data, dtype=float), np.nan) for trace in stream]),
+        tuple(trace.id for trace in stream),
+        tuple(float(trace.stats.sampling_rate) for trace in stream),
     )
 
 

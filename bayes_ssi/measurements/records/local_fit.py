@@ -276,8 +276,12 @@ class _Steps:
         self.curvature, self.slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         seen = derivatives @ information
         self.slope[smooth:] = np.einsum("kpa,ka->p", derivatives, slopes)
-        flat = seen.transpose(1, 0, 2).reshape(n, -1)
-        self.curvature[smooth:, smooth:] = flat @ derivatives.transpose(1, 0, 2).reshape(n, -1).T
+        # Not with -1: without modes and drive there are no rows.
+        flat, slopes_of_rows = (
+            rows.transpose(1, 0, 2).reshape(n, rows.shape[0] * rows.shape[2])
+            for rows in (seen, derivatives)
+        )
+        self.curvature[smooth:, smooth:] = flat @ slopes_of_rows.T
         x = at.powers[1]
         moments = x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)
         moments = moments.reshape(5, r * r, -1)

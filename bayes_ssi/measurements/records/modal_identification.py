@@ -27,6 +27,7 @@ from bayes_ssi.measurements.records.record_checks import (
     Stationary,
     common_delays,
     machine_lines,
+    mask_around,
     stationary_part,
     without_lines,
 )
@@ -43,6 +44,9 @@ FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
 # ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of
 # a resonance is that of its few lines.
 SHORTEST_DECAYS = 1.0
+BRIDGED_PERIODS = 0.25  # of the highest frequency, which a straight line replaces
+MOST_BRIDGED = 0.01  # of the instants
+LEAST_USED = 0.3  # of a record with gaps
 MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not steady
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
@@ -135,6 +139,7 @@ def identify(
     if ground is None:
         ground = _driving_sensor(still, band, remarks)
     driven_by = _place_of(record, ground)
+    pieces = _pieces(still, reach[0], band[1])
     part = Stationary()  # where what drives the structure is measured, all of a record is used
     if driven_by is None:
         part = stationary_part(still.samples, still.rate_hz, reach)
@@ -148,6 +153,8 @@ def identify(
     def searched(
         mask: FloatArray | None,
     ) -> tuple[Candidates, list[Explained], FloatArray, Spectra]:
+        if pieces is not None:
+            mask = pieces if mask is None else pieces * mask
         transforms = transforms_of(still, reach, mask)
         if driven_by is not None:
             transforms = transforms.relative_to(driven_by)
@@ -252,11 +259,32 @@ def _place_of(record: Record, ground: str) -> int | None:
         raise ValueError(
             f"ground: no sensor {ground!r}; the record's sensors are {', '.join(record.sensors)}"
         )
-    if len(others) < 2:
-        raise ValueError(
-            f"ground: {ground!r} leaves the sensor {others[0]!r} alone; shapes need two or more"
-        )
+    if not others:
+        raise ValueError(f"ground: {ground!r} is the record's only sensor")
     return record.sensors.index(ground)
+
+
+def _pieces(record: Record, low_hz: float, high_hz: float) -> FloatArray | None:
+    """Factors (N,) of the samples, from which the pieces between gaps are identified together.
+
+    None where no gap is longer than a straight line of few samples replaces.
+    """
+    longest = BRIDGED_PERIODS * record.rate_hz / high_hz
+    is_out = np.zeros(record.n_samples, dtype=bool)
+    for first, end in record.gaps:
+        is_out[first:end] = end - first + 1 > longest
+    bridged = ~record.is_measured & ~is_out
+    if bridged.mean() > MOST_BRIDGED:
+        is_out |= bridged
+    if not is_out.any():
+        return None
+    mask = mask_around(is_out, record.rate_hz, low_hz)
+    if (share := float((mask**2).mean())) < LEAST_USED:
+        raise ValueError(
+            f"record: {len(record.gaps)} gaps leave pieces so short that {share:.0%} of the record "
+            "can be used; take a span with fewer, or a band that begins higher"
+        )
+    return mask
 
 
 def _undisturbed(
@@ -267,7 +295,7 @@ def _undisturbed(
     lines = lines[(lines > reach[0]) & (lines < reach[1])]
     if not len(lines):
         return record
-    samples = without_lines(record.samples, record.rate_hz, lines)
+    samples = without_lines(record.samples, record.rate_hz, lines, record.is_measured)
     samples.setflags(write=False)
     for f in np.sort(lines[(lines >= band[0]) & (lines <= band[1])]):
         remarks.append(

@@ -2,18 +2,21 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import require_known, require_one_of
+from bayes_ssi.foundations.argument_types import repeated, require_known, require_one_of
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
 from bayes_ssi.measurements.records.record_checks import remarks_on
 from bayes_ssi.structures.response import UNITS, checked_unit
 
+NAMED_GAPS = 3
 # Quantity → units in which it may be given; spellings of accelerations are those of ground motion.
 QUANTITIES = {
     "acceleration": tuple(UNITS),
@@ -33,10 +36,14 @@ class Record(Displayed):
         quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
         unit: of all samples, such as ``"m/s2"`` or ``"g"``.
         source: where the record comes from.
+        gaps: (first, end) of each run of instants that not all sensors measured, in samples from 0,
+            ascending. Samples there are on straight lines; the record begins and ends outside.
+            Instants with NaN are gaps.
 
     Raises:
-        ValueError: there are fewer than two sensors, or no more samples than sensors; a sample is
-            not finite; names are missing or repeated; the rate, quantity or unit is not valid.
+        ValueError: there are no more samples than sensors; a sample is infinite; half of the
+            instants or more are missing; names are missing or repeated; the rate, quantity or unit
+            is not valid.
     """
 
     samples: FloatArray
@@ -45,8 +52,13 @@ class Record(Displayed):
     quantity: str
     unit: str
     source: str = ""
+    gaps: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
+        if twice := repeated(self.sensors):
+            raise ValueError(
+                f"record: two sensors are named {twice[0]!r}; name all in their order (--sensor)"
+            )
         object.__setattr__(self, "sensors", checked_sensors(self.sensors, "record"))
         object.__setattr__(self, "samples", self._checked_samples())
         object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
@@ -67,23 +79,61 @@ class Record(Displayed):
                 f"record: samples must be (n_sensors, n_samples), got {n} rows of {length}; is the "
                 "array the wrong way round?"
             )
-        if n < 2:
-            raise ValueError("record: a mode shape needs two sensors or more, got 1")
+        if n < 1:
+            raise ValueError("record: no sensors")
         if len(self.sensors) != n:
             raise ValueError(f"record: {len(self.sensors)} names for {n} sensors")
         for name, row in zip(self.sensors, samples, strict=True):
-            finite = np.isfinite(row)
-            if not finite.all():
-                first = int(np.argmin(finite))
+            if np.isinf(row).any():
+                first = int(np.argmax(np.isinf(row)))
                 raise ValueError(
                     f"record: sensor {name!r}: sample {first + 1} is not finite: "
                     f"{float(row[first])!r}"
                 )
+        missing = np.isnan(samples).any(0)
+        if missing.any():
+            samples = self._bridged(samples, missing)
         # A long record fills memory: an array that nobody can change is not copied.
         if samples.flags.writeable or not samples.flags.c_contiguous:
             samples = np.array(samples, order="C")
             samples.setflags(write=False)
         return samples
+
+    def _bridged(self, samples: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
+        """The samples from the first whole instant to the last, with straight lines in gaps."""
+        if missing.mean() >= 0.5:
+            shares = np.isnan(samples).mean(1)
+            worst = self.sensors[int(shares.argmax())]
+            raise ValueError(
+                f"record: {missing.mean():.0%} of the instants are missing at some sensor, at "
+                f"{worst!r} {shares.max():.0%}; leave that sensor out, or take another span"
+            )
+        whole = np.flatnonzero(~missing)
+        kept = slice(whole[0], whole[-1] + 1)
+        samples, missing, whole = np.array(samples[:, kept]), missing[kept], whole - whole[0]
+        for row in samples:
+            row[missing] = np.interp(np.flatnonzero(missing), whole, row[whole])
+        edges = np.flatnonzero(np.diff(missing)) + 1
+        object.__setattr__(self, "gaps", tuple(map(tuple, edges.reshape(-1, 2).tolist())))
+        return samples
+
+    @property
+    def is_measured(self) -> NDArray[np.bool_]:
+        """(N,), whether an instant is in no gap."""
+        measured = np.ones(self.n_samples, dtype=bool)
+        for first, end in self.gaps:
+            measured[first:end] = False
+        return measured
+
+    def longest_piece(self) -> "Record":
+        """The longest piece between gaps; the record itself where there are none."""
+        if not self.gaps:
+            return self
+        edges = [0, *(edge for gap in self.gaps for edge in gap), self.n_samples]
+        first, end = max(
+            zip(edges[::2], edges[1::2], strict=True), key=lambda span: span[1] - span[0]
+        )
+        return replace(self, samples=_read_only(self.samples[:, first:end].copy()), gaps=())
 
     @property
     def n_samples(self) -> int:
@@ -130,7 +180,7 @@ class Record(Displayed):
             sensors: their names.
 
         Raises:
-            ValueError: a name is unknown or repeated, or there are fewer than two.
+            ValueError: a name is unknown or repeated, or none is given.
         """
         sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
         require_known("record: no sensor", sensors, self.sensors)
@@ -175,11 +225,20 @@ class Record(Displayed):
         samples = np.array(
             [decimate(row - row.mean(), factor, ftype="fir") + row.mean() for row in self.samples]
         )
-        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor)
+        gaps = tuple((first // factor, -(-end // factor)) for first, end in self.gaps)
+        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor, gaps=gaps)
 
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
-        return remarks_on(self.samples, self.rate_hz, self.sensors)
+        n, rate = len(self.gaps), self.rate_hz
+        spans = [
+            f"{end - first:,} samples from {first / rate:.5g} to {end / rate:.5g} s"
+            for first, end in self.gaps
+        ]
+        more = f", and {n - NAMED_GAPS} more gaps" if n > NAMED_GAPS else ""
+        named = f"missing: {', '.join(spans[:NAMED_GAPS])}{more}; the pieces are used together"
+        samples = self.samples[:, self.is_measured] if n else self.samples
+        return [*([named] if n else []), *remarks_on(samples, rate, self.sensors)]
 
     def _line(self) -> str:
         sensors = counted(len(self.sensors), "sensor")
@@ -212,6 +271,15 @@ def checked_unit_of(quantity: str, unit: str) -> str:
         require_one_of(f"record: unit of {quantity}", unit, units_of(quantity))
         return unit
     return checked_unit(unit)
+
+
+def quantity_of(unit: str) -> str | None:
+    """The quantity that has a unit, of which no two quantities have the same; None if none has."""
+    for quantity in QUANTITIES:
+        with suppress(ValueError):
+            checked_unit_of(quantity, unit)
+            return quantity
+    return None
 
 
 def _read_only(samples: FloatArray) -> FloatArray:

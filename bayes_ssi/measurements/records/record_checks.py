@@ -141,8 +141,15 @@ def _coherence(history: ComplexArray, line: float) -> float:
     return float(np.abs(parts.sum()) ** 2 / (n * (np.abs(parts) ** 2).sum()))
 
 
-def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArray) -> FloatArray:
+def without_lines(
+    samples: FloatArray,
+    rate_hz: float,
+    frequencies_hz: FloatArray,
+    measured: NDArray[np.bool_] | None = None,
+) -> FloatArray:
     """Samples without the sines of some frequencies, by joint least squares of all of them.
+
+    Instants that are not ``measured`` (N,), where it is given, do not count.
 
     Sine and cosine of a frequency may each grow linearly over the record: so little do amplitude
     and phase of a machine drift where all is in one line, and what a frequency misses is removed,
@@ -163,8 +170,10 @@ def without_lines(samples: FloatArray, rate_hz: float, frequencies_hz: FloatArra
         steady = np.concatenate([turns.real, turns.imag])
         return np.concatenate([steady, (2.0 * instants / n_samples - 1.0) * steady])
 
-    products = sum(waves(block) @ waves(block).T for block in blocks)
-    projections = sum(waves(block) @ left[:, block].T for block in blocks)
+    counts = np.ones(n_samples) if measured is None else measured
+    counted = [(block, waves(block) * counts[block]) for block in blocks]
+    products = sum(sines @ sines.T for _, sines in counted)
+    projections = sum(sines @ left[:, block].T for block, sines in counted)
     amplitudes = np.linalg.lstsq(products, projections)[0]
     return np.concatenate(
         [samples[:, block] - amplitudes.T @ waves(block) for block in blocks], axis=1
@@ -185,13 +194,13 @@ def stationary_part(
 ) -> Stationary:
     """The stationary part of samples (n, N), as the motion of a band shows it."""
     from scipy.fft import irfft, rfft
-    from scipy.ndimage import binary_propagation, distance_transform_edt, find_objects, label
+    from scipy.ndimage import binary_propagation, find_objects, label
 
     n = samples.shape[1]
     low, high = band_hz
     frequencies = np.fft.rfftfreq(n, 1.0 / rate_hz)
     passed = (frequencies > low) & (frequencies < high)
-    length = max(1, min(round(WINDOW_PERIODS * rate_hz / low), n // FEWEST_WINDOWS))
+    length = _window(n, rate_hz, low)
     n_windows = n // length
     powers = np.zeros(n_windows)
     for row in samples:
@@ -206,13 +215,24 @@ def stationary_part(
         return Stationary(varies=float(powers.max()))
     is_out = np.repeat(out, length)
     is_out = np.concatenate([is_out, np.full(n - len(is_out), out[-1])])
-    # Flanks of one window.
-    apart = (distance_transform_edt(~is_out) - 0.5).clip(0.0, length)
-    mask = np.sin(0.5 * np.pi * apart / length) ** 2
     spans = [
         (span.start / rate_hz, span.stop / rate_hz) for (span,) in find_objects(label(is_out)[0])
     ]
-    return Stationary(mask, tuple(spans), float(powers[~out].max()))
+    return Stationary(mask_around(is_out, rate_hz, low), tuple(spans), float(powers[~out].max()))
+
+
+def mask_around(is_out: NDArray[np.bool_], rate_hz: float, low_hz: float) -> FloatArray:
+    """Factors (N,) of samples, 0 where they are out, with flanks of one window."""
+    from scipy.ndimage import distance_transform_edt
+
+    length = _window(len(is_out), rate_hz, low_hz)
+    apart = (distance_transform_edt(~is_out) - 0.5).clip(0.0, length)
+    return np.asarray(np.sin(0.5 * np.pi * apart / length) ** 2)
+
+
+def _window(n: int, rate_hz: float, low_hz: float) -> int:
+    """Samples of a window, in which the motion may not be stationary."""
+    return max(1, min(round(WINDOW_PERIODS * rate_hz / low_hz), n // FEWEST_WINDOWS))
 
 
 def moving(samples: FloatArray) -> NDArray[np.bool_]:

@@ -1,23 +1,21 @@
 """Files of vibration records and of ground motion, in any format that the package reads."""
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
-from bayes_ssi.foundations.text_files import first_bytes
+from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes
 from bayes_ssi.foundations.universal_files import begins_universal, has_data_set
-from bayes_ssi.measurements.records.channels import (
-    Channels,
-    read_arrays_of_record,
-    read_columns_of_record,
-)
+from bayes_ssi.measurements.modes.mode_tables import holds_modes
+from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
 from bayes_ssi.measurements.records.instrument_files import (
+    SEISMIC,
     STRONG_MOTION,
     read_at2,
+    read_seismic,
     read_strong_motion,
     read_tdms,
     read_universal,
@@ -27,12 +25,11 @@ from bayes_ssi.measurements.records.record import (
     Record,
     checked_rate,
     checked_unit_of,
+    quantity_of,
     units_of,
 )
+from bayes_ssi.measurements.records.text_columns import read_columns_of_record
 from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
-
-# Columns of a file of modes.
-COLUMNS_OF_MODES = re.compile(rb"frequency[\s_(\[]+hz|label", re.IGNORECASE)
 
 
 @checked
@@ -47,9 +44,10 @@ def read_record(
 ) -> Record:
     """Read the record of one setup, from one file or several with channels of the same instants.
 
-    Formats are columns of text, and arrays in MATLAB, numpy or HDF5 files
-    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58), TDMS, and
-    strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
+    Formats are columns of text or of a workbook
+    (:mod:`bayes_ssi.measurements.records.text_columns`), arrays in MATLAB, numpy or HDF5 files
+    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58), TDMS,
+    MiniSEED, SAC and strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
     What the files do not state must be given; what both state must agree.
 
     Args:
@@ -59,7 +57,8 @@ def read_record(
             has all three, the one to be read, acceleration if none is given.
         unit: of all samples.
         sensors: names of the sensors, in place of the files' own.
-        keys: names of arrays, or groups of a TDMS file, to be read.
+        keys: names of arrays, ``data.acc`` where they are in structures, or of groups of a TDMS
+            file or the sheet of a workbook, to be read.
 
     Raises:
         OSError: a file cannot be read.
@@ -72,7 +71,7 @@ def read_record(
     parts = []
     for path in files:
         with _named(path):
-            parts.append(_read_file(path, keys, quantity))
+            parts.append(_read_file(path, keys, quantity, rate_hz))
     lengths = [part.samples.shape[1] for part in parts]
     for path, length in zip(files, lengths, strict=True):
         if length != lengths[0]:
@@ -87,6 +86,8 @@ def read_record(
     rates = (*([] if rate_hz is None else [rate_hz]), *channels.rates_hz)
     quantities = (*([quantity] if quantity else []), *channels.quantities)
     units = (*([unit] if unit else []), *channels.units)
+    if not quantities:  # a unit is that of one of them only
+        quantities = tuple(dict.fromkeys(filter(None, map(quantity_of, units))))
     with _named(whole):
         _require(rates, quantities, units, names, len(channels.samples))
         kind = _agreed(quantities, "quantity")
@@ -139,7 +140,7 @@ def read_ground_motion(
     """
     path = Path(path)
     with _named(path):
-        channels = _read_file(path, (), "acceleration")
+        channels = _read_file(path, (), "acceleration", 1.0 / dt if dt else None)
         if len(channels.samples) != 1:
             held = ", ".join(map(repr, channels.names)) or "without names"
             raise ValueError(
@@ -165,33 +166,37 @@ def read_ground_motion(
 def is_record(path: Path) -> bool:
     """Whether a file that exists holds a record rather than identified modes.
 
-    A file of text does where none of its first rows of names has a column ``frequency_hz``, in
-    any of its spellings.
+    A file of text does where none of its first lines names columns of modes.
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in ARRAY_FILES or suffix in (".tdms", *STRONG_MOTION):
+    if suffix in ARRAY_FILES or suffix in (".tdms", *SEISMIC, *STRONG_MOTION):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
-    return bool(head.strip()) and COLUMNS_OF_MODES.search(head[:4096]) is None
+    return bool(head.strip()) and not holds_modes(path)
 
 
-def _read_file(path: Path, keys: Sequence[str], quantity: str | None) -> Channels:
+def _read_file(
+    path: Path, keys: Sequence[str], quantity: str | None, rate_hz: float | None
+) -> Channels:
     """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
         return read_arrays_of_record(path, keys)
     if suffix == ".tdms":
         return read_tdms(path, keys)
-    if keys:
+    if keys and suffix not in WORKBOOKS:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    if suffix in SEISMIC:
+        return read_seismic(path)
     if suffix == ".at2":
         return read_at2(path)
     if suffix in STRONG_MOTION:
         return read_strong_motion(path, quantity or "acceleration")
-    universal = begins_universal(first_bytes(path))
-    return read_universal(path) if universal else read_columns_of_record(path)
+    if begins_universal(first_bytes(path)):
+        return read_universal(path)
+    return read_columns_of_record(path, rate_hz, keys)
 
 
 @contextmanager

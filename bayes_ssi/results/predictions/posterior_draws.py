@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
+from bayes_ssi.foundations.summaries import LEVEL
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -56,7 +57,7 @@ class Prediction(Displayed):
     draws: FloatArray
     share: float = 1.0
 
-    def band(self, level: float = 0.95) -> Band:
+    def band(self, level: float = LEVEL) -> Band:
         """The central interval that holds ``level`` of the draws, point by point.
 
         Raises:
@@ -77,7 +78,7 @@ class Prediction(Displayed):
         return f"{counted(len(self.draws), 'draw')} of shape {self.draws.shape[1:]}"
 
     def _rows(self) -> list[dict[str, Any]]:
-        bands = zip(*(part.ravel().tolist() for part in self.band(0.9)), strict=True)
+        bands = zip(*(part.ravel().tolist() for part in self.band()), strict=True)
         return [dict(zip(("5 %", "median", "95 %"), band, strict=True)) for band in bands]
 
 

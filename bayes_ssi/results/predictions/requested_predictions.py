@@ -17,6 +17,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.packages import versions
+from bayes_ssi.foundations.summaries import LEVEL
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import (
     ARRAY_SIZE,
@@ -76,7 +77,7 @@ class ResponseRequest:
     frequencies_hz: FloatArray | None = None
     force_at: str | None = None
     motions: tuple[GroundMotion, ...] = ()
-    level: float = 0.95
+    level: float = LEVEL
 
     def __post_init__(self) -> None:
         if self.frequencies_hz is not None:

@@ -312,6 +312,13 @@ class AssembledStructure(PointwiseStructure):
         """See :meth:`Structure.place_shapes`; by a full solution."""
         return self.motions(places) @ self.full_modes(values[0]).vectors
 
+    def place_masses(self, places: Sequence[Place]) -> FloatArray:
+        """See :meth:`Structure.place_masses`; where mass couples places, those of lumped ones."""
+        (coefficients,) = self.system.coefficients(self.prior_medians())
+        motions, mass = self.motions(places), self.system.mass.at(coefficients.mass)
+        inertia = (motions @ mass).multiply(motions).sum(axis=1)
+        return np.asarray(inertia / motions.power(2).sum(axis=1) ** 2)
+
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """By a full solution, at all degrees of freedom where these have labels."""
         modes, n = self.full_modes(values), self.n_modes

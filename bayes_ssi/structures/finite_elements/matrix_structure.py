@@ -14,7 +14,6 @@ from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
-from bayes_ssi.structures.finite_elements.sparse_modes import DENSE_UP_TO
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import (
@@ -310,9 +309,13 @@ class MatrixStructure(AssembledStructure):
         """The same model in a reduced basis: thousands of times faster, with a certified error."""
         return ReducedStructure(self)
 
+    @cached_property
+    def for_many_hypotheses(self) -> Structure:
+        return self.reduced() if self.size > BATCHED_UP_TO else self
+
     @property
     def performance_hint(self) -> str:
-        if self.size <= DENSE_UP_TO:
+        if self.size <= BATCHED_UP_TO:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "

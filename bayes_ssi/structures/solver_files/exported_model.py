@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import listed_choices
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures.finite_elements.model_arguments import checked_matrix
 from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS, direction_of
@@ -122,6 +123,7 @@ class ExportedModel:
             its displacement the sum of the factors times those of the labels.
         units: of all numbers: "as exported", or "N, m, kg".
         notes: what was done and met: restrained and empty rows, constraints, and the total mass.
+        digits: significant digits to which the files state the stiffness.
     """
 
     program: str
@@ -132,6 +134,7 @@ class ExportedModel:
     dependent: Mapping[str, Mapping[str, float]]
     units: str
     notes: tuple[str, ...]
+    digits: int = 16
 
     @property
     def size(self) -> int:
@@ -239,7 +242,15 @@ def exported_model(
         dependent,
         "as exported",
         tuple(notes),
+        significant_digits(stiffness.data),
     )
+
+
+def significant_digits(numbers: FloatArray) -> int:
+    """The largest number of significant digits that numbers, a thousand at most, are stated to."""
+    some = numbers[:: max(1, len(numbers) // 1000)]
+    mantissas = (repr(abs(number)).partition("e")[0] for number in some.tolist())
+    return max((len(text.replace(".", "").strip("0")) for text in mantissas), default=16)
 
 
 def _checked(given: sp.csc_array, name: str, what: str) -> sp.csc_array:

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from bayes_ssi.foundations.argument_types import checked, require_one_of
 from bayes_ssi.foundations.text_files import first_bytes
+from bayes_ssi.structures.response import UNITS
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import (
     read_abaqus,
     read_calculix,
@@ -89,6 +90,7 @@ def read_model(
     labels: Sequence[str] | str | Path | None = None,
     units: str | None = None,
     mass_kg: float | None = None,
+    numbered: bool = False,
 ) -> ExportedModel:
     """Stiffness and mass of a finite-element model, as its program exported them.
 
@@ -106,6 +108,8 @@ def read_model(
             numbers as exported.
         mass_kg: the structure's mass as it is known, to within a factor of 2: other units are
             refused.
+        numbered: rows that neither files nor caller label are ``dof 1``, ``dof 2``, …, as the files
+            count them.
 
     Returns:
         The model; :class:`MatrixStructure` takes its ``stiffness``, ``mass``, ``labels`` and
@@ -127,7 +131,12 @@ def read_model(
         source.refuse_keys()
     if isinstance(labels, str | Path):
         labels = read_labels(Path(labels))
-    model = exported_model(known.program, known.read(source), labels)
+    matrices = known.read(source)
+    if numbered and labels is None and matrices.labels is None:
+        if units is not None and _system(units)[1] != 1.0:
+            raise ValueError(f"units {units!r}: numbers do not say which rows are rotations")
+        labels = [f"dof {i}" for i in range(1, matrices.pair[0].shape[0] + 1)]
+    model = exported_model(known.program, matrices, labels)
     if mass_kg is not None:
         require_mass(model, mass_kg, units)
     if units is not None:
@@ -210,7 +219,15 @@ def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> Non
     if units in fitting:
         return
     which = "" if units is None else f", in {units} {largest * _in_kg(units):.4g} kg"
-    fit = " or ".join(map(repr, fitting)) or "none: is the density in other units than the rest?"
+    divided = {
+        name: largest * _in_kg(name) * SYSTEMS[name][1] / UNITS["g"] / mass_kg for name in SYSTEMS
+    }
+    weights = [name for name, share in divided.items() if 0.5 < share < 2.0]
+    fit = " or ".join(map(repr, fitting)) or "none" + (
+        f"; divided by g it fits {' or '.join(map(repr, weights))}: are the masses weights?"
+        if weights
+        else ": is the density in other units than the rest?"
+    )
     raise ValueError(
         f"mass_kg {mass_kg:g}: the model's mass is {largest:.4g} in its own units{which}; units "
         f"that fit: {fit}"

@@ -32,6 +32,7 @@ from bayes_ssi.structures.solver_files.exported_model import ExportedModel
 # Largest error of a prediction, relative to √(K_ii K_jj): what nine printed digits allow.
 TOLERANCE = 1e-8
 ROUNDING = 1e-3 * TOLERANCE  # parts of a matrix below it are rounding of printed digits
+FEWEST_DIGITS = 8  # to which programs print matrices that are differenced
 # Of properties: modulus, area and density enter by 1, bending of plates and the depth of
 # sections by 3, their second moments by 4 in the diameter, flexibilities by -1.
 EXPONENTS = (1, 3, 2, 4, -1)
@@ -210,6 +211,9 @@ class _Changes:
     nominal: sp.csc_array
     scale: sp.dia_array  # the diagonal that makes entries (i, j) relative to √(K_ii K_jj)
     differences: Mapping[AlteredModel, sp.csc_array]
+    # Relative parts of a matrix of all entries below which it is rounding of printed digits: those
+    # of a difference of two exports, over that of the factors.
+    rounding: float
 
     @classmethod
     def of(cls, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> "_Changes":
@@ -217,7 +221,11 @@ class _Changes:
         diagonal = np.sqrt(abs(nominal.diagonal()))
         diagonal[diagonal == 0.0] = diagonal.max()
         differences = {export: _difference(model, export, which) for export in exports}
-        return cls(which, nominal, sp.diags_array(1.0 / diagonal), differences)
+        smallest = min(abs(f - 1.0) for export in exports for f in export.factors.values())
+        # Numbers of fewer digits are round ones, rather than rounded.
+        last_digit = 10.0 ** (1 - model.digits) if model.digits >= FEWEST_DIGITS else 0.0
+        rounding = max(ROUNDING, 2.0 * last_digit / smallest)
+        return cls(which, nominal, sp.diags_array(1.0 / diagonal), differences, rounding)
 
     def error(self, difference: sp.csc_array) -> float:
         return float(abs(self.scale @ difference @ self.scale).max())
@@ -298,6 +306,6 @@ class _Changes:
             relative = abs(self.scale @ matrix @ self.scale)
             kept_entries = sp.csc_array(matrix.multiply(relative > ROUNDING))
             kept_entries.eliminate_zeros()
-            if kept_entries.nnz:
+            if kept_entries.nnz and self.error(matrix) > self.rounding:
                 terms.append(MatrixTerm(kept_entries, powers))
         return tuple(terms)

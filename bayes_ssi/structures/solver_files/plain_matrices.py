@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 from bayes_ssi.structures.finite_elements.model_arguments import matrix_keys, read_matrix
-from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
+from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, significant_digits
 from bayes_ssi.structures.solver_files.solver_text import from_triangle, read_number_lines
 
 # Under this key, a file of several arrays may hold the labels of all rows.
@@ -115,8 +115,7 @@ def _printed(path: Path) -> tuple[sp.csc_array, int]:
     rows = read_number_lines(path, f"{size} numbers, as in the first row", width=size)
     if len(rows) != size:
         raise ValueError(f"{path}: {len(rows)} rows of {size} numbers: truncated?")
-    mantissas = (repr(entry).partition("e")[0] for entry in np.unique(np.abs(rows)).tolist())
-    digits = max(len(mantissa.replace(".", "").strip("0")) for mantissa in mantissas)
+    digits = significant_digits(np.unique(np.abs(rows)))
     return _rounded_alike(sp.csc_array(rows), digits), digits
 
 

@@ -21,7 +21,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.appendages.baselines import Baselines, tests_with_appendages
+from bayes_ssi.studies.appendages.baselines import Baselines
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_APART,
     LEAST_SHARE_OF_A_GROUP,
@@ -210,7 +210,7 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Mo
     name, model_class = hypothesis.key.baseline, hypothesis.model_class
     mean_values = hypothesis.screened.weights @ model_class.values(hypothesis.screened.z)
     means = dict(zip(model_class.parameter_names, mean_values, strict=True))
-    test = tests_with_appendages(baselines[name], baselines.present_in)[0]
+    test = baselines.tests(baselines[name])[0]
     structure, places = test.structure, baselines.features[name]
     at = np.array([[means[parameter.name] for parameter in structure.parameters]])
     moved = structure.place_shapes([end for place in places for end in place.candidate.ends], at)

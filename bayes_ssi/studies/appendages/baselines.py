@@ -2,21 +2,23 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.parameters.families import LogUniform
+from bayes_ssi.parameters.families import LogUniform, Uniform
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
+    HEAVIEST,
     LEAST_IN_BAND,
     AppendagePlace,
     Candidate,
@@ -26,6 +28,8 @@ from bayes_ssi.studies.appendages.candidates import (
     places_of,
     require_distinct,
     require_on_structure,
+    with_given_masses,
+    with_masses_in_model,
 )
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
@@ -78,20 +82,21 @@ def hypothesis(
     """The baseline with an appendage at each of ``places``, scored over all pairings."""
     options = search_settings or SearchSettings()
     tests = tests_with_appendages(baseline, present_in)
-    prior = _frequency_prior(baseline, tests, options)
+    prior = frequency_prior(baseline, tests, options)
     own_name = " + ".join(place.name for place in places)
     changed = baseline.with_any_pairing(name or own_name or Baselines.nothing)
     if not places:
         return changed
     mass = (scale or scale_of(baseline, present_in)).mass
     mass_prior = options.prior_of_mass_ratio(mass)
-    elements = [
-        place.element(
-            mass * Parameter(mass_name(place), mass_prior),
-            Parameter(frequency_name(place), prior, unit="Hz"),
-        )
-        for place in places
-    ]
+    elements = []
+    for place in places:
+        vibrating = mass * Parameter(mass_name(place), mass_prior)
+        element: Any = place.element(vibrating, Parameter(frequency_name(place), prior, unit="Hz"))
+        if (share := place.in_model) != 0.0:
+            inferred = Parameter(in_model_name(place), Uniform(0.0, 1.0))
+            element = replace(element, in_model=inferred if share is None else share)
+        elements.append(element)
 
     def carrying(structure: Structure, i: int) -> Structure:
         if baseline.configurations[i] not in tests:
@@ -138,7 +143,7 @@ def tests_with_places(
     return tuple(names) if 0 < len(names) < len(model_class.configurations) else None
 
 
-def _frequency_prior(
+def frequency_prior(
     baseline: ModelClass, tests: Sequence[Configuration], options: SearchSettings
 ) -> Prior:
     low = min(test.data.band_hz[0] for test in tests)
@@ -163,6 +168,17 @@ def mass_name(place: AppendagePlace) -> str:
 
 def frequency_name(place: AppendagePlace) -> str:
     return f"frequency, {place.name}"
+
+
+def in_model_name(place: AppendagePlace) -> str:
+    """Name of the parameter for the share of an appendage's mass that the model has already."""
+    return f"share in the model, {place.name}"
+
+
+def parameters_of(place: AppendagePlace) -> list[str]:
+    """Names of the parameters of an appendage."""
+    inferred = [in_model_name(place)] if place.in_model is None else []
+    return [mass_name(place), frequency_name(place), *inferred]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,15 +209,23 @@ class Baselines(Family[AppendagePlace]):
     def quantities(
         self, baseline: str, feature: AppendagePlace, column: Callable[[str], FloatArray]
     ) -> dict[str, FloatArray]:
-        """The vibrating mass in the structure's unit and over the mass scale, and the frequency."""
-        ratio = column(mass_name(feature))
+        """The vibrating mass in the structure's unit and over the mass scale, the frequency, and
+        the share of the mass that the model has already.
+        """
+        ratio, hz = column(mass_name(feature)), column(frequency_name(feature))
+        share = feature.in_model
+        in_model = column(in_model_name(feature)) if share is None else np.full(len(ratio), share)
         mass = self.scales[baseline].mass * ratio
-        return {"mass": mass, "mass_ratio": ratio, "frequency_hz": column(frequency_name(feature))}
+        return {"mass": mass, "mass_ratio": ratio, "frequency_hz": hz, "in_model": in_model}
 
     def places(self, baseline: str) -> Iterator[SinglePlace]:
         for place in self.features[baseline]:
             for end in place.candidate.ends:
                 yield from (single for single, _ in motion_of(end) if single != 0)
+
+    def tests(self, baseline: ModelClass) -> tuple[Configuration, ...]:
+        """The tests of a baseline that have appendages."""
+        return tests_with_appendages(baseline, self.present_in)
 
     @cached_property
     def scales(self) -> Mapping[str, MassScale]:
@@ -214,7 +238,7 @@ class Baselines(Family[AppendagePlace]):
         observed: dict[AppendagePlace, bool] = {}
         for each in self.classes:
             places = self.features[each.name]
-            for test in tests_with_appendages(each, self.present_in):
+            for test in self.tests(each):
                 seen = are_observed(test.structure, [p.candidate for p in places], test.data)
                 for place, one in zip(places, seen, strict=True):
                     observed[place] = observed.get(place, False) or bool(one)
@@ -243,6 +267,7 @@ def choose_baselines(
     """
     if candidates is not None:
         require_distinct(candidates)
+    options = options or SearchSettings()
     left_out: dict[str, str] = {}
     possible: list[ModelClass] = []
     chosen = study if names is None else study.only(names)
@@ -251,7 +276,7 @@ def choose_baselines(
     for each in chosen.model_classes:
         try:
             each.with_any_pairing(each.name)
-            _places(each, candidates, present_in)
+            _places(each, candidates, present_in, options)
             possible.append(each)
         except ValueError as error:
             if names is not None or len(study.model_classes) == 1:
@@ -285,8 +310,8 @@ def choose_baselines(
     ]
     return Baselines(
         chosen,
-        {each.name: _places(each, candidates, present_in) for each in classes},
-        options or SearchSettings(),
+        {each.name: _places(each, candidates, present_in, options) for each in classes},
+        options,
         None if present_in is None else tuple(present_in),
         tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else (),
         left_out,
@@ -295,20 +320,26 @@ def choose_baselines(
 
 
 def _places(
-    baseline: ModelClass, candidates: Sequence[Candidate] | None, present_in: Sequence[str] | None
+    baseline: ModelClass,
+    candidates: Sequence[Candidate] | None,
+    present_in: Sequence[str] | None,
+    options: SearchSettings,
 ) -> tuple[AppendagePlace, ...]:
     tests = tests_with_appendages(baseline, present_in)
-    scale_of(baseline, present_in)  # refuses masses that have none, before anything is sampled
+    scale = scale_of(baseline, present_in)  # refuses masses that have none, before any sampling
     if candidates is None:
         sensors = dict.fromkeys(name for test in tests for name in test.data.sensors)
         candidates = tests[0].structure.candidates(list(sensors))
+        candidates = with_given_masses(candidates, tests[0].structure)
     for test in tests:
         try:
             require_on_structure(candidates, test.structure)
         except ValueError as error:
             where = f"model class {baseline.name!r}"
             raise ValueError(f"{where}: {error}") from None
-    return places_of(located(each, tests[0].structure) for each in candidates)
+    places = places_of(located(each, tests[0].structure) for each in candidates)
+    heaviest = scale.mass * options.prior_of_mass_ratio(scale.mass).quantile(HEAVIEST)
+    return with_masses_in_model(places, tests[0].structure, heaviest)
 
 
 def _appendages_of(model_class: ModelClass) -> list[str]:

@@ -73,6 +73,9 @@ VISIBLE_SHARE = 0.05
 # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
 # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
 LEAST_PART = 0.01
+# A place has mass enough for an appendage to have been in it: no less than this share of the prior
+# of its mass. One that is heavier than the place is refused, as its mass matrix is.
+HEAVIEST = 0.9
 LEAST_IN_BAND = 0.01  # share of the prior of an appendage's frequency
 FREQUENCIES_APART = 1.1  # frequencies with nothing between them over this factor are two answers,
 LEAST_SHARE_OF_A_GROUP = 0.05  # if each has this share of the probability
@@ -248,6 +251,10 @@ class AppendagePlace(FeaturePlace, ABC):
     """One kind of appendage at one candidate."""
 
     candidate: Candidate
+    # Share of its mass that the model has there already: all of an element given as mass, none
+    # where there is less than an appendage may have, else inferred (None).
+    in_model: float | None = field(default=0.0, compare=False)
+    given_as: str = field(default="", compare=False)  # label of that element
 
     word: ClassVar[str]
 
@@ -271,6 +278,10 @@ class AppendagePlace(FeaturePlace, ABC):
     @property
     def direction(self) -> Point | None:
         return self.candidate.direction
+
+    @property
+    def _as_given(self) -> str:
+        return f", which is given as mass ({self.given_as!r})" if self.given_as else ""
 
     @property
     def label(self) -> str:
@@ -298,7 +309,7 @@ class PendulumPlace(AppendagePlace):
     def description(self) -> str:
         on = self.candidate.place
         where = f"on floor {on}" if isinstance(on, int) else f"at {self.candidate.name}"
-        return f"a pendulum {where}"
+        return f"a pendulum {where}{self._as_given}"
 
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
         return Pendulum(self.candidate.place, vibrating_mass, frequency, label=self.label)
@@ -318,8 +329,8 @@ class InfillPlace(AppendagePlace):
     def description(self) -> str:
         ends = self.candidate.ends
         if all(isinstance(end, int) and end != 0 for end in ends):
-            return f"an infill between floors {ends[0]} and {ends[1]}"
-        return f"an infill between {' and '.join(map(_in_words, ends))}"
+            return f"an infill between floors {ends[0]} and {ends[1]}{self._as_given}"
+        return f"an infill between {' and '.join(map(_in_words, ends))}{self._as_given}"
 
     def element(self, vibrating_mass: Value, frequency: Value) -> Element:
         low, high = self.candidate.ends
@@ -341,3 +352,36 @@ def places_of(candidates: Iterable[Candidate]) -> tuple[AppendagePlace, ...]:
     """Every appendage that can be put on the candidates, kind by kind."""
     candidates = tuple(candidates)
     return tuple(kind(each) for kind in KINDS for each in candidates if kind.fits(each))
+
+
+def with_given_masses(
+    candidates: Sequence[Candidate], structure: Structure
+) -> tuple[Candidate, ...]:
+    """The candidates, and the elements given as mass that stand where none of them is."""
+    known = {frozenset(each.ends) for each in candidates}
+    added = []
+    for element in structure.given_as_mass:
+        ends = [place for place, _ in element.shares]
+        if len(ends) <= 2 and frozenset(ends) not in known:
+            known.add(frozenset(ends))
+            to = ends[1] if len(ends) == 2 else None
+            added.append(Candidate("-".join(map(place_name, ends)), ends[0], to=to))
+    return (*candidates, *added)
+
+
+def with_masses_in_model(
+    places: Sequence[AppendagePlace], structure: Structure, heaviest: float
+) -> tuple[AppendagePlace, ...]:
+    """Which of them may be in the structure's mass already, for ``heaviest`` that may vibrate."""
+    given = {frozenset(p for p, _ in each.shares): each for each in structure.given_as_mass}
+    ends = [[end for end in place.candidate.ends if end != 0] for place in places]
+    masses = iter(structure.place_masses([end for own in ends for end in own]).tolist())
+    known = []
+    for place, own in zip(places, ends, strict=True):
+        n = len(place.candidate.ends)
+        least = min(n * next(masses) for _ in own)
+        element = given.get(frozenset(place.candidate.ends))
+        if element is not None:
+            place = replace(place, in_model=1.0, given_as=element.stands_for)
+        known.append(place if element or least < heaviest else replace(place, in_model=None))
+    return tuple(known)

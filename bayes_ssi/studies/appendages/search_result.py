@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.studies.appendages.baselines import MassScale, frequency_name, hypothesis, mass_name
+from bayes_ssi.studies.appendages.baselines import MassScale, hypothesis, parameters_of
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.ranking.comparison import VERY_STRONG
 from bayes_ssi.studies.ranking.study import Study
@@ -113,7 +113,7 @@ class SearchRecord(FamilyRecord):
 
     def parameters_of_features(self, name: str) -> list[str]:
         places: list[Any] = [each.place for each in self.hypothesis(name).features]
-        return [named(place) for place in places for named in (mass_name, frequency_name)]
+        return [name for place in places for name in parameters_of(place)]
 
     def model_class(self, study: Study, name: str) -> ModelClass:
         row = self.hypothesis(name)

@@ -1,43 +1,180 @@
-"""Whether a mode looks as if an appendage that no class models had split it: a check of rankings.
+"""What an appendage that no class models would do to the answer: checks of rankings.
 
 A resonant appendage makes two modes of one. Evidence ranks the classes that are there: one that
 takes either of the two for the mode, and the other for spurious, fits perfectly with stiffnesses
 that are wrong. So the most probable class is compared with itself plus an appendage, by the quick
 screening of a search.
+
+If the other mode was not identified, nothing in the table is spurious. Then only a prior says how
+probable an appendage is; what the parameters would be with one near a mode, the data say. That is
+said of the modes near which a parameter would leave its own interval.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
+from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.appendages.candidates import FREQUENCIES_NEAR, MOST_PLACES_FOR_A_WARNING
+from bayes_ssi.parameters.families import LogUniform
+from bayes_ssi.studies.appendages.baselines import (
+    Baselines,
+    choose_baselines,
+    frequency_prior,
+)
+from bayes_ssi.studies.appendages.candidates import (
+    FREQUENCIES_NEAR,
+    MOST_PLACES_FOR_A_WARNING,
+    AppendagePlace,
+)
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
-from bayes_ssi.studies.ranking.comparison import Check
+from bayes_ssi.studies.ranking.comparison import Check, probability_text
 from bayes_ssi.studies.ranking.study import Ranking, Study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen_all
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened, ToScreen, screen_all
+from bayes_ssi.studies.search.family import prior_draws
 
 ASK = "; ask with a search for appendages"
+NEAR_A_MODE = 1.15  # an appendage splits a mode within this factor of its own frequency
+PLACES_NEAR_A_MODE = 3  # those that move most in it, which stand for all
+MOST_SHOWN = 3  # parameters that a hidden appendage would change
 
 
-def missing_appendage(ranking: Ranking, run: Run) -> Iterator[Check]:
+def appendage_checks(ranking: Ranking, run: Run) -> Iterator[Check]:
     """Why the answer may be that of an analyst who misses an appendage, if it may."""
     if words := unmodelled_appendage(ranking, run):
         yield Check("appendage", words)
+    elif hidden := hidden_appendages(ranking, run):
+        yield Check("hidden", " ".join(map(str, hidden)), fails=False)
+
+
+class Hidden(NamedTuple):
+    """An appendage near an identified mode, whose other mode was not identified."""
+
+    label: str  # of the mode
+    log_odds: float  # against no appendage near any mode, with the usual priors
+    probability: float
+    # Parameter → its median in the answer, and 5, 50 and 95 % quantiles with the appendage, of
+    # those that would leave their own 90 % intervals, the largest change first.
+    changed: Mapping[str, tuple[float, Quantiles]]
+
+    def __str__(self) -> str:
+        shown = "; ".join(
+            f"{name} = {middle:.3g} ({low:.3g} to {high:.3g}) in place of {before:.3g}"
+            for name, (before, (low, middle, high)) in list(self.changed.items())[:MOST_SHOWN]
+        )
+        return (
+            f"If an appendage that no mode of the table shows vibrates near mode {self.label!r}: "
+            f"{shown} (probability {probability_text(self.probability)} with the usual priors)."
+        )
+
+
+def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
+    """Those that would change the best class's parameters, the largest change first."""
+    name = ranking.comparison.best.name
+    best = next(each for each in ranking.study.model_classes if each.name == name)
+    posterior = next(each for each in ranking.posteriors if each.name == name)
+    try:
+        baselines = choose_baselines(Study(name, [best]))
+        prior = frequency_prior(best, baselines.tests(best), baselines.options)
+    except ValueError:  # nothing can be hung on it
+        return []
+    if not is_cheap(best):
+        return []
+    alone, carrier = _alone(baselines, best, ranking.seed, run)
+    bounds: dict[str, list[float]] = {}
+    for test in baselines.tests(best):
+        for mode in test.data.modes:
+            bounds.setdefault(mode.label, []).append(mode.frequency_hz)
+    found = []
+    for label, places in _places_near(baselines, best, posterior).items():
+        low, high = min(bounds[label]) / NEAR_A_MODE, max(bounds[label]) * NEAR_A_MODE
+        low, high = max(low, prior.support[0]), min(high, prior.support[1])
+        near = replace(
+            baselines, options=replace(baselines.options, frequency=LogUniform(low, high))
+        )
+        classes = [near.hypothesis(carrier, (place,), f"{place.name}, {label}") for place in places]
+        tried = [ToScreen(each, alone) for each in classes]
+        screened = screen_all(tried, ranking.seed, run, EFFORTS.quick)
+        heights = np.array([each.log_evidence for each in screened])
+        share = prior.probability_below(high) - prior.probability_below(low)
+        log_odds = float(logsumexp(heights)) - math.log(len(heights) / share) - alone.log_evidence
+        changed = dict(_changed(posterior, best, classes, screened, softmax(heights)))
+        found.append(Hidden(label, log_odds, 0.0, changed))
+    total = float(logsumexp([0.0, *(each.log_odds for each in found)]))
+    said = [each._replace(probability=math.exp(each.log_odds - total)) for each in found]
+    return sorted((each for each in said if each.changed), key=lambda each: -_largest(each))
+
+
+def _largest(hidden: Hidden) -> float:
+    return max(abs(after[1] / before - 1.0) for before, after in hidden.changed.values())
+
+
+def _changed(
+    posterior: Posterior,
+    best: ModelClass,
+    classes: Sequence[ModelClass],
+    screened: Sequence[Screened],
+    shares: Any,
+) -> list[tuple[str, tuple[float, Quantiles]]]:
+    """The parameters of the structure whose medians would leave their own 90 % intervals."""
+    weights = np.concatenate([s * each.weights for s, each in zip(shares, screened, strict=True)])
+    values = [made.values(each.z) for made, each in zip(classes, screened, strict=True)]
+    own = {parameter.name for parameter in best.structural_parameters}
+    changed = []
+    for row in posterior.summary:
+        if row.name in own:
+            columns = [made.parameter_names.index(row.name) for made in classes]
+            draws = np.concatenate([v[:, i] for v, i in zip(values, columns, strict=True)])
+            after = weighted_quantiles(draws, weights)
+            if not row.quantile_05 <= after[1] <= row.quantile_95:
+                changed.append((row.name, (row.median, after)))
+    return sorted(changed, key=lambda one: -abs(one[1][1][1] / one[1][0] - 1.0))
+
+
+def _places_near(
+    baselines: Baselines, best: ModelClass, posterior: Posterior
+) -> dict[str, list[AppendagePlace]]:
+    """Label of an explained mode → the places that move most in it, the given masses first."""
+    places = baselines.features[best.name]
+    ends = [end for place in places for end in place.candidate.ends]
+    first = np.cumsum([0, *(len(place.candidate.ends) for place in places)])[:-1]
+    near: dict[str, list[AppendagePlace]] = {}
+    medians = {row.name: row.median for row in posterior.summary}
+    for test in baselines.tests(best):
+        values = np.array([[medians[p.name] for p in test.structure.parameters]])
+        moved = test.structure.place_shapes(ends, values)
+        if moved is None:
+            continue
+        (modes,) = (each for each in posterior.configurations if each.name == test.name)
+        for label, number in modes.pairing.items():
+            motions = np.abs(np.add.reduceat(moved[:, number - 1], first))
+            motions /= [len(place.candidate.ends) for place in places]
+            order = sorted(range(len(places)), key=lambda i: -motions[i])
+            near.setdefault(label, [places[i] for i in order[:PLACES_NEAR_A_MODE]])
+    return near
+
+
+def _alone(
+    baselines: Baselines, best: ModelClass, seed: int, run: Run
+) -> tuple[Screened, ModelClass]:
+    """The class without an appendage, screened, and what appendages are hung on."""
+    carrier = baselines.projected(best.name, prior_draws)
+    none = ToScreen(baselines.hypothesis(carrier, (), best.name), None)
+    (alone,) = screen_all([none], seed, run, EFFORTS.quick)
+    return alone, baselines.projected(best.name, alone.wide_draws)
 
 
 def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
+    """Why a mode that the best class takes for spurious looks like one of a pair."""
     study = ranking.study
-    if any(
-        test.structure.appendages for each in study.model_classes for test in each.configurations
-    ):
-        return ""
     best = next(each for each in study.model_classes if each.name == ranking.comparison.best.name)
     posterior = next(each for each in ranking.posteriors if each.name == best.name)
     spurious = [
@@ -48,25 +185,25 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
         return ""
     pairs = [pair for data, name, labels in spurious for pair in _split(data, name, labels)]
     looks = (
-        f"modes {'; modes '.join(pairs)} look like one mode that an appendage splits"
+        f"modes {'; modes '.join(pairs)} look like one that an appendage splits, which "
+        f"{best.name!r} lacks"
         if pairs
         else ""
     )
     try:
         baselines = choose_baselines(Study(study.name, [best]))
     except ValueError:  # nothing can be hung on it
-        return looks and f"{looks}, and no class models one"
+        return looks
     if not is_cheap(best) or len(baselines.features[best.name]) > MOST_PLACES_FOR_A_WARNING:
-        return looks and f"{looks}, and no class models one{ASK}"
+        return looks and f"{looks}{ASK}"
     nats, where = _screened(baselines, best, ranking.seed, run)
     if nats <= 0.0:
         return ""
     left = ", ".join(label_in(name, repr(one)) for _, name, labels in spurious for one in labels)
     looks = looks or f"{best.name!r} takes {left} for spurious"
     return (
-        f"{looks}, and no class models one: with an appendage, most probably {where}, the data "
-        f"are {_times(nats)} as probable as by {best.name!r} alone, whose parameters then stand "
-        f"for what it lacks{ASK}"
+        f"{looks}: with an appendage, most probably {where}, the data are {_times(nats)} as "
+        f"probable as by {best.name!r} alone, whose parameters then stand for what it lacks{ASK}"
     )
 
 
@@ -90,9 +227,9 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
 def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tuple[float, str]:
     """Nats by which one appendage anywhere is more probable than none, and the best place."""
     places = baselines.features[best.name]
-    none = ToScreen(baselines.hypothesis(best, (), best.name), None)
-    alone = screen_all([none], seed, run, EFFORTS.quick)[0]
-    ones = [ToScreen(baselines.hypothesis(best, (place,), place.name), alone) for place in places]
+    alone, carrier = _alone(baselines, best, seed, run)
+    classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
+    ones = [ToScreen(made, alone) for made in classes]
     evidences = np.array([each.log_evidence for each in screen_all(ones, seed, run, EFFORTS.quick)])
     nats = float(logsumexp(evidences)) - math.log(len(places)) - alone.log_evidence
     return nats, places[int(evidences.argmax())].description

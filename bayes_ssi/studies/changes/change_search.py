@@ -1,12 +1,13 @@
 """What changed between two tests of a structure: probability, place and size.
 
 Hypotheses are built on the classes of a study: nothing changed; one place lost a share of its
-stiffness; then one more, as long as the evidence grows. Tests of one structure share the errors of
+stiffness; a mass or an appendage came or went; something else changed every frequency; then one
+more, as long as the evidence grows. Tests of one structure share the errors of
 its model, since it is wrong in the same way before and after.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +19,13 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.changes.changes_family import (
     SHARED,
-    ChangePlace,
     Changes,
     ChangeSettings,
     choose_changes,
+    frequencies_moved_alike,
+    frequencies_of_both,
 )
+from bayes_ssi.studies.changes.kinds_of_change import ElementPlace, KindOfChange
 from bayes_ssi.studies.changes.visible_loss import SHOWN, visibilities
 from bayes_ssi.studies.ranking.comparison import BARE_MENTION
 from bayes_ssi.studies.ranking.study import Study
@@ -30,6 +33,7 @@ from bayes_ssi.studies.search.family import FeaturePlace
 from bayes_ssi.studies.search.family_search import FamilySearch
 from bayes_ssi.studies.search.findings import (
     FamilyRecord,
+    Finding,
     HypothesisRecord,
     feature_draws,
     findings,
@@ -43,7 +47,7 @@ class ChangeRecord(FamilyRecord):
     feature, a_feature = "change", "a change"
     nothing = "nothing changed"
     why_unseen = "whose parameters move no mode that is compared"
-    at_least_one, plural, amount = "a change", "s", ("loss", "share lost (%)")
+    at_least_one, plural, amount = "a change", "s", ("quantity", "lost or added (%)")
 
     before: tuple[str, ...]  # names of the tests
     after: tuple[str, ...]
@@ -51,6 +55,24 @@ class ChangeRecord(FamilyRecord):
     # Share of the prediction errors that the tests have in common, averaged over all hypotheses;
     # None where it is not inferred.
     shared: Quantiles | None
+    mass_scale: str  # what masses are a share of; empty where none was considered
+    # Label of a mode of both sides → the share by which its frequency rose.
+    risen: Mapping[str, float]
+    moved_alike: bool  # whether a loss in common was considered because all of them rose or fell
+
+    @property
+    def kinds(self) -> dict[str, float]:
+        """Kind of change → the probability that there is one of it; common losses are none."""
+
+        def of(findings: Iterable[Finding]) -> dict[str, float]:
+            places = (each.place for each in findings if not each.place.is_common)
+            return {place.kind: 0.0 for place in places if isinstance(place, KindOfChange)}
+
+        kinds = of(self.places)
+        for row in self.hypotheses:
+            for kind in of(row.features):
+                kinds[kind] += row.probability
+        return kinds
 
     def claim(self, holds: bool) -> str:
         tests = f"between {listed(map(repr, self.before))} and {listed(map(repr, self.after))}"
@@ -67,7 +89,7 @@ class ChangeRecord(FamilyRecord):
 
 
 def change_findings(
-    family: Changes, found: FamilySearch[ChangePlace], seed: int, run: Run, visible: bool = True
+    family: Changes, found: FamilySearch[KindOfChange], seed: int, run: Run, visible: bool = True
 ) -> ChangeRecord:
     """What was found; ``visible`` whether to compute the smallest losses that would have shown."""
     record = change_record(family, found)
@@ -85,7 +107,7 @@ def change_findings(
     return replace(record, places=places, has_visible=True)
 
 
-def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRecord:
+def change_record(family: Changes, found: FamilySearch[KindOfChange]) -> ChangeRecord:
     """What was found, for a search in which none, some or all hypotheses were sampled."""
     shared = [
         (own.column(SHARED), found.probabilities[name] * own.weights)
@@ -99,7 +121,13 @@ def change_record(family: Changes, found: FamilySearch[ChangePlace]) -> ChangeRe
         replace(each, is_observed=each.place not in unseen, alike=alike.get(each.place, ()))
         for each in common["places"]
     )
+    places = [place for of_class in family.features.values() for place in of_class]
+    has_masses = any(isinstance(place, ElementPlace) for place in places)
+    sides = family.classes[0], family.before, family.after
     return ChangeRecord(
+        mass_scale=family.scales[family.classes[0].name].name if has_masses else "",
+        risen=frequencies_of_both(*sides),
+        moved_alike=frequencies_moved_alike(*sides),
         before=family.before,
         after=family.after,
         settings=family.options,
@@ -125,9 +153,9 @@ def _alike(rows: Sequence[HypothesisRecord]) -> dict[FeaturePlace, tuple[str, ..
     return alike
 
 
-def without_influence(family: Changes) -> set[ChangePlace]:
+def without_influence(family: Changes) -> set[KindOfChange]:
     """Places whose losses change nothing that is compared with the data, in any class."""
-    seen: set[ChangePlace] = set()
+    seen: set[KindOfChange] = set()
     every = {place for of_class in family.features.values() for place in of_class}
     for each in family.classes:
         (unchanged,) = each.log_likelihood_at(np.zeros((1, len(each.parameters))))

@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -15,17 +14,27 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     requirements,
 )
-from bayes_ssi.parameters.families import NearOne, TruncatedNormal, Uniform
+from bayes_ssi.parameters.families import LogUniform, NearOne, TruncatedNormal, Uniform
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.structure import Requirement, Structure
+from bayes_ssi.studies.appendages.baselines import MassScale, scale_of
+from bayes_ssi.studies.changes.kinds_of_change import (
+    COMMON_PLACE,
+    AppearedAppendage,
+    ChangePlace,
+    ElementPlace,
+    KindOfChange,
+    SomethingElse,
+    element_places,
+    places_of,
+)
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import (
     BASIS_DRAWS,
     Draws,
     Family,
-    FeaturePlace,
     Hypothesis,
     SearchLimits,
     compact,
@@ -33,8 +42,9 @@ from bayes_ssi.studies.search.family import (
 )
 
 SHARED = "shared error"
-# Names that no study uses as that of a place.
-COMMON_PLACE = "all in common"
+# Of a share in common where all frequencies moved alike and none was asked for; moisture and
+# temperature change stiffnesses by a few per cent.
+COMMON_SD = 0.05
 
 
 @dataclass(frozen=True)
@@ -47,6 +57,7 @@ class ChangeSettings(SearchLimits):
             temperature or moisture, which is no change of the structure; not considered if None.
         covariate: name of a test → what the common share is proportional to, such as degrees; then
             ``common_sd`` is that of the share at the test that differs most from those before.
+        losses_only: whether no mass, appendage or anything else that came or went is considered.
         shared: prior of the share of prediction errors that the tests have in common, where the
             class gives none; errors of different tests are independent if None.
         number_weights, branches, most_unsampled, most_sampled: how many changes, and how far the
@@ -61,6 +72,7 @@ class ChangeSettings(SearchLimits):
     loss: Prior = field(default_factory=lambda: Uniform(0.0, 1.0))
     common_sd: float | None = None
     covariate: Mapping[str, float] | None = None
+    losses_only: bool = False
     # Where nothing changed, each of many places has some hundredths: sampling one takes as long as
     # screening forty, and corrects its share by a tenth.
     most_unsampled: float = 0.1
@@ -83,63 +95,8 @@ class ChangeSettings(SearchLimits):
             raise ValueError("ChangeSettings: a covariate needs common_sd, which is not given")
 
 
-@dataclass(frozen=True)
-class ChangePlace(FeaturePlace):
-    """Parameters of a class of which a change at one place takes a share."""
-
-    name: str  # unique among the places
-    parameters: tuple[str, ...]
-    is_joined: bool = True  # whether all of them lose one share; else each loses one of its own
-    is_common: bool = False  # whether this is a common factor of all places, which is no change
-    height: float | None = None  # in storeys above the ground; None where it is not known
-
-    title = "change"  # drawn in its storey
-
-    @property
-    def description(self) -> str:
-        return "a loss in common" if self.is_common else f"a loss in {self.name}"
-
-    @property
-    def losses(self) -> dict[str, tuple[str, ...]]:
-        """Name of every loss → the parameters of which it takes a share."""
-        if self.is_common:
-            return {"common loss": self.parameters}
-        if self.is_joined:
-            return {f"loss, {self.name}": self.parameters}
-        return {f"loss, {name}": (name,) for name in self.parameters}
-
-
-def places_of(
-    parameters: Sequence[str],
-    joined: Mapping[str, Sequence[str]],
-    places: Mapping[str, Sequence[str]],
-    left_out: Sequence[str],
-    structure: Structure,
-    where: str,
-) -> tuple[ChangePlace, ...]:
-    """Those that are given, then every other parameter alone; ``where`` begins messages."""
-    groups = [(name, tuple(names), True) for name, names in joined.items()]
-    groups += [(name, tuple(names), False) for name, names in places.items()]
-    named = [*left_out, *(one for _, names, _ in groups for one in names)]
-    require_known(f"{where}: no parameter", named, parameters)
-    groups += [(name, (name,), True) for name in parameters if name not in named]
-    groups = [group for group in groups if group[1]]
-    for all_of, what in ((named, "parameter"), ([name for name, *_ in groups], "place")):
-        for name in all_of:
-            if all_of.count(name) > 1:
-                raise ValueError(f"{where}: {what} {name!r} is named twice")
-    if not groups:
-        raise ValueError(f"{where}: every parameter is left out; leave one in")
-    made = []
-    for name, names, is_joined in groups:
-        heights = [at for each in names if (at := structure.height_of(each)) is not None]
-        height = sum(heights) / len(heights) if heights else None
-        made.append(ChangePlace(name, names, is_joined, height=height))
-    return tuple(made)
-
-
 @dataclass(frozen=True, eq=False)
-class Changes(Family[ChangePlace]):
+class Changes(Family[KindOfChange]):
     """Classes of a study, and the places where their parameters may have changed."""
 
     nothing = "nothing changed"
@@ -154,16 +111,39 @@ class Changes(Family[ChangePlace]):
         return f"Changes from {', '.join(self.before)} to {', '.join(self.after)}"
 
     def hypothesis(
-        self, baseline: ModelClass, features: Sequence[ChangePlace], name: str
+        self, baseline: ModelClass, features: Sequence[KindOfChange], name: str
     ) -> ModelClass:
-        def changed(structure: Structure, i: int) -> Structure:
-            losses = tuple(self._losses(features, baseline.configurations[i]))
-            return ChangedStructure(structure, losses) if losses else structure
+        tests = tuple(self._changed(baseline, test, features) for test in baseline.configurations)
+        return replace(baseline, name=name, configurations=tests)
 
-        return replace(baseline.with_structures(changed), name=name)
+    def _changed(
+        self, baseline: ModelClass, test: Configuration, features: Sequence[KindOfChange]
+    ) -> Configuration:
+        """A test with what changed, and its pairing where an appendage has a mode of its own."""
+        structure, pairing, falls = test.structure, test.pairing, dict[int, Parameter]()
+        is_after = test.name in self.after
+        side = [each for each in baseline.configurations if (each.name in self.after) == is_after]
+        for each in features:
+            if isinstance(each, ElementPlace) and each.has_gone != is_after:
+                lowest = min(mode.frequency_hz for of in side for mode in of.data.modes)
+                highest = max(of.data.band_hz[1] for of in side)
+                hz = LogUniform(0.5 * lowest, highest)
+                for element in each.elements(self.scales[baseline.name].mass, hz):
+                    structure = structure.with_element(element)
+                if isinstance(each, AppearedAppendage) and pairing != "any":
+                    pairing = each.pairing_in(test, pairing, side)
+        for each in features:
+            if isinstance(each, SomethingElse) and is_after and pairing != "any":
+                falls = {pairing[label]: e for label, e in each.falls.items() if label in pairing}
+        losses = tuple(self._losses(features, test))
+        if losses or falls:
+            structure = ChangedStructure(structure, losses, falls)
+        return replace(test, structure=structure, pairing=pairing)
 
-    def _losses(self, features: Sequence[ChangePlace], test: Configuration) -> Iterator[Loss]:
+    def _losses(self, features: Sequence[KindOfChange], test: Configuration) -> Iterator[Loss]:
         for place in features:
+            if not isinstance(place, ChangePlace):
+                continue
             prior: Prior = self.options.loss
             amounts: Mapping[str, float] = dict.fromkeys(self.after, 1.0)
             if place.is_common:
@@ -174,14 +154,19 @@ class Changes(Family[ChangePlace]):
                 for loss, names in place.losses.items():
                     yield from (Loss(name, Parameter(loss, prior), amount) for name in names)
 
+    @cached_property
+    def scales(self) -> Mapping[str, MassScale]:
+        """Name of a baseline → the mass of which masses and appendages are shares."""
+        return {each.name: scale_of(each, self.after) for each in self.classes}
+
     def quantities(
         self,
         baseline: str,  # noqa: ARG002 - of all families
-        feature: ChangePlace,
+        feature: KindOfChange,
         column: Callable[[str], FloatArray],
     ) -> dict[str, FloatArray]:
-        """The shares of parameters that are lost."""
-        return {loss: column(loss) for loss in feature.losses}
+        """The shares that are lost of parameters, or added of the mass scale."""
+        return {name: column(name) for name in feature.amount_names}
 
     # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
 
@@ -220,13 +205,13 @@ class Changes(Family[ChangePlace]):
     def projected(self, baseline: str, draws: Draws) -> ModelClass:
         return _sharing_a_basis(self.reaching[baseline], self._with_losses(baseline, draws), None)
 
-    def accurate(self, best: Hypothesis[ChangePlace]) -> ModelClass:
+    def accurate(self, best: Hypothesis[KindOfChange]) -> ModelClass:
         chosen = self.reaching[best.key.baseline]
         z = best.screened.posterior_draws(best.model_class.parameter_names, BASIS_DRAWS)
         made = self.hypothesis(chosen, best.key.features, best.model_class.name)
         return _sharing_a_basis(chosen, [(made, z)], RefinementSettings())
 
-    def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[ChangePlace]) -> ModelClass:
+    def to_sample(self, accurate: ModelClass, hypothesis: Hypothesis[KindOfChange]) -> ModelClass:
         name = hypothesis.model_class.name
         made = self.hypothesis(accurate, hypothesis.key.features, name)
         # With its losses, which the baseline does not have.
@@ -251,8 +236,14 @@ def _sharing_a_basis(
         of_tests = requirements(made, made.values(z), settings or RefinementSettings())
         tests = zip(baseline.configurations, made.configurations, of_tests, strict=True)
         for own, test, required in tests:
+            at = required.values
             if isinstance(test.structure, ChangedStructure):
-                required = required._replace(values=test.structure.left(required.values))
+                at = test.structure.left(at)
+            # Elements come after what the structure has of its own.
+            required = required._replace(
+                values=at[:, : len(own.structure.parameters)],
+                n_modes=min(required.n_modes, own.structure.n_modes),
+            )
             needed.setdefault(id(own.structure), []).append(required)
     better: dict[int, Structure] = {}
     for structure in (test.structure for test in baseline.configurations):
@@ -290,6 +281,8 @@ def choose_changes(
     classes = [_of_tests(each, before, after, options) for each in study.model_classes]
     chosen = replace(study, model_classes=classes, stands_for={})
     chosen.require_same_data()
+    if options.common_sd is None and frequencies_moved_alike(classes[0], before, after):
+        options = replace(options, common_sd=COMMON_SD)
     features = {}
     for each in classes:
         changed = [test.structure for test in each.configurations if test.name in after]
@@ -300,8 +293,57 @@ def choose_changes(
         if options.common_sd is not None:
             of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
             found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)
-        features[each.name] = found
+        others = () if options.losses_only else _besides_losses(each, before, after)
+        features[each.name] = (*found, *others)
     return Changes(chosen, features, options, before, after, _amounts(options, before, after))
+
+
+def _besides_losses(
+    model_class: ModelClass, before: Sequence[str], after: Sequence[str]
+) -> Iterator[KindOfChange]:
+    """Masses and appendages that came or went, and something else."""
+    tests = {name: model_class.configuration(name) for name in (*before, *after)}
+    is_any = any(test.pairing == "any" for test in tests.values())
+    modes: dict[bool, Sequence[str]] = {}
+    for has_gone, own, others in ((False, after, before), (True, before, after)):
+        known = {label for name in others for label in tests[name].data.labels}
+        known |= {label for name in own for label in tests[name].pairing}
+        labels = dict.fromkeys(label for name in own for label in tests[name].data.labels)
+        modes[has_gone] = ("",) if is_any else [each for each in labels if each not in known]
+    sensors = dict.fromkeys(name for test in tests.values() for name in test.data.sensors)
+    yield from element_places(tests[after[0]].structure, list(sensors), modes)
+    if (moved := frequencies_of_both(model_class, before, after)) and not is_any:
+        yield SomethingElse(tuple(moved))
+
+
+def frequencies_of_both(
+    model_class: ModelClass, before: Sequence[str], after: Sequence[str]
+) -> dict[str, float]:
+    """Label of a mode that is paired on both sides → the share by which its frequency rose."""
+    of_sides: list[dict[str, list[float]]] = [{}, {}]
+    for side, names in zip(of_sides, (before, after), strict=True):
+        for test in map(model_class.configuration, names):
+            for mode in test.data.modes:
+                if mode.label in test.pairing:
+                    side.setdefault(mode.label, []).append(mode.frequency_hz)
+    first, second = of_sides
+    return {
+        label: float(np.mean(second[label]) / np.mean(hz)) - 1.0
+        for label, hz in first.items()
+        if label in second
+    }
+
+
+def frequencies_moved_alike(
+    model_class: ModelClass, before: Sequence[str], after: Sequence[str]
+) -> bool:
+    """Whether all frequencies of both sides rose or fell by a thousandth or more on average, each
+    within half of that.
+    """
+    moved = np.array(list(frequencies_of_both(model_class, before, after).values()))
+    mean = moved.mean() if len(moved) else 0.0
+    is_near = np.abs(moved - mean) < 0.5 * abs(mean)
+    return bool(len(moved) > 1 and abs(mean) > 1e-3 and is_near.all())
 
 
 def _amounts(

@@ -23,7 +23,8 @@ from bayes_ssi.inference.posterior_sampling.sample import seed_of
 from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.parameters import ProductTable, as_product
-from bayes_ssi.studies.changes.changes_family import ChangePlace, Changes
+from bayes_ssi.studies.changes.changes_family import Changes
+from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, KindOfChange
 from bayes_ssi.studies.search.approximate_evidence import each_in_workers
 from bayes_ssi.studies.search.family import Hypothesis
 
@@ -78,8 +79,8 @@ class Visibility(NamedTuple):
 
 
 def visibilities(
-    family: Changes, nothing: Hypothesis[ChangePlace], seed: int, run: Run
-) -> dict[ChangePlace, Visibility]:
+    family: Changes, nothing: Hypothesis[KindOfChange], seed: int, run: Run
+) -> dict[KindOfChange, Visibility]:
     """Place → how surely a loss of all its parameters would be shown.
 
     Args:
@@ -89,7 +90,8 @@ def visibilities(
     n = len(FIRST_LOSSES) + 2 * N_SIMULATED
     rng = np.random.default_rng(seed_of("posterior of nothing changed", seed))
     z = rng.permutation(screened.z[systematic_indices(screened.weights, n, rng)])
-    places = [each for each in family.features[baseline] if not each.is_common]
+    considered = family.features[baseline]
+    places = [e for e in considered if isinstance(e, ChangePlace) and not e.is_common]
     classes = [family.hypothesis(unchanged, (place,), place.name) for place in places]
     one, none = (family.prior_weight(baseline, number) for number in (1, 0))
     needed = math.log(ODDS_SHOWN * none / one)

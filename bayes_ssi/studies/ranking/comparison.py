@@ -65,8 +65,9 @@ def evidence_against(log_bayes_factor: float, error: float) -> str:
 class Check:
     """A failed check of an answer, or a remark on it."""
 
-    # What was checked: the "data", a missing "appendage", the "misfit" of the best class, the
-    # "sampling" of a class, an "edge" at which its posterior lies, or a "setting".
+    # What was checked: the "data", a missing "appendage", what a "hidden" one would change, the
+    # "misfit" of the best class, the "sampling" of a class, an "edge" at which its posterior lies,
+    # or a "setting".
     kind: str
     words: str  # a sentence
     fails: bool = True  # whether the answer is not to be trusted until this is understood
@@ -169,6 +170,11 @@ class Comparison(Displayed):
     def unmodelled_appendage(self) -> str:
         """Why the answer may be that of an analyst who misses an appendage; empty if it is not."""
         return next(iter(words_of(self.common_checks, "appendage")), "")
+
+    @property
+    def hidden_appendage(self) -> str:
+        """What one whose other mode was not identified would change; empty if nothing."""
+        return next((each.words for each in self.common_checks if each.kind == "hidden"), "")
 
     @property
     def misfit(self) -> str:

@@ -154,7 +154,8 @@ def screen_all(
     numbers = count(1)
 
     def done(_: int) -> None:
-        run.report("all hypotheses", "screening", next(numbers) / len(hypotheses))
+        share = next(numbers) / len(hypotheses)
+        run.report("all hypotheses", f"screening {len(hypotheses)}", share)
 
     return each_in_workers(partial(screen, seed=seed, effort=effort), hypotheses, run, done)
 

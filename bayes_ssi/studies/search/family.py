@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -214,6 +214,14 @@ class Family(ABC, Generic[Feature]):
     def full_name(self, key: Key[Feature]) -> str:
         name = self.name_of(key.features)
         return name if len(self.classes) == 1 else f"{key.baseline}: {name}"
+
+    def in_reduced_bases(self) -> Self:
+        """The same hypotheses, on structures that are quickly solved as often as they take."""
+        quick = [
+            each.with_structures(lambda structure, _: structure.for_many_hypotheses)
+            for each in self.classes
+        ]
+        return replace(self, study=replace(self.study, model_classes=quick))
 
     def prior_weight(self, baseline: str, number: int) -> float:
         """That of a hypothesis with a number of features."""

@@ -12,6 +12,7 @@ batches: a seventh of the time of a quick effort.
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
+from itertools import count
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -93,7 +94,12 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, L
         for start in range(0, len(group), most)
     ]
     together = [[hypotheses[i] for i in part] for part in parts]
-    looks = each_in_workers(partial(_look_together, seed=seed), together, run)
+    numbers, what = count(1), f"a look at {sum(map(len, parts))}"
+
+    def done(_: int) -> None:
+        run.report("all hypotheses", what, next(numbers) / len(parts))
+
+    looks = each_in_workers(partial(_look_together, seed=seed), together, run, done)
     return {
         i: look
         for part, of_part in zip(parts, looks, strict=True)

@@ -1,0 +1,245 @@
+"""Mode shapes that move: the scenes that a page's script draws, and the page.
+
+A scene is a record: nodes at rest, the lines and faces between them, and mode by mode how far
+every node moves, with the model's and the measured motion at the sensors. The largest displacement
+of the main structure is 1.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
+from bayes_ssi.inference.model_class.model_class import ModelClass
+from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
+from bayes_ssi.inference.posterior.posterior import Posterior
+from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots.space import numbered, outline
+from bayes_ssi.results.stored_result import FIGURES, AnyResult, StoredResult
+from bayes_ssi.structures.geometry import Drawing, Location, drawn_at, stick
+from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.ranking.study import Ranking
+
+Scene = dict[str, Any]
+SAVED = "moving_shapes.json"
+MOST_CLASSES = 8  # whose modes are kept, the most probable first
+MOST_NODES = 2500  # that a script can move smoothly; of more, some are left out
+FARTHEST_APPENDAGE = 3.0  # times as far as the main structure may an appendage be drawn
+
+
+@dataclass(frozen=True)
+class MovingShapes:
+    """Mode shapes that move, which notebooks show: model class → a scene for each test."""
+
+    scenes: Mapping[str, Sequence[Scene]] = field(repr=False)
+
+    def page(self) -> str:
+        """A whole page, which needs no other file."""
+        boxes = (f"<h2>{escape(name)}</h2>{box(scenes)}" for name, scenes in self.scenes.items())
+        return (
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+            f"<title>Mode shapes</title><style>{asset('css')}</style></head>\n"
+            f'<body class="shapes">{"".join(boxes)}'
+            f"<script>{asset('js')}</script></body></html>\n"
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to a file."""
+        Path(path).write_text(self.page(), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{escape(self.page())}" sandbox="allow-scripts" title="Mode shapes" '
+            'style="width: 100%; height: 38rem; border: 0"></iframe>'
+        )
+
+
+def asset(kind: str) -> str:
+    """The script ("js") or the style ("css") of moving shapes."""
+    return (files("bayes_ssi") / f"plots/moving_shapes.{kind}").read_text("utf-8")
+
+
+def box(scenes: Sequence[Scene]) -> str:
+    """The element of a page in which the script shows scenes."""
+    record = json.dumps(scenes, separators=(",", ":")).replace("</", "<\\/")
+    return f'<div class="moving"><script type="application/json">{record}</script></div>'
+
+
+def plot_moving_shapes(of: AnyResult | ModalData) -> MovingShapes:
+    """Mode shapes that turn and move: of the most probable model classes, or identified ones.
+
+    Model classes are at their most probable parameters, with the measured motion at the sensors.
+
+    Raises:
+        ValueError: the result was saved without figures.
+    """
+    if isinstance(of, ModalData):
+        return MovingShapes({of.source or "identified modes": [_data_scene(of)]})
+    if isinstance(of, Ranking):
+        by_name = {each.name: each for each in of.study.model_classes}
+        names = [row.name for row in of.comparison.classes[:MOST_CLASSES]]
+        return MovingShapes(
+            {name: list(class_scenes(by_name[name], of.posterior(name))) for name in names}
+        )
+    directory = of.directory if isinstance(of, StoredResult) else Path(of)
+    if saved := saved_scenes(directory):
+        return MovingShapes(saved)
+    raise ValueError(f"{directory}: has no {FIGURES}/{SAVED}; it was saved without figures")
+
+
+def saved_scenes(directory: Path) -> dict[str, list[Scene]]:
+    """Model class → scenes, of a result's directory; none where they were not saved."""
+    path = directory / FIGURES / SAVED
+    return dict(json.loads(path.read_text("utf-8"))) if path.is_file() else {}
+
+
+def save_scenes(ranking: Ranking, directory: Path) -> None:
+    """Write the scenes of the most probable classes to the directory of a result's figures."""
+    scenes = plot_moving_shapes(ranking).scenes
+    (directory / SAVED).write_text(json.dumps(scenes, separators=(",", ":")), encoding="utf-8")
+
+
+def class_scenes(model_class: ModelClass, posterior: Posterior) -> Iterator[Scene]:
+    """A scene for each configuration, at the most probable parameters."""
+    likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
+    for test, found in zip(model_class.configurations, posterior.configurations, strict=True):
+        values = np.array([likeliest[each.name] for each in test.structure.parameters])
+        yield {"name": found.name, **_class_scene(test.structure, test.data, found, values)}
+
+
+def _class_scene(
+    structure: Structure, data: ModalData, found: ConfigurationModes, values: FloatArray
+) -> Scene:
+    """Paired modes, and the measured motion alone of identified ones that are not."""
+    drawing = structure.drawing()
+    row = _motions(structure, found, values)
+    moves, motions = _moves(drawing, row, found.n_modes), structure.sensor_motions(data.sensors)
+    unknown = np.full(found.n_modes, np.nan)
+    seen = [sum(share * row.get(label, unknown) for label, share in m.items()) for m in motions]
+    at_sensors = np.array(seen).reshape(len(seen), found.n_modes)
+    main = [node not in structure.appendages for node in drawing[0].nodes]
+    updated = {mode.label: mode for mode in found.updated.modes}
+    modes = []
+    for mode, measured in zip(data.modes, data.unit_shapes.T, strict=True):
+        title, note = f"mode {mode.label}", f"measured {mode.frequency_hz:.4g} Hz"
+        if mode.label not in updated:
+            note += ", not explained by this model class"
+            still = np.zeros(moves.shape[:2])
+            modes.append(_mode(title, note, still, None, _largest_1(measured)))
+            continue
+        own, i = updated[mode.label], found.pairing[mode.label] - 1
+        lengths = np.linalg.norm(moves[:, :, i], axis=1)
+        largest = max(lengths[main].max(), lengths.max() / FARTHEST_APPENDAGE) or 1.0
+        model = at_sensors[:, i] / largest
+        note += f", model {own.after_hz[1]:.4g} Hz"
+        note += f", MAC {own.mac_after[1]:.4f}" if own.mac_after else ""
+        common = np.isfinite(model) & np.isfinite(measured)
+        square = measured[common] @ measured[common]
+        scale = model[common] @ measured[common] / square if square else 1.0
+        modes.append(_mode(title, note, moves[:, :, i] / largest, model, scale * measured))
+    return _scene(drawing, [structure.sensor_location(name) for name in data.sensors],
+                  data.sensors, modes)  # fmt: skip
+
+
+def _motions(
+    structure: Structure, found: ConfigurationModes, values: FloatArray
+) -> dict[str, FloatArray]:
+    """Degree of freedom → its components (n_modes,), from what costs one solution at most."""
+    if structure.geometry is not None:
+        labels, _, shapes = structure.labelled_modes(values)
+    elif structure.is_cheap:
+        labels, shapes = structure.degrees_of_freedom, structure.modes(values[None]).shapes[0]
+    else:  # posterior medians
+        labels = found.updated.places
+        shapes = np.zeros((len(labels), found.n_modes))
+        for mode in found.updated.modes:
+            shapes[:, found.pairing[mode.label] - 1] = mode.shape_after[1]
+    return dict(zip(labels, shapes, strict=True))
+
+
+def _data_scene(data: ModalData) -> Scene:
+    """Identified modes alone, sensors one above the other."""
+    drawing = stick(data.sensors)
+    places = [drawn_at(drawing, ((sensor, 1.0),)) for sensor in data.sensors]
+    modes = []
+    for mode, shape in zip(data.modes, data.unit_shapes.T, strict=True):
+        if mode.unit_shape is not None:
+            components = _largest_1(shape)
+            row = dict(zip(data.sensors, np.nan_to_num(components)[:, None], strict=True))
+            moves, note = _moves(drawing, row, 1)[:, :, 0], f"measured {mode.frequency_hz:.4g} Hz"
+            modes.append(_mode(f"mode {mode.label}", note, moves, None, components))
+    return {"name": "", **_scene(drawing, places, data.sensors, modes)}
+
+
+def _largest_1(components: FloatArray) -> FloatArray:
+    return components / (np.nanmax(np.abs(components), initial=0.0) or 1.0)
+
+
+def _moves(drawing: Drawing, row: Mapping[str, FloatArray], n_modes: int) -> FloatArray:
+    """Displacements (n_nodes, 3, n_modes) of the nodes of a drawing."""
+    geometry, motions = drawing
+    moves = np.zeros((len(geometry.nodes), 3, n_modes))
+    for i, node in enumerate(geometry.nodes):
+        for axis, motion in enumerate(motions.get(node, ())):
+            for label, share in motion:
+                moves[i, axis] += share * row.get(str(label), 0.0)
+    return moves
+
+
+def _mode(
+    title: str, note: str, moves: FloatArray, model: FloatArray | None, measured: FloatArray
+) -> Scene:
+    return {"title": title, "note": note, "moves": moves, "model": model, "measured": measured}
+
+
+def _scene(
+    drawing: Drawing, places: Sequence[Location | None], sensors: Sequence[str], modes: list[Scene]
+) -> Scene:
+    """In numbers between about -1 and 1, from the middle of the nodes."""
+    geometry = drawing[0]
+    nodes = np.array(list(geometry.nodes.values()))
+    lines, faces = numbered(geometry)
+    lines = np.concatenate([outline(nodes, faces), lines])
+    kept = np.arange(len(nodes))
+    if len(nodes) > MOST_NODES:
+        kept, faces = np.unique(lines) if len(lines) else kept, []
+        kept = kept[evenly_spaced_indices(len(kept), MOST_NODES)]
+    at = np.full(len(nodes), -1)
+    at[kept] = np.arange(len(kept))
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    middle, size = (low + high) / 2.0, float((high - low).max() / 2.0) or 1.0
+    known = {i: place for i, place in enumerate(places) if place and place.direction is not None}
+    return {
+        "nodes": _rounded((nodes[kept] - middle) / size),
+        "lines": at[lines][(at[lines] >= 0).all(axis=1)].tolist(),
+        "faces": [at[face].tolist() for face in faces],
+        "sensors": [
+            {"name": sensors[i], "at": _rounded((np.array(place.position) - middle) / size),
+             "along": _rounded(np.array(place.direction))}
+            for i, place in known.items()
+        ],
+        "modes": [
+            {
+                **mode,
+                "moves": _rounded(mode["moves"][kept]),
+                "model": None if mode["model"] is None else _known(mode["model"][list(known)]),
+                "measured": _known(mode["measured"][list(known)]),
+            }
+            for mode in modes
+        ],
+    }  # fmt: skip
+
+
+def _rounded(array: FloatArray) -> Any:
+    return (np.round(array, 4) + 0.0).tolist()
+
+
+def _known(components: FloatArray) -> list[float | None]:
+    """None where they are not known: JSON has no NaN."""
+    return [None if np.isnan(each) else each for each in _rounded(components)]
