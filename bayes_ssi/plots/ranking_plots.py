@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import SymmetricalLogLocator
 
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
@@ -175,6 +176,9 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     # Classes further behind than 30 nats would compress the scale for those that matter.
     if max(map(abs, ax.get_xlim())) > 30.0:
         ax.set_xscale("symlog", linthresh=1.0)
+        # Marks at decades alone may be far from every point.
+        subs = (1.0, 2.0, 5.0) if max(map(abs, ax.get_xlim())) < 200.0 else (1.0,)
+        ax.xaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=1.0, subs=subs))
         ax.xaxis.set_major_formatter("{x:g}")
         ax.margins(x=0.06)
     ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
@@ -189,8 +193,9 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     ranked = [by_name[row.name] for row in ranking.comparison.classes]
     best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
     tests = {test.name: test.data for test in best.configurations}
+    units = {parameter.name: parameter.unit for parameter in best.parameters if parameter.unit}
     figures = chain(
-        result_figures(tests, ranked, ranking.comparison, search),
+        result_figures(tests, ranked, ranking.comparison, search, units),
         figures_of_identified_shapes(best),
     )
     save_figures(directory, figures)
@@ -202,9 +207,10 @@ def result_figures(
     ranked: Sequence[Posterior],
     comparison: Comparison,
     search: FamilyRecord | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Iterator[NamedFigure]:
-    """The figures of a result, of its best classes."""
-    yield "corner", plot_corner(ranked[0])
+    """The figures of a result, of its best classes; ``units`` are those of the best one's."""
+    yield "corner", plot_corner(ranked[0], units=units)
     most = MOST_CLASSES
     for i, (configuration, modes) in enumerate(tests.items(), 1):
         name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"

@@ -227,14 +227,19 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
                 f"{where}Probabilities of pairings {of}",
                 plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
-    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior)
+    parameters = stored.record.model_class(posterior.name).parameters
+    units = {each.name: each.unit for each in parameters if each.unit}
+    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior, units=units)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
         first = stored.search and f"those of the {stored.search.feature}s, and "
         which = f"{first or ''}the best determined ones"
         note = f": {len(names)} parameters, {which}" if few else ""
-        yield f"Joint posterior densities {of}{note}", plot_corner(posterior, parameters=names)
+        yield (
+            f"Joint posterior densities {of}{note}",
+            plot_corner(posterior, parameters=names, units=units),
+        )
 
 
 def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:
