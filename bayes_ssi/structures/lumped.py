@@ -374,6 +374,11 @@ class ShearBuilding(LumpedStructure):
     Raises:
         ValueError: their numbers differ, or one of them can be zero or negative.
         TypeError: one of them is neither a number nor a Parameter.
+
+    >>> k = (2 * np.pi) ** 2
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame.modes(np.empty((1, 0))).frequencies_hz.round(3)
+    array([[0.618, 1.618]])
     """
 
     masses: tuple[Value, ...]

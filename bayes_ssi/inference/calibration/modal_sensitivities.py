@@ -77,6 +77,13 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have no
             parameter.
         ValueError: a prior median is zero.
+
+    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> found = bs.modal_sensitivities(bs.ModelClass("frame", frame, modes, pairing={"1": 1}))
+    >>> found.of_frequencies.round(3)
+    array([[0.5]])
     """
     problem = CalibrationProblem(model_class, model_class.error.shape_weight)
     values = problem.prior_medians

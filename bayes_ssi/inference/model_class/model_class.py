@@ -46,6 +46,12 @@ class ModelClass(Displayed):
         identification: detection and spurious modes, the same in all configurations.
         description: a sentence for reports.
         priors: name of a parameter → prior in place of its own.
+
+    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> bs.ModelClass("frame", frame, modes, pairing={"1": 1}).parameter_names
+    ('k', 'frequency_cov')
     """
 
     name: str
