@@ -1,7 +1,6 @@
 """How model classes compare: evidences, frequencies, changes with settings; a ranking's files."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from matplotlib.ticker import SymmetricalLogLocator
 
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.class_plots import plot_corner
@@ -34,7 +32,6 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
-from bayes_ssi.plots.shape_plots import has_errors_on, plot_identified_shapes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
@@ -194,11 +191,7 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
     tests = {test.name: test.data for test in best.configurations}
     units = {parameter.name: parameter.unit for parameter in best.parameters if parameter.unit}
-    figures = chain(
-        result_figures(tests, ranked, ranking.comparison, search, units),
-        figures_of_identified_shapes(best),
-    )
-    save_figures(directory, figures)
+    save_figures(directory, result_figures(tests, ranked, ranking.comparison, search, units))
     save_scenes(ranking, directory)
 
 
@@ -218,10 +211,3 @@ def result_figures(
     yield "evidence", plot_evidence(comparison, most=most)
     if search is not None:
         yield "places", plot_places(search)
-
-
-def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[NamedFigure]:
-    """Shapes with errors on the structure, one figure for each configuration that has both."""
-    for i, test in enumerate(model_class.configurations, 1):
-        if has_errors_on(test.structure, test.data):
-            yield f"{IDENTIFIED_SHAPES}_{i}", plot_identified_shapes(test.data, test.structure)
