@@ -176,11 +176,11 @@ def _mode(
 ) -> Scene:
     """Mode k of the data, in the scale of the model, or to a largest component of 1."""
     mode, measured = data.modes[k], data.unit_shapes[:, k]
-    scale = 1.0 / (np.nanmax(np.abs(measured), initial=0.0) or 1.0)
+    scale = 1.0 / (float(np.nanmax(np.abs(measured), initial=0.0)) or 1.0)
     if model is not None:
         common = np.isfinite(model) & np.isfinite(measured)
         square = measured[common] @ measured[common]
-        scale = model[common] @ measured[common] / square if square else 1.0
+        scale = float(model[common] @ measured[common] / square) if square else 1.0
     return {
         "title": f"mode {mode.label}",
         "note": f"measured {mode.frequency_hz:.4g} Hz{note}",
