@@ -37,9 +37,6 @@ from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.findings import FamilyRecord
 
-# The beginning of the names of the files of identified shapes, before a configuration's number.
-IDENTIFIED_SHAPES = "identified_shapes"
-
 
 def plot_evidence(
     comparison: Comparison, ax: Axes | None = None, *, most: int | None = None

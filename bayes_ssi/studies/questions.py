@@ -47,8 +47,7 @@ def rank(
         ValueError: the classes explain different data, a class's likelihood is zero everywhere,
             the model cannot be evaluated by the workers, or the checkpoint is of another run.
 
-    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
-    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
     >>> error = bs.ErrorModel(frequency_cov=0.01)
     >>> one = bs.ModelClass("first mode", frame, modes, error, pairing={"1": 1})

@@ -133,8 +133,7 @@ def calibrate(
         ValueError: the weight is negative, there is no start or there are too many, or no search
             converged.
 
-    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
-    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
     >>> found = bs.calibrate(bs.ModelClass("frame", frame, modes, pairing={"1": 1}))
     >>> round(found.best.values[0], 2)

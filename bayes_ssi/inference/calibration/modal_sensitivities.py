@@ -78,8 +78,7 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
             parameter.
         ValueError: a prior median is zero.
 
-    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
-    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
     >>> found = bs.modal_sensitivities(bs.ModelClass("frame", frame, modes, pairing={"1": 1}))
     >>> found.of_frequencies.round(3)

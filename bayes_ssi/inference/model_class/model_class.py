@@ -47,8 +47,7 @@ class ModelClass(Displayed):
         description: a sentence for reports.
         priors: name of a parameter → prior in place of its own.
 
-    >>> k = bs.Parameter("k", bs.LogNormal(median=40.0, cov=0.3))
-    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
     >>> bs.ModelClass("frame", frame, modes, pairing={"1": 1}).parameter_names
     ('k', 'frequency_cov')
