@@ -104,6 +104,16 @@ def check_plots_and_arviz(printed):
     assert float(more) - float(less) == pytest.approx(1.1, abs=0.3), "log evidences"
 
 
+def check_for_contributors(printed):
+    """The median is 2 ln 2, the frequency √40/2π; the frequencies are made with a mass of 0.5."""
+    prior, element, check, plot, form, family = printed.splitlines()
+    assert float(prior.split()[1]) == pytest.approx(2.0 * math.log(2.0), abs=1e-4)
+    assert float(element.split()[1]) == pytest.approx(math.sqrt(40.0) / math.tau, abs=1e-4)
+    assert (check, plot) == ("check fewer than three modes were identified", "plot 1")
+    assert form == "format (2, 3)"
+    assert float(re.search(r", floor 2 ([\d.]+)", family)[1]) > 0.99
+
+
 CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "check_" in name}
 
 

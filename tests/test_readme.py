@@ -3,6 +3,7 @@
 import json
 import re
 import runpy
+import tomllib
 from dataclasses import replace
 
 import pytest
@@ -66,6 +67,20 @@ def test_the_example_of_a_data_file_is_read(tmp_path):
     assert data.labels == ("1", "2a", "2b")
     assert data.band_hz == (0.0, 6.0)
     assert [mode.n_measured for mode in data.modes] == [3, 2, 0]
+
+
+def test_one_version_is_stated():
+    """By the project, by how to cite it, and by the newest entry of its changes."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    (cited,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.M)
+    newest = re.search(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)[1]
+    assert project == cited == newest
+
+
+def test_the_files_that_are_named_are_there():
+    for page in (README, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"):
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
+            assert (ROOT / link).exists(), link
 
 
 def test_the_tests_run_by_ci_are_those_of_the_readme():

@@ -28,6 +28,9 @@ class Normal(Prior):
 
     Raises:
         ValueError: a number is not finite, or one that must be positive is not.
+
+    >>> round(bs.Normal(mean=10.0, sd=2.0).quantile(0.95), 2)
+    13.29
     """
 
     mean: float
@@ -57,6 +60,9 @@ class LogNormal(Prior):
 
     Raises:
         ValueError: a number is not finite, or one that must be positive is not.
+
+    >>> bs.LogNormal(median=2.0, cov=0.3).quantile(0.5)
+    2.0
     """
 
     median: float
@@ -94,6 +100,9 @@ class Uniform(Prior):
 
     Raises:
         ValueError: a bound is not finite, or ``lower`` is not below ``upper``.
+
+    >>> bs.Uniform(2.0, 4.0).quantile(0.75)
+    3.5
     """
 
     lower: float

@@ -54,6 +54,10 @@ class Parameter(_Multiplies):
     Raises:
         TypeError: the name is not text, or the prior is no prior distribution.
         ValueError: the name is empty, or cannot be printed.
+
+    >>> stiffness = 30e9 * bs.Parameter("E / nominal", bs.LogNormal(median=1.0, cov=0.1))
+    >>> stiffness.median
+    30000000000.0
     """
 
     name: str

@@ -178,26 +178,32 @@ def _annotate(
     return image
 
 
-def plot_parameters(posterior: Posterior, ax: Axes | None = None) -> Axes:
+def plot_parameters(
+    posterior: Posterior, ax: Axes | None = None, units: Mapping[str, str] | None = None
+) -> Axes:
     """The 90 % prior and posterior intervals of every parameter.
 
     Each row has a scale of its own: 0 is the prior median, -1 and 1 are the ends of the prior's
     90 % interval, and between them the scale is linear.
+
+    Args:
+        units: parameter → its unit, which is written beside the name.
     """
     rows = posterior.summary
-    ax = look.rows_of(ax, [row.name for row in rows], 1.3)
+    ax = look.rows_of(ax, [_with_unit(row.name, units) for row in rows], 1.3)
     ax.axvline(0.0, color=look.GREY, linewidth=0.8, linestyle=":")
     for y, row in enumerate(rows):
         low, median, high = posterior.prior_quantiles[y]
         after = (row.quantile_05, row.median, row.quantile_95)
         bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=look.GREY, alpha=0.25,
                       label=None if y else "prior, 90 %")  # fmt: skip
-        look.hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g})")
+        unit = f" {units[row.name]}" if units and row.name in units else ""
+        look.hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g}){unit}")
         scaled = [
             (value - median) / (median - low if value < median else high - median)
             for value in after
         ]
-        text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g})"
+        text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g}){unit}"
         look.interval_after(ax, y, scaled, "posterior, 90 %", text)
     ax.set_xlabel("0: prior median\n-1 and 1: ends of the prior's 90 % interval")
     ax.grid(axis="x", alpha=0.3)
@@ -210,6 +216,7 @@ def plot_corner(
     figure: Figure | None = None,
     parameters: Sequence[str] | None = None,
     truths: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Figure:
     """Marginal and joint posterior densities of all or some of the parameters.
 
@@ -220,6 +227,7 @@ def plot_corner(
     Args:
         parameters: names of the parameters; all if None.
         truths: true values of some of them, which lines mark.
+        units: parameter → its unit, which is written beside the name.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
     truths = truths or {}
@@ -251,7 +259,7 @@ def plot_corner(
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
-        label = look.wrapped(name, 1.3, look.SMALL_TEXT)
+        label = look.wrapped(_with_unit(name, units), 1.3, SMALL_TEXT)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
         panels[i, i].set_title(title, fontsize=look.SMALL_TEXT, loc="center", parse_math=False)
         panels[-1, i].set_xlabel(label, fontsize=look.SMALL_TEXT, parse_math=False)
@@ -266,6 +274,10 @@ def plot_corner(
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
+
+
+def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
+    return f"{name} ({units[name]})" if units and name in units else name
 
 
 def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figure:

@@ -130,6 +130,13 @@
       pen.lineWidth = 1.8;
       pen.stroke();
       dot(end, 6, null, colours[2]);
+      var half = mode.half[i];
+      if (half === null) { return; }
+      path(pen, [-1, 1].map(function (side) {
+        return screen(ofSensor(sensor, mode.measured[i] + side * half, by));
+      }));
+      pen.lineWidth = 4;
+      pen.stroke();
     });
     // Axes, at the lower left.
     pen.font = "12px system-ui, sans-serif";
@@ -162,7 +169,7 @@
     var legend = element("p", box, "", "legend");
     element("span", legend, "at rest");
     element("span", legend, scene.modes.some(function (m) { return m.model; }) ? "model" : "identified");
-    if (scene.sensors.length) { element("span", legend, "measured, at the sensors", "measured"); }
+    if (scene.sensors.length) { element("span", legend, "measured, at the sensors, with 90 % intervals where errors are known", "measured"); }
     element("p", box, "Drag to turn, or use the arrow keys; + and − change the size, Home the view; the space bar stops and starts.", "help");
     var stills = element("div", box, "", "stills");
 

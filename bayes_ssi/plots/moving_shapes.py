@@ -20,6 +20,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots.shape_plots import half_widths
 from bayes_ssi.plots.space import numbered, outline
 from bayes_ssi.results.stored_result import FIGURES, AnyResult, StoredResult
 from bayes_ssi.structures.geometry import Drawing, Location, drawn_at, stick
@@ -117,34 +118,27 @@ def _class_scene(
     structure: Structure, data: ModalData, found: ConfigurationModes, values: FloatArray
 ) -> Scene:
     """Paired modes, and the measured motion alone of identified ones that are not."""
-    drawing = structure.drawing()
-    row = _motions(structure, found, values)
-    moves, motions = _moves(drawing, row, found.n_modes), structure.sensor_motions(data.sensors)
-    unknown = np.full(found.n_modes, np.nan)
+    drawing, row = structure.drawing(), _motions(structure, found, values)
+    moves, unknown = _moves(drawing, row, found.n_modes), np.full(found.n_modes, np.nan)
+    motions = structure.sensor_motions(data.sensors)
     seen = [sum(share * row.get(label, unknown) for label, share in m.items()) for m in motions]
     at_sensors = np.array(seen).reshape(len(seen), found.n_modes)
     main = [node not in structure.appendages for node in drawing[0].nodes]
     updated = {mode.label: mode for mode in found.updated.modes}
     modes = []
-    for mode, measured in zip(data.modes, data.unit_shapes.T, strict=True):
-        title, note = f"mode {mode.label}", f"measured {mode.frequency_hz:.4g} Hz"
-        if mode.label not in updated:
-            note += ", not explained by this model class"
-            still = np.zeros(moves.shape[:2])
-            modes.append(_mode(title, note, still, None, _largest_1(measured)))
+    for k, label in enumerate(data.labels):
+        if label not in updated:
+            still, note = np.zeros(moves.shape[:2]), ", not explained by this model class"
+            modes.append(_mode(data, k, note, still))
             continue
-        own, i = updated[mode.label], found.pairing[mode.label] - 1
+        own, i = updated[label], found.pairing[label] - 1
         lengths = np.linalg.norm(moves[:, :, i], axis=1)
         largest = max(lengths[main].max(), lengths.max() / FARTHEST_APPENDAGE) or 1.0
-        model = at_sensors[:, i] / largest
-        note += f", model {own.after_hz[1]:.4g} Hz"
+        note = f", model {own.after_hz[1]:.4g} Hz"
         note += f", MAC {own.mac_after[1]:.4f}" if own.mac_after else ""
-        common = np.isfinite(model) & np.isfinite(measured)
-        square = measured[common] @ measured[common]
-        scale = model[common] @ measured[common] / square if square else 1.0
-        modes.append(_mode(title, note, moves[:, :, i] / largest, model, scale * measured))
-    return _scene(drawing, [structure.sensor_location(name) for name in data.sensors],
-                  data.sensors, modes)  # fmt: skip
+        modes.append(_mode(data, k, note, moves[:, :, i] / largest, at_sensors[:, i] / largest))
+    places = [structure.sensor_location(name) for name in data.sensors]
+    return _scene(drawing, places, data.sensors, modes)
 
 
 def _motions(
@@ -167,18 +161,34 @@ def _data_scene(data: ModalData) -> Scene:
     """Identified modes alone, sensors one above the other."""
     drawing = stick(data.sensors)
     places = [drawn_at(drawing, ((sensor, 1.0),)) for sensor in data.sensors]
-    modes = []
-    for mode, shape in zip(data.modes, data.unit_shapes.T, strict=True):
-        if mode.unit_shape is not None:
-            components = _largest_1(shape)
-            row = dict(zip(data.sensors, np.nan_to_num(components)[:, None], strict=True))
-            moves, note = _moves(drawing, row, 1)[:, :, 0], f"measured {mode.frequency_hz:.4g} Hz"
-            modes.append(_mode(f"mode {mode.label}", note, moves, None, components))
+    shapes = np.nan_to_num(data.unit_shapes / np.nanmax(np.abs(data.unit_shapes), 0, initial=0.0))
+    moves = _moves(drawing, dict(zip(data.sensors, shapes, strict=True)), len(data.modes))
+    modes = [
+        _mode(data, k, "", moves[:, :, k])
+        for k, mode in enumerate(data.modes)
+        if mode.unit_shape is not None
+    ]
     return {"name": "", **_scene(drawing, places, data.sensors, modes)}
 
 
-def _largest_1(components: FloatArray) -> FloatArray:
-    return components / (np.nanmax(np.abs(components), initial=0.0) or 1.0)
+def _mode(
+    data: ModalData, k: int, note: str, moves: FloatArray, model: FloatArray | None = None
+) -> Scene:
+    """Mode k of the data, in the scale of the model, or to a largest component of 1."""
+    mode, measured = data.modes[k], data.unit_shapes[:, k]
+    scale = 1.0 / (float(np.nanmax(np.abs(measured), initial=0.0)) or 1.0)
+    if model is not None:
+        common = np.isfinite(model) & np.isfinite(measured)
+        square = measured[common] @ measured[common]
+        scale = float(model[common] @ measured[common] / square) if square else 1.0
+    return {
+        "title": f"mode {mode.label}",
+        "note": f"measured {mode.frequency_hz:.4g} Hz{note}",
+        "moves": moves,
+        "model": model,
+        "measured": scale * measured,
+        "half": abs(scale) * half_widths(data)[k],
+    }
 
 
 def _moves(drawing: Drawing, row: Mapping[str, FloatArray], n_modes: int) -> FloatArray:
@@ -190,12 +200,6 @@ def _moves(drawing: Drawing, row: Mapping[str, FloatArray], n_modes: int) -> Flo
             for label, share in motion:
                 moves[i, axis] += share * row.get(str(label), 0.0)
     return moves
-
-
-def _mode(
-    title: str, note: str, moves: FloatArray, model: FloatArray | None, measured: FloatArray
-) -> Scene:
-    return {"title": title, "note": note, "moves": moves, "model": model, "measured": measured}
 
 
 def _scene(
@@ -230,6 +234,7 @@ def _scene(
                 "moves": _rounded(mode["moves"][kept]),
                 "model": None if mode["model"] is None else _known(mode["model"][list(known)]),
                 "measured": _known(mode["measured"][list(known)]),
+                "half": _known(mode["half"][list(known)]),
             }
             for mode in modes
         ],

@@ -1,15 +1,14 @@
 """How model classes compare: evidences, frequencies, changes with settings; a ranking's files."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import SymmetricalLogLocator
 
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots.class_plots import plot_corner
@@ -33,14 +32,10 @@ from bayes_ssi.plots.figure_style import (
 )
 from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
-from bayes_ssi.plots.shape_plots import has_errors_on, plot_identified_shapes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.findings import FamilyRecord
-
-# The beginning of the names of the files of identified shapes, before a configuration's number.
-IDENTIFIED_SHAPES = "identified_shapes"
 
 
 def plot_evidence(
@@ -175,6 +170,9 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     # Classes further behind than 30 nats would compress the scale for those that matter.
     if max(map(abs, ax.get_xlim())) > 30.0:
         ax.set_xscale("symlog", linthresh=1.0)
+        # Marks at decades alone may be far from every point.
+        subs = (1.0, 2.0, 5.0) if max(map(abs, ax.get_xlim())) < 200.0 else (1.0,)
+        ax.xaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=1.0, subs=subs))
         ax.xaxis.set_major_formatter("{x:g}")
         ax.margins(x=0.06)
     ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
@@ -189,11 +187,8 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     ranked = [by_name[row.name] for row in ranking.comparison.classes]
     best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
     tests = {test.name: test.data for test in best.configurations}
-    figures = chain(
-        result_figures(tests, ranked, ranking.comparison, search),
-        figures_of_identified_shapes(best),
-    )
-    save_figures(directory, figures)
+    units = {parameter.name: parameter.unit for parameter in best.parameters if parameter.unit}
+    save_figures(directory, result_figures(tests, ranked, ranking.comparison, search, units))
     save_scenes(ranking, directory)
 
 
@@ -202,9 +197,10 @@ def result_figures(
     ranked: Sequence[Posterior],
     comparison: Comparison,
     search: FamilyRecord | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Iterator[NamedFigure]:
-    """The figures of a result, of its best classes."""
-    yield "corner", plot_corner(ranked[0])
+    """The figures of a result, of its best classes; ``units`` are those of the best one's."""
+    yield "corner", plot_corner(ranked[0], units=units)
     most = MOST_CLASSES
     for i, (configuration, modes) in enumerate(tests.items(), 1):
         name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
@@ -212,10 +208,3 @@ def result_figures(
     yield "evidence", plot_evidence(comparison, most=most)
     if search is not None:
         yield "places", plot_places(search)
-
-
-def figures_of_identified_shapes(model_class: ModelClass) -> Iterator[NamedFigure]:
-    """Shapes with errors on the structure, one figure for each configuration that has both."""
-    for i, test in enumerate(model_class.configurations, 1):
-        if has_errors_on(test.structure, test.data):
-            yield f"{IDENTIFIED_SHAPES}_{i}", plot_identified_shapes(test.data, test.structure)

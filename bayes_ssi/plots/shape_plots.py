@@ -1,7 +1,7 @@
 """Mode shapes with their bands, and identified modes with their errors.
 
-Shapes are drawn on the building, or component by component, identified ones also in space; those
-of models in space are in :mod:`~bayes_ssi.plots.space`.
+Shapes are drawn on the building, or component by component; in space, they move
+(:mod:`~bayes_ssi.plots.moving_shapes`).
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,10 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import label_in
-from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes, moves_sideways
+from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
-from bayes_ssi.plots.space import draw_structure, longest_side, panels_in_space
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.structures.geometry import Geometry, Location
 from bayes_ssi.structures.structure import Structure
 
 # Of a panel, whose labels fit; with more, panels grow no taller and labels smaller.
@@ -355,86 +353,35 @@ def _levels(frequencies_hz: FloatArray, room: float) -> list[float]:
     return levels
 
 
-def plot_identified_shapes(
-    data: ModalData, structure: Structure | None = None, figure: Figure | None = None
-) -> Figure:
+def plot_identified_shapes(data: ModalData, figure: Figure | None = None) -> Figure:
     """Identified shapes with 90 % intervals of their components, the largest component being ±1.
 
     Intervals are those of the unit shapes, in the same scale; without a covariance, all components
-    of a shape have its ``shape_sd``. Shapes are drawn on a structure that is given: as arrows in
-    space where it knows where all sensors are, as the deformed building where all are floors that
-    move sideways. Otherwise they are drawn over the names of the sensors.
+    of a shape have its ``shape_sd``.
     """
     shapes = _shapes(data)
     if not shapes:
         raise ValueError("plot_identified_shapes: no mode has a shape")
-    if structure is not None:
-        at = _locations(structure, data.sensors)
-        if structure.geometry is not None and at is not None:
-            return _in_space(shapes, at, structure.geometry, figure)
-        if _are_floors(structure, data.sensors):
-            return plot_shapes(
-                structure, data.sensors, shapes, figure, sideways=True, name="identified"
-            )
     return plot_shapes(None, data.sensors, shapes, figure, sideways=False, name="identified")
 
 
-def has_errors_on(structure: Structure, data: ModalData) -> bool:
-    """Whether there are shapes with errors, which can be drawn on a structure."""
-    has_errors = any(mode.shape_sd is not None for mode in data.modes)
-    is_placed = _locations(structure, data.sensors) is not None
-    return has_errors and (is_placed or _are_floors(structure, data.sensors))
+def half_widths(data: ModalData) -> FloatArray:
+    """Of the 90 % intervals of unit shapes (n_modes, n_sensors); NaN where errors are not known."""
+    m, n = len(data.modes), len(data.sensors)
+    sds = np.array([np.full(n, mode.shape_sd or np.nan) for mode in data.modes])
+    if data.covariance is not None:
+        sds = np.sqrt(data.covariance.diagonal()[m:].reshape(m, n))
+    return look.SDS_OF_90_PERCENT * sds
 
 
 def _shapes(data: ModalData) -> list[DrawnShape]:
     """Shapes with largest component ±1, and 90 % intervals in their scale."""
-    m, n = len(data.modes), len(data.sensors)
     shapes = []
-    for i, mode in enumerate(data.modes):
+    for mode, of_unit_shape in zip(data.modes, half_widths(data), strict=True):
         if mode.scaled_shape is None:
             continue
-        sds = np.full(n, mode.shape_sd or np.nan)
-        if data.covariance is not None:
-            sds = np.sqrt(data.covariance.diagonal()[m + n * i : m + n * (i + 1)])
         scaled = np.asarray(mode.scaled_shape)
-        scale = np.linalg.norm(scaled[np.isfinite(scaled)])  # over a unit shape
-        half = look.SDS_OF_90_PERCENT * sds * scale
+        half = of_unit_shape * np.linalg.norm(scaled[np.isfinite(scaled)])
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
         shapes.append(DrawnShape(title, Band(scaled - half, scaled, scaled + half)))
     return shapes
-
-
-def _locations(structure: Structure, sensors: Sequence[str]) -> list[Location] | None:
-    """Where all sensors are and in which directions they measure; None unless all are known."""
-    motions = {sensor.label: sensor.motion for sensor in structure.sensors}
-    located = [structure.location_of(motions.get(name, name)) for name in sensors]
-    known = [each for each in located if each is not None and each.direction is not None]
-    return known if len(known) == len(located) else None
-
-
-def _are_floors(structure: Structure, sensors: Sequence[str]) -> bool:
-    return set(sensors) <= set(structure.degrees_of_freedom) and moves_sideways(structure)
-
-
-def _in_space(
-    shapes: Sequence[DrawnShape], at: Sequence[Location], geometry: Geometry, figure: Figure | None
-) -> Figure:
-    nodes = np.array(list(geometry.nodes.values()))
-    points = np.array([each.position for each in at])
-    directions = np.array([each.direction for each in at])
-    # The largest component drawn, of the structure's longest side.
-    reach = 0.25 * longest_side(nodes)
-    titles = [each.title for each in shapes]
-    figure, panels = panels_in_space(titles, np.concatenate([nodes, points]), reach, figure)
-    for shape, ax in zip(shapes, panels, strict=True):
-        draw_structure(ax, geometry)
-        for point, along, *band in zip(points, reach * directions, *shape.shape, strict=True):
-            low, end, high = (point + component * along for component in band)
-            if np.isfinite(end).all():
-                ax.plot(*point[:, None], ".", color=look.BLUE, markersize=3)
-                ax.plot(*np.array([point, end]).T, color=look.BLUE, linewidth=1.0,
-                        label="identified component")  # fmt: skip
-                ax.plot(*np.array([low, high]).T, color=look.VERMILION, linewidth=2.5,
-                        solid_capstyle="butt", label="90 % interval")  # fmt: skip
-    look.legend_of_figure(figure, panels[:1])
-    return figure

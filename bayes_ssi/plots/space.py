@@ -5,19 +5,17 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.plots.figure_style import (
+    FIGURE_WIDTH,
     GREY,
     MOST_VECTORS,
     SMALL_TEXT,
     figure_of,
-    panels_across,
     title_of,
-    width_of_panels,
 )
 from bayes_ssi.structures.geometry import Geometry
 
@@ -44,51 +42,18 @@ def axes_in_space(
     geometry: Geometry | None,
     below: float = 0.0,
 ) -> Any:
-    """The axes given, or those of a new figure, around ``points``, with the structure if known.
+    """Axes of one scale around ``points`` (n, 3), with the structure if it is known.
 
-    ``reach`` and ``below`` are as in :func:`panels_in_space`.
+    Those given, or those of a new figure with ``below`` inches below them. All points fit, with
+    room of ``reach`` around them; arrows at the lowest corner name the axes.
     """
     if ax is None:
-        _, (ax,) = panels_in_space([title], points, reach, below=below)
-    else:
-        frame_in_space(ax, title, points, reach)
-    if geometry is not None:
-        draw_structure(ax, geometry)
-    return ax
-
-
-def panels_in_space(
-    titles: Sequence[str],
-    points: FloatArray,
-    reach: float,
-    figure: Figure | None = None,
-    below: float = 0.0,
-) -> tuple[Figure, list[Any]]:
-    """A figure with a panel in three dimensions for each title, all of one view.
-
-    All ``points`` (n, 3) fit in every panel, with room of ``reach`` around them, and of ``below``
-    inches below all panels.
-    """
-    panel, above = 2.9, 0.4  # inches: height of a panel, and of the title above it
-    across = panels_across(len(titles))
-    down = -(-len(titles) // across)
-    height = down * panel + below
-    figure = figure_of(figure, (width_of_panels(across), height))
-    # Without the layout of other figures, in which axes in three dimensions are too small.
-    figure.set_layout_engine("none")
-    panels: list[Any] = []
-    for i, title in enumerate(titles):
-        row, column = divmod(i, across)
-        corner = column / across, 1.0 - (row + 1.0) * panel / height
-        size = 1.0 / across, (panel - above) / height
-        ax: Any = figure.add_axes((*corner, *size), projection="3d")
-        frame_in_space(ax, title, points, reach)
-        panels.append(ax)
-    return figure, panels
-
-
-def frame_in_space(ax: Any, title: str, points: FloatArray, reach: float) -> None:
-    """Axes of one scale without ticks, and arrows that name them at the lowest corner."""
+        panel, above = 2.9, 0.4  # inches: height of the axes, and of the title above them
+        height = panel + below
+        figure = figure_of(None, (FIGURE_WIDTH, height))
+        # Without the layout of other figures, in which axes in three dimensions are too small.
+        figure.set_layout_engine("none")
+        ax = figure.add_axes((0.0, below / height, 1.0, (panel - above) / height), projection="3d")
     # Parallel lines stay parallel, and what is drawn later is above.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
@@ -105,9 +70,12 @@ def frame_in_space(ax: Any, title: str, points: FloatArray, reach: float) -> Non
             *(low + 1.25 * along), name, fontsize=SMALL_TEXT, color=GREY, ha="center", va="center"
         )
     title_of(ax, title)
+    if geometry is not None:
+        _draw_structure(ax, geometry)
+    return ax
 
 
-def draw_structure(ax: Any, geometry: Geometry) -> None:
+def _draw_structure(ax: Any, geometry: Geometry) -> None:
     """The faces and lines of a structure, or its nodes where neither are known."""
     nodes = np.array(list(geometry.nodes.values()))
     if not geometry.lines and not geometry.faces:

@@ -27,14 +27,13 @@ from bayes_ssi.plots.class_plots import (
 from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
 from bayes_ssi.plots.ranking_plots import (
-    IDENTIFIED_SHAPES,
     plot_evidence,
     plot_frequencies,
     plot_sensitivity,
 )
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
-from bayes_ssi.results.stored_result import FIGURES, StoredResult
+from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
@@ -134,7 +133,10 @@ def draw_figures(
     with figures_for_files():
         for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan, figures), 1):
             section.append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
-    _embed_saved(stored, predictions, figures)
+    for path in predictions.figures if predictions else ():
+        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
+        caption = f"Predictions: {name.replace('_', ' ')}"
+        figures.predictions.append(embedded_file(path, caption))
     return figures
 
 
@@ -161,25 +163,6 @@ def _drawn(
         section = figures.classes.setdefault(name, [])
         for caption, plot in _of_class(stored, stored.posterior(name), with_corner):
             yield section, caption, plot
-
-
-def _embed_saved(
-    stored: StoredResult, predictions: SavedPredictions | None, figures: ReportFigures
-) -> None:
-    """Figures that were drawn when the result, or its predictions, were saved."""
-    drawn = stored.directory / FIGURES
-    for i, name in enumerate(stored.tests, 1):
-        path = drawn / f"{IDENTIFIED_SHAPES}_{i}.png"
-        if path.is_file():
-            caption = (
-                f"{label_in(name, '')}Identified shapes on the structure, largest component ±1, "
-                "with 90 % intervals"
-            )
-            figures.tests[name].append(embedded_file(path, caption))
-    for path in predictions.figures if predictions else ():
-        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
-        caption = f"Predictions: {name.replace('_', ' ')}"
-        figures.predictions.append(embedded_file(path, caption))
 
 
 def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
@@ -227,14 +210,19 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
                 f"{where}Probabilities of pairings {of}",
                 plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
-    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior)
+    parameters = stored.record.model_class(posterior.name).parameters
+    units = {each.name: each.unit for each in parameters if each.unit}
+    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior, units=units)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
         first = stored.search and f"those of the {stored.search.feature}s, and "
         which = f"{first or ''}the best determined ones"
         note = f": {len(names)} parameters, {which}" if few else ""
-        yield f"Joint posterior densities {of}{note}", plot_corner(posterior, parameters=names)
+        yield (
+            f"Joint posterior densities {of}{note}",
+            plot_corner(posterior, parameters=names, units=units),
+        )
 
 
 def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:

@@ -1,6 +1,6 @@
 """Which modes the sensors tell apart (AutoMAC), and at which sensors a model is at odds (COMAC)."""
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,43 +15,29 @@ from bayes_ssi.structures.modal import comac, mac
 ALIKE = 0.9
 
 
-class AutoMac(NamedTuple):
-    labels: list[str]
-    matrix: FloatArray  # (n_modes, n_modes)
-    sentence: str
-
-
-def auto_mac(data: ModalData) -> AutoMac | None:
-    """The MACs of identified shapes with one another; None of fewer than two."""
+def auto_mac(data: ModalData) -> dict[str, Any] | None:
+    """MACs of identified shapes with one another, and what they say; None of fewer than two."""
     labels = [mode.label for mode in data.modes if mode.unit_shape is not None]
     if len(labels) < 2:
         return None
     shapes = data.unit_shapes[:, [data.labels.index(label) for label in labels]]
     matrix = mac(shapes, shapes)
-    pairs = [
-        (float(matrix[i, k]), f"{labels[i]} and {labels[k]} (MAC {matrix[i, k]:.2f})")
-        for i, k in zip(*np.triu_indices(len(labels), 1), strict=True)
-        if np.isfinite(matrix[i, k])
-    ]
-    largest = sorted(pairs, reverse=True)
-    if alike := [f"modes {pair}" for value, pair in largest if value > ALIKE]:
+    pairs = zip(*np.triu_indices(len(labels), 1), strict=True)
+    known = [(matrix[i, k], f"{labels[i]} and {labels[k]} (MAC {matrix[i, k]:.2f})")
+             for i, k in pairs if np.isfinite(matrix[i, k])]  # fmt: skip
+    sentence = "No two modes were measured at a common sensor."
+    if known:
+        sentence = f"These sensors tell all modes apart: the most alike are {max(known)[1]}."
+    if alike := [f"modes {pair}" for value, pair in sorted(known, reverse=True) if value > ALIKE]:
         sentence = f"These sensors cannot tell apart {listed(alike)}: their frequencies must."
-    elif largest:
-        sentence = f"These sensors tell all modes apart: the most alike are {largest[0][1]}."
-    else:
-        sentence = "No two modes were measured at a common sensor."
-    return AutoMac(labels, matrix, sentence)
+    return {"labels": labels, "matrix": matrix, "sentence": sentence}
 
 
-class CoMac(NamedTuple):
-    rows: list[tuple[str, FloatArray]]  # sensor, and its low, median and high, the lowest first
-    sentence: str
+def co_mac(data: ModalData, modes: ConfigurationModes, shapes: FloatArray) -> dict[str, Any] | None:
+    """COMACs of sensors over the paired modes, the lowest first, with 90 % intervals, in rows.
 
-
-def co_mac(data: ModalData, modes: ConfigurationModes, shapes: FloatArray) -> CoMac | None:
-    """The COMAC of sensors, with 90 % intervals, over the paired modes; None of fewer than two.
-
-    ``shapes`` are the model's at draws, (n_draws, n_sensors, n_modes).
+    And what they say; None of fewer than two modes. ``shapes`` are the model's at draws,
+    (n_draws, n_sensors, n_modes).
     """
     paired = [i for i, mode in enumerate(data.modes)
               if mode.label in modes.pairing and mode.unit_shape is not None]  # fmt: skip
@@ -62,10 +48,10 @@ def co_mac(data: ModalData, modes: ConfigurationModes, shapes: FloatArray) -> Co
     model = np.where(np.isfinite(measured), model, 0.0)
     model = model / np.linalg.norm(model, axis=1, keepdims=True)
     of_sensors = np.quantile(comac(model, measured), LEVELS, axis=0).T
-    known = [(name, row) for name, row in zip(data.sensors, of_sensors, strict=True)
-             if np.isfinite(row).all()]  # fmt: skip
+    known = (row for row in zip(data.sensors, of_sensors, strict=True) if np.isfinite(row[1]).all())
     rows = sorted(known, key=lambda row: float(row[1][1]))
-    at_odds = [f"{name} ({row[1]:.2f})" for name, row in rows if row[1] < ALIKE]
-    lowest = f"the smallest COMAC is {rows[0][1][1]:.3f}, at {rows[0][0]}"
-    odds = f"Model and measurement are at odds at {listed(at_odds)}." if at_odds else ""
-    return CoMac(rows, odds or f"No sensor is at odds with the model: {lowest}.")
+    (lowest, (_, smallest, _)), *_ = rows
+    sentence = f"No sensor is at odds with the model: the smallest is {smallest:.3f}, at {lowest}."
+    if at_odds := [f"{name} ({row[1]:.2f})" for name, row in rows if row[1] < ALIKE]:
+        sentence = f"Model and measurement are at odds at {listed(at_odds)}."
+    return {"rows": rows, "sentence": sentence}

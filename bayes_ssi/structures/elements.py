@@ -91,6 +91,11 @@ class AddedMass(Element):
 
     Raises:
         ValueError, TypeError: as those of every :class:`Element`.
+
+    >>> frame = bs.ShearBuilding(masses=(1.0,), stiffnesses=((2 * np.pi) ** 2,))
+    >>> loaded = frame.with_element(bs.AddedMass(3.0, [(1, 1.0)]))
+    >>> loaded.modes(np.empty((1, 0))).frequencies_hz.round(3)
+    array([[0.5]])
     """
 
     mass: Value
@@ -167,6 +172,11 @@ class Pendulum(_InSeries):
 
     Raises:
         ValueError, TypeError: as those of every :class:`Element`.
+
+    >>> tank = bs.Pendulum(on=1, mass=0.01, frequency=1.0, label="tank")
+    >>> frame = bs.ShearBuilding(masses=(1.0,), stiffnesses=((2 * np.pi) ** 2,))
+    >>> frame.with_element(tank).modes(np.empty((1, 0))).frequencies_hz.round(3)
+    array([[0.951, 1.051]])
     """
 
     on: Place
@@ -235,6 +245,11 @@ class InPlaneInfill(_Infill):
         mass: total mass, in the structure's unit.
         stiffness: stiffness of the spring, in the structure's unit.
         label: names the element in messages and reports; made from its place if not given.
+
+    >>> frame = bs.ShearBuilding(masses=(3.0,), stiffnesses=((2 * np.pi) ** 2,))
+    >>> stiff = bs.InPlaneInfill(between=(0, 1), mass=2.0, stiffness=3 * (2 * np.pi) ** 2)
+    >>> frame.with_element(stiff).modes(np.empty((1, 0))).frequencies_hz.round(3)
+    array([[1.]])
     """
 
     stiffness: Value
@@ -266,6 +281,11 @@ class OutOfPlaneInfill(_Infill, _InSeries):
         stiffness_factor: multiplies the spring's stiffness ``(m/2) (2πf)²``.
         label: of the element and its own degree of freedom; made from its place if not given.
         in_model: as that of a :class:`Pendulum`.
+
+    >>> infill = bs.OutOfPlaneInfill(between=(1, 2), mass=0.15, frequency=2.8)
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(200.0, 200.0))
+    >>> frame.with_element(infill).degrees_of_freedom
+    ('floor 1', 'floor 2', 'infill 1-2')
     """
 
     frequency: Value

@@ -273,6 +273,11 @@ class Sensor:
 
     Raises:
         ValueError: the label or the motion is empty, or a number in the motion is not finite.
+
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(40.0, 40.0))
+    >>> halfway = bs.Sensor("landing", {"floor 1": 0.5, "floor 2": 0.5})
+    >>> frame.with_sensors([halfway]).sensor_matrix(["landing"]).weights
+    array([[0.5, 0.5]])
     """
 
     label: str

@@ -181,11 +181,11 @@ class LumpedStructure(Structure):
 
     def heights(self) -> dict[str, float]:
         """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
-        main, labels = self.main_degrees_of_freedom(), self.degrees_of_freedom
-        heights = {label: float(i) for i, label in enumerate(main, 1)}
+        labels = self.degrees_of_freedom
+        heights = {label: float(i) for i, (_, own) in enumerate(self._floors(), 1) for label in own}
         for label, spring in zip(self.appendages, self._carried.own_springs, strict=True):
             carriers = [labels[row] for row in spring.vector if labels[row] != label]
-            around = [heights.get(carrier, float(len(main))) for carrier in carriers]
+            around = [heights.get(carrier, float(self.n_floors)) for carrier in carriers]
             around += [0.0] if spring.on_ground else []
             middle = sum(around) / len(around)
             # On a single place it is drawn a little above.
@@ -205,27 +205,23 @@ class LumpedStructure(Structure):
 
     def drawing(self) -> Drawing:
         """See :meth:`Structure.drawing`; floors are plates on columns, appendages points."""
-        half_x, half_y, (storey, *_) = self.size_of_drawing()
+        half_x, half_y, floors = self.size_of_drawing()
+        levels = [0.0, *floors]
+        levels.append(2.0 * levels[-1] - levels[-2])  # of what stands on the roof
         nodes: dict[str, Point] = {}
         moving: dict[str, Motions] = {}
-        levels: dict[str, float] = {}
         plates: list[tuple[str, ...]] = []
-        top = 0.0
         for top, own in chain([(0.0, ())], self._floors()):
-            levels |= dict.fromkeys(own, top)
             plates.append(tuple(f"{top:g}, corner {i}" for i in range(4)))
             for name, (i, k) in zip(plates[-1], ((-1, -1), (1, -1), (1, 1), (-1, 1)), strict=True):
                 x, y = i * half_x, k * half_y
                 nodes[name] = (x, y, top)
                 moving[name] = _point_of_floor(own, x, y)
+        heights = self.heights()
         for label, spring in zip(self.appendages, self._carried.own_springs, strict=True):
-            carriers = [self.degrees_of_freedom[row] for row in spring.vector]
-            around = {levels[carrier] for carrier in carriers if carrier in levels} or {top}
-            around |= {0.0} if spring.on_ground else set()
-            above = 0.35 * storey if len(around) == 1 else 0.0
-            levels[label] = sum(around) / len(around) + above
-            nodes[label] = (0.0, 0.0, levels[label])
-            in_y = any(carrier.endswith(" y") for carrier in carriers)
+            height = float(np.interp(heights[label], range(len(levels)), levels))
+            nodes[label] = (0.0, 0.0, height)
+            in_y = any(self.degrees_of_freedom[row].endswith(" y") for row in spring.vector)
             moving[label] = ((), ((label, 1.0),)) if in_y else (((label, 1.0),),)
         columns = (ends for pair in pairwise(plates) for ends in zip(*pair, strict=True))
         return Geometry(nodes, tuple(columns), faces=tuple(plates)), moving
@@ -363,6 +359,11 @@ class ShearBuilding(LumpedStructure):
     Raises:
         ValueError: their numbers differ, or one of them can be zero or negative.
         TypeError: one of them is neither a number nor a Parameter.
+
+    >>> k = (2 * np.pi) ** 2
+    >>> frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(k, k))
+    >>> frame.modes(np.empty((1, 0))).frequencies_hz.round(3)
+    array([[0.618, 1.618]])
     """
 
     masses: tuple[Value, ...]

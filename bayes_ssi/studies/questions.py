@@ -46,6 +46,14 @@ def rank(
     Raises:
         ValueError: the classes explain different data, a class's likelihood is zero everywhere,
             the model cannot be evaluated by the workers, or the checkpoint is of another run.
+
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> error = bs.ErrorModel(frequency_cov=0.01)
+    >>> one = bs.ModelClass("first mode", frame, modes, error, pairing={"1": 1})
+    >>> none = bs.ModelClass("no mode", frame, modes, error, pairing={})
+    >>> bs.rank(bs.Study("Is it a mode?", [one, none])).comparison.best.name
+    'first mode'
     """
     study.require_same_data()
     settings, run = settings or SamplingSettings(), run or Run()

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 from conftest import assert_one_line_error
@@ -330,7 +331,7 @@ def test_sensitivity_is_found_where_it_is(run):
 def test_help_and_version(run):
     assert "rank" in run("--help").stdout
     assert "calibrate" in run("-h").stdout
-    assert "0.1.0" in run("--version").stdout
+    assert version("bayes_ssi") in run("--version").stdout
 
 
 LARGE_STUDY = """

@@ -8,7 +8,12 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots.class_plots import plot_mac_change, plot_pairing, plot_parameters
+from bayes_ssi.plots.class_plots import (
+    plot_corner,
+    plot_mac_change,
+    plot_pairing,
+    plot_parameters,
+)
 from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
@@ -102,6 +107,16 @@ def test_parameters(make_posterior):
     assert after == pytest.approx([expected, 0])
 
 
+def test_units_stand_beside_the_names_of_parameters(make_posterior):
+    units = {"k2": "N/m"}
+    ax = plot_parameters(make_posterior("a"), units=units)
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["k1", "k2 (N/m)"]
+    of_k2 = [text for text in points(ax) if text.startswith("k2 after")]
+    assert [text.endswith(") N/m") for text in of_k2] == [True]
+    corner = plot_corner(make_posterior("a"), units=units)
+    assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
+
+
 def test_sensitivity():
     rows = [
         SensitivityRow("unchanged", {"a": 0.75, "b": 0.25}),
@@ -116,5 +131,9 @@ def test_sensitivity():
 def test_classes_far_behind_do_not_hide_a_close_one():
     row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-200})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
+    # ln 1e-20 is -46: there is a mark at less than half and at no more than twice of it.
+    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-20})
+    ax = plot_sensitivity(Sensitivity((row,)))
+    assert set(ax.get_xticks()) >= {-50.0, -20.0, -1.0, 0.0}
     row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3})
     assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"

@@ -69,6 +69,15 @@ def test_a_mode_that_a_class_does_not_explain_is_measured_motion_alone():
     assert "not explained by this model class" in alone["note"]
 
 
+def test_intervals_of_measured_motion_are_in_the_scale_of_the_model():
+    """Of a unit shape (0.6, 0.8) with sd 0.01, drawn with the largest component 1: 1.645/80."""
+    building = bs.ShearBuilding((1.0, 1.0), (40.0, 40.0))
+    modes = [bs.IdentifiedMode("x", 1.0, [0.6, 0.8], shape_sd=0.01), bs.IdentifiedMode("y", 1.1)]
+    scene = scene_of(building, modes, {}, building.degrees_of_freedom)
+    assert scene["modes"][0]["half"] == pytest.approx([0.01 * 1.645 / 0.8] * 2, abs=1e-4)
+    assert scene["modes"][1]["half"] == [None, None]
+
+
 def test_an_appendage_that_moves_far_is_drawn_three_times_as_far_as_the_rest():
     frame = bs.ShearBuilding((1.0,), (40.0,)).with_element(
         bs.Pendulum(on=1, mass=0.001, frequency=1.0, label="mast")
@@ -273,7 +282,7 @@ console.log(JSON.stringify({
 def test_the_script_moves_and_turns_shapes_and_prints_them_still(calm):
     """One sensor at the top of a column of half height 1, moving along x by 1."""
     mode = {"title": "mode 1", "note": "1 Hz", "moves": [[0, 0, 0], [1, 0, 0]], "model": [1],
-            "measured": [None]}  # fmt: skip
+            "measured": [None], "half": [None]}  # fmt: skip
     scene = {
         "name": "", "nodes": [[0, 0, -1], [0, 0, 1]], "lines": [[0, 1]], "faces": [],
         "sensors": [{"name": "top", "at": [0, 0, 1], "along": [1, 0, 0]}],

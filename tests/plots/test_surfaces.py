@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.space import draw_structure, numbered, outline, panels_in_space
+from bayes_ssi.plots.space import axes_in_space, numbered, outline
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import geometry_of_deck
 
 
@@ -76,8 +76,7 @@ def test_flat_shells_have_lines_at_their_border_only():
 
 def test_places_are_drawn_on_the_faces_of_a_structure(cube):
     with figures_for_files():
-        _, (ax,) = panels_in_space(["cube"], np.array(list(cube.nodes.values())), 0.1)
-        draw_structure(ax, cube)
+        ax = axes_in_space(None, "cube", np.array(list(cube.nodes.values())), 0.1, cube)
         ax.figure.draw_without_rendering()
     faces, lines = ax.collections
     assert faces.get_alpha() < 0.2

@@ -219,7 +219,7 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
     assert interval(appendage.amounts["mass_ratio"], 2) in shown
     assert interval(appendage.amounts["mass"], 3) in shown
     assert "vibrating mass (kg)" in shown
-    assert "Masses of structures are in kg." in shown
+    assert "Masses of structures are in kg, stiffnesses in N/m, lengths in m." in shown
 
 
 def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path, monkeypatch):

@@ -21,18 +21,20 @@ def data_of(shapes, sensors=("a", "b")):
 
 def test_auto_mac_is_the_squared_cosine_of_the_angle_between_shapes():
     found = auto_mac(data_of([turned(0), turned(60), None, turned(75)]))
-    assert found.labels == ["1", "2", "4"]
+    assert found["labels"] == ["1", "2", "4"]
     cosines = np.cos(np.radians([[0, 60, 75], [60, 0, 15], [75, 15, 0]]))
-    np.testing.assert_allclose(found.matrix, cosines**2, atol=1e-12)
-    assert "cannot tell apart modes 2 and 4 (MAC 0.93): their" in found.sentence
+    np.testing.assert_allclose(found["matrix"], cosines**2, atol=1e-12)
+    assert "cannot tell apart modes 2 and 4 (MAC 0.93): their" in found["sentence"]
     apart = auto_mac(data_of([turned(0), turned(60), turned(100)]))
-    assert apart.sentence.endswith("tell all modes apart: the most alike are 2 and 3 (MAC 0.59).")
+    assert apart["sentence"].endswith(
+        "tell all modes apart: the most alike are 2 and 3 (MAC 0.59)."
+    )
 
 
 def test_shapes_that_cannot_be_compared():
     assert auto_mac(data_of([turned(0), None])) is None
     found = auto_mac(data_of([[1.0, np.nan], [np.nan, 1.0]]))
-    assert found.sentence == "No two modes were measured at a common sensor."
+    assert found["sentence"] == "No two modes were measured at a common sensor."
 
 
 def test_comac_of_two_modes_is_a_squared_cosine():
@@ -51,14 +53,14 @@ def test_sensors_at_odds_with_the_model_are_named():
     )
     modes = SimpleNamespace(pairing={"1": 2, "2": 1})
     found = co_mac(data_of([measured[:, 0], measured[:, 1], None]), modes, draws)
-    assert found.sentence.startswith("No sensor is at odds with the model: the smallest COMAC is 1")
+    assert found["sentence"].startswith("No sensor is at odds with the model: the smallest is 1")
     # Where the model moves b in one mode alone: the share of that mode, 0.6², in what is measured.
     draws[:, 1, 0] = 0.0
     found = co_mac(data_of([measured[:, 0], measured[:, 1], None]), modes, draws)
-    (name, three), (other, _) = found.rows
+    (name, three), (other, _) = found["rows"]
     assert (name, other) == ("b", "a")
     np.testing.assert_allclose(three, 0.36)
-    assert found.sentence == "Model and measurement are at odds at b (0.36)."
+    assert found["sentence"] == "Model and measurement are at odds at b (0.36)."
     assert co_mac(data_of([measured[:, 0], None]), modes, draws) is None
 
 
@@ -68,6 +70,6 @@ def test_sensors_that_no_paired_mode_was_measured_at_have_no_comac():
     found = co_mac(
         data_of(shapes, ("a", "b", "c")), SimpleNamespace(pairing={"1": 1, "2": 2}), draws
     )
-    assert {name for name, _ in found.rows} == {"a", "b"}
-    for _, three in found.rows:
+    assert {name for name, _ in found["rows"]} == {"a", "b"}
+    for _, three in found["rows"]:
         np.testing.assert_allclose(three, 1.0)

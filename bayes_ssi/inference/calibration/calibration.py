@@ -132,6 +132,12 @@ def calibrate(
             no parameter.
         ValueError: the weight is negative, there is no start or there are too many, or no search
             converged.
+
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> found = bs.calibrate(bs.ModelClass("frame", frame, modes, pairing={"1": 1}))
+    >>> round(found.best.values[0], 2)
+    39.99
     """
     if shape_weight is None:
         shape_weight = model_class.error.shape_weight

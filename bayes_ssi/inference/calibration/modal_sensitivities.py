@@ -77,6 +77,12 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
         NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have no
             parameter.
         ValueError: a prior median is zero.
+
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> found = bs.modal_sensitivities(bs.ModelClass("frame", frame, modes, pairing={"1": 1}))
+    >>> found.of_frequencies.round(3)
+    array([[0.5]])
     """
     problem = CalibrationProblem(model_class, model_class.error.shape_weight)
     values = problem.prior_medians

@@ -43,6 +43,9 @@ class ErrorModel:
     Raises:
         ValueError: a size can be zero or negative, or a correlation can be outside [0, 1).
         TypeError: a value is neither a number nor a Parameter.
+
+    >>> round(bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05).shape_weight, 3)
+    0.2
     """
 
     frequency_cov: Value = FREQUENCY_COV

@@ -46,6 +46,11 @@ class ModelClass(Displayed):
         identification: detection and spurious modes, the same in all configurations.
         description: a sentence for reports.
         priors: name of a parameter → prior in place of its own.
+
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> bs.ModelClass("frame", frame, modes, pairing={"1": 1}).parameter_names
+    ('k', 'frequency_cov')
     """
 
     name: str

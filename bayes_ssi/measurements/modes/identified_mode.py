@@ -39,6 +39,9 @@ class IdentifiedMode:
 
     Raises:
         ValueError: a number is out of range, or every component of the shape is zero.
+
+    >>> bs.IdentifiedMode("1", 0.983, shape=[3.0, 4.0]).unit_shape
+    array([0.6, 0.8])
     """
 
     label: str

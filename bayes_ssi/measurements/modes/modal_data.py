@@ -51,6 +51,10 @@ class ModalData(Displayed):
     Raises:
         ValueError: labels repeat, a mode lies outside the band, a shape does not have one
             component per sensor, the band is empty, or the covariance is not one of these modes.
+
+    >>> second, first = bs.IdentifiedMode("2", 2.6), bs.IdentifiedMode("1", 0.98)
+    >>> bs.ModalData((second, first), band_hz=(0.0, 4.0)).labels
+    ('1', '2')
     """
 
     modes: tuple[IdentifiedMode, ...]

@@ -121,6 +121,13 @@ class FunctionStructure(PointwiseStructure):
 
     Errors that it raises, and invalid answers, are reported with the arguments of the call; the
     likelihood of such values is zero.
+
+    >>> k = bs.Parameter("k", bs.LogNormal(median=(2 * np.pi) ** 2, cov=0.3))
+    >>> def mast(k):
+    ...     return np.array([[k]]), np.array([[4.0]])  # stiffness and mass
+    >>> mast = bs.FunctionStructure(mast, {"k": k}, n_modes=1, sensors={"top": 0})
+    >>> mast.modes(mast.prior_medians()).frequencies_hz
+    array([[0.5]])
     """
 
     parameters: tuple[Parameter, ...] = ()

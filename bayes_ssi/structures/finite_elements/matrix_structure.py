@@ -303,6 +303,12 @@ class MatrixStructure(AssembledStructure):
 
     Every set of parameter values costs a full eigen-solution, milliseconds for thousands of
     degrees of freedom and seconds for a hundred thousand; use :meth:`reduced` for sampling.
+
+    >>> k = bs.Parameter("k", bs.LogNormal(median=(2 * np.pi) ** 2, cov=0.3))
+    >>> stiffness = [(k, np.array([[2.0, -1.0], [-1.0, 1.0]]))]
+    >>> frame = bs.MatrixStructure(stiffness, np.eye(2), n_modes=2, sensors={"roof": 1})
+    >>> frame.modes(frame.prior_medians()).frequencies_hz.round(3)
+    array([[0.618, 1.618]])
     """
 
     def reduced(self) -> ReducedStructure:

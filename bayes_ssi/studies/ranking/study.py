@@ -47,6 +47,12 @@ class Study(Displayed):
         ValueError: the name cannot be printed, there is no model class, two have one name, or the
             prior weights are not one positive number per class.
         TypeError: one of them is not a ModelClass.
+
+    >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
+    >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
+    >>> one, none = (bs.ModelClass(str(p), frame, modes, pairing=p) for p in ({"1": 1}, {}))
+    >>> [each.name for each in bs.Study("Is it a mode?", [one, none]).model_classes]
+    ["{'1': 1}", '{}']
     """
 
     name: str
