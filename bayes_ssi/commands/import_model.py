@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -30,6 +31,8 @@ from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:
+    import jinja2
+
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
@@ -41,9 +44,26 @@ if TYPE_CHECKING:
 
 @click.command("import")
 @click.argument("name", type=PATH)
-@click.option("--nominal", required=True, metavar="FILE[+MASS]",
+@click.option("--nominal", metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
+@path_option(
+    "--runs",
+    metavar="DIRECTORY",
+    text="In place of exports: runs of a program that "
+    "exports no matrices, a table of modes each, at the factors in design.csv.",
+)
+@click.option(
+    "--properties",
+    metavar="NAME,…",
+    help="Of --runs: the properties whose factors are altered; writes design.csv.",
+)
+@click.option(
+    "--design",
+    type=click.IntRange(min=4),
+    metavar="N",
+    help="Number of runs in design.csv; 2, and 2 for each property, if not given.",
+)
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
               "repeatable, also with other factors of a property, and with two properties whose "
@@ -81,7 +101,10 @@ if TYPE_CHECKING:
 )
 def import_model(
     name: Path,
-    nominal: str,
+    nominal: str | None,
+    runs: Path | None,
+    properties: str | None,
+    design: int | None,
     changed: tuple[str, ...],
     checks: tuple[str, ...],
     keys: str | None,
@@ -110,6 +133,11 @@ def import_model(
 
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
+    if runs is not None:
+        say(*_from_runs(study, runs, properties, design, data, band))
+        return
+    if nominal is None or properties or design:
+        raise ValueError("give --nominal, an export, or --runs, where there are no matrices")
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
@@ -169,6 +197,52 @@ def import_model(
         ),
         f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )
+
+
+def _from_runs(
+    study: Path,
+    runs: Path,
+    properties: str | None,
+    design: int | None,
+    data: Mapping[str, Path],
+    band: tuple[float, float] | None,
+) -> list[str]:
+    """Write the design of runs, or the study of those that were made; what is to be said."""
+    from bayes_ssi.measurements.modes.run_tables import DESIGN, read_runs
+    from bayes_ssi.structures.emulation.emulated_runs import RUNS_PER_PROPERTY, first_runs
+
+    file = runs / DESIGN
+    if properties is not None:
+        names = [name.strip() for name in properties.split(",")]
+        if file.exists():
+            raise FileExistsError(f"{file}: exists already and is not overwritten")
+        factors = first_runs(len(names), design or 2 + RUNS_PER_PROPERTY * len(names)).tolist()
+        rows = [[str(i), *map(repr, row)] for i, row in enumerate(factors, 1)]
+        runs.mkdir(parents=True, exist_ok=True)
+        _write_csv(file, [["run", *names], *rows])
+        return [
+            *(", ".join(row) for row in [["run", *names], *rows]),
+            f"Wrote {file}. Run the program at these factors, and keep the modes of run 1 as "
+            f"{runs / '1.csv'}, or as sheet 1 of a workbook there, and so on: a row for each mode, "
+            "columns 'Frequency (Hz)' and the sensors. Then give --data in place of --properties.",
+        ]
+    if len(data) != 1:
+        raise ValueError("--runs: give --properties to begin, or then --data with identified modes")
+    made = read_runs(runs)
+    (modes,) = data.values()
+    place = Path(os.path.relpath(runs, study.parent)).as_posix()
+    text = _environment().get_template("runs.py.txt").render(
+        command=command_line(), runs=place, data=_read(modes, study, band),
+        properties=list(made["runs"]),
+    )  # fmt: skip
+    with study.open("x", encoding="utf-8") as new:
+        new.write(text)
+    n, m = made["frequencies_hz"].shape
+    return [
+        f"{n} runs of {', '.join(made['runs'])}: {m} modes at {len(made['sensors'])} sensors.",
+        f"Wrote {study}. Next:",
+        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+    ]
 
 
 def _keys(text: str) -> tuple[str, str]:
@@ -351,9 +425,32 @@ def _study(
     files: Mapping[str, str],
     places: Mapping[str, str],
 ) -> str:
-    import jinja2
-
     from bayes_ssi.structures.modal import BATCHED_UP_TO
+
+    terms = (*matrices.stiffness, *matrices.mass)
+    model = matrices.nominal
+    in_si = model.units == "N, m, kg"
+    return (
+        _environment()
+        .get_template("imported.py.txt")
+        .render(
+            model=model,
+            command=command_line(),
+            folder=folder.name,
+            tests=tests,
+            sensors={name: label for name, label in places.items() if name != label},
+            properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+            stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+            mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+            unit="m" if in_si else "",
+            mass_unit="kg" if in_si else "",
+            is_large=model.size > BATCHED_UP_TO,
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
+    import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
@@ -363,22 +460,7 @@ def _study(
         keep_trailing_newline=True,
     )
     environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
-    terms = (*matrices.stiffness, *matrices.mass)
-    model = matrices.nominal
-    in_si = model.units == "N, m, kg"
-    return environment.get_template("imported.py.txt").render(
-        model=model,
-        command=command_line(),
-        folder=folder.name,
-        tests=tests,
-        sensors={name: label for name, label in places.items() if name != label},
-        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
-        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
-        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
-        unit="m" if in_si else "",
-        mass_unit="kg" if in_si else "",
-        is_large=model.size > BATCHED_UP_TO,
-    )
+    return environment
 
 
 def _quoted(value: Any) -> str:

@@ -109,14 +109,21 @@ def _decoded(content: bytes) -> str:
     return content.decode("latin-1")
 
 
-def _sheet_text(path: Path, sheet: str | int) -> str:
-    """A sheet of a workbook as CSV."""
+def sheet_names(path: Path) -> list[str]:
+    """The sheets of a workbook, in their order."""
     import pandas as pd
 
     with optional_package("openpyxl", extra="xlsx"):
         import openpyxl  # noqa: F401 - pandas reads with it
     with damage_named(path), pd.ExcelFile(path, engine="openpyxl") as book:
-        names = [str(name) for name in book.sheet_names]
+        return [str(name) for name in book.sheet_names]
+
+
+def _sheet_text(path: Path, sheet: str | int) -> str:
+    """A sheet of a workbook as CSV."""
+    import pandas as pd
+
+    names = sheet_names(path)
     if sheet not in (0, *names):
         raise ValueError(f"{path}: no sheet {sheet!r}; choose from {', '.join(map(repr, names))}")
     with damage_named(path):

@@ -34,7 +34,7 @@ from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.structure import Requirement, Structure
+from bayes_ssi.structures.structure import ApproximateStructure, Requirement, Structure
 
 ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
@@ -99,13 +99,14 @@ def refined(
         return replace(posterior, failed_checks=(hopeless,), emulators=_emulators(model_class))
     model_class = _accurate_near_maxima(model_class, widened, seed, workers, settings)
     better = model_class
+    has_exact = all(test.structure.has_exact for test in model_class.configurations)
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
         values = evenly_spaced_draws(posterior, N_CERTIFIED)
         confirmation = None
-        if not left:
+        if not left or not has_exact:
             break
         better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -119,9 +120,15 @@ def refined(
             break
         if confirmation is not None:
             n_before += len(confirmation.values)
+    remarks, failed = certified(model_class, posterior, settings)
+    if not has_exact:
+        return replace(
+            posterior,
+            remarks=(*posterior.remarks, *remarks),
+            failed_checks=(*posterior.failed_checks, *failed),
+        )
     if confirmation is None:
         confirmation = confirmed_by_full_solutions()
-    remarks, failed = certified(model_class, posterior, settings)
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
     failed += confirmation.failures(log_evidence_error, settings)
@@ -406,20 +413,25 @@ def certified(
     remarks: list[str] = []
     failed: list[str] = []
     for configuration, required in zip(model_class.configurations, needed, strict=True):
-        if not configuration.structure.is_approximate:
+        structure = configuration.structure
+        if not isinstance(structure, ApproximateStructure):
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        accuracy = configuration.structure.accuracy(required.values, required.n_modes)
+        accuracy = structure.accuracy(required.values, required.n_modes)
         shapes = math.isfinite(required.shape)
         remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
-        if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
+        limit = 2.0 if structure.has_exact else 1.0
+        if (
+            accuracy.frequency > limit * required.frequency
+            or accuracy.shape > limit * required.shape
+        ):
             known = f" and {accuracy.shape:.1g} of a shape" * shapes
             wanted = f" and {required.shape:.1g}" * shapes
             failed.append(
                 f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
                 f"of the frequency{known}, not to {required.frequency:.1g}{wanted}, "
-                f"{settings.error_share:g} of the data's and model's errors; allow it more full "
-                "solutions"
+                f"{settings.error_share:g} of the data's and model's errors; "
+                f"{structure.advice(required)}"
             )
     return remarks, failed

@@ -19,7 +19,7 @@ structure's degree of freedom. An empty cell is a value not measured. Complex co
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood. A workbook (.xlsx) holds
 the same in its first sheet, and other tables that people keep are understood, too
-(:mod:`bayes_ssi.measurements.modes.mode_tables`).
+(:mod:`bayes_ssi.measurements.modes.table_spellings`).
 
 The JSON file beside it holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
 ``unit_shapes`` (m lists of n components, null where not measured) and
@@ -55,7 +55,7 @@ from bayes_ssi.measurements.modes.identified_mode import (
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
-from bayes_ssi.measurements.modes.mode_tables import (
+from bayes_ssi.measurements.modes.table_spellings import (
     MEANT,
     OF_A_MODE,
     Line,
@@ -76,7 +76,9 @@ MOST_MODES = 5000  # of a file that is not one of other things
 
 
 @checked
-def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
+def read_modal_data(
+    path: str | Path, *, band_hz: Sequence[float] | None = None, sheet: str | int = 0
+) -> ModalData:
     """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
 
     A universal file is recognised by its first line; every node and direction that moves is a
@@ -87,6 +89,7 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
         path: the file.
         band_hz: lowest and highest frequency (Hz) of the search, in place of a CSV file's own; a
             universal file cannot state them.
+        sheet: of a workbook.
 
     Raises:
         OSError: the file cannot be read.
@@ -100,7 +103,7 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
                 f"{path}: give band_hz (--band); a universal file does not state the band"
             )
         return read_modal_uff(path, band_hz)
-    lines = _split(path)
+    lines = _split(path, sheet)
     table = upright([line for line in lines if not line.is_comment])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
@@ -191,9 +194,9 @@ def modal_files(path: str | Path) -> tuple[Path, Path]:
     return Path(path), Path(path).with_suffix(".identification.json")
 
 
-def _split(path: Path) -> list[Line]:
+def _split(path: Path, sheet: str | int) -> list[Line]:
     """The lines that are not blank, at the delimiter that gives a column of frequencies."""
-    text, stated = read_columns(path)
+    text, stated = read_columns(path, sheet)
     if (n_lines := text.count("\n")) > MOST_MODES:
         raise ValueError(
             f"{path}: {n_lines:,} lines; a file of modes has one for each of at most "

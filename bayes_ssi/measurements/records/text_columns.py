@@ -80,7 +80,7 @@ SECONDS = {
 UNITS = ", ".join(SECONDS)
 
 
-class Layout(NamedTuple):
+class _Layout(NamedTuple):
     """Where the numbers of a text begin, and how they are written."""
 
     delimiter: str | None  # None for spaces
@@ -143,7 +143,7 @@ def _is_text(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
-def _layout(lines: Sequence[str], stated: str | None) -> Layout:
+def _layout(lines: Sequence[str], stated: str | None) -> _Layout:
     """The delimiter that gives most columns, and the first of the rows of numbers."""
     top = list(islice(((i, line) for i, line in enumerate(lines) if _is_text(line)), LINES_OF_TEXT))
     layouts = []
@@ -167,7 +167,7 @@ def _layout(lines: Sequence[str], stated: str | None) -> Layout:
     if comma and point:
         raise ValueError(f"decimal commas and points are mixed, as in {comma!r} and {point!r}")
     decimal = "," if comma or (delimiter in (";", "\t") and not point) else "."
-    return Layout(delimiter, first, decimal)
+    return _Layout(delimiter, first, decimal)
 
 
 def _is_row(cells: Sequence[str]) -> bool:
@@ -194,7 +194,7 @@ def _statements(lines: Sequence[str]) -> dict[str, str]:
     return stated
 
 
-def _table(lines: Sequence[str], layout: Layout) -> "DataFrame":
+def _table(lines: Sequence[str], layout: _Layout) -> "DataFrame":
     """The rows of cells: numbers, or texts where a column has others, NaN where they are empty."""
     import pandas as pd
 
@@ -273,7 +273,7 @@ def _seconds(stamps: "Series[str]") -> FloatArray:
 
 
 def _names_and_units(
-    above: Sequence[str], layout: Layout, table: "DataFrame"
+    above: Sequence[str], layout: _Layout, table: "DataFrame"
 ) -> tuple[dict[int, str], dict[int, str]]:
     """Column → its name and its unit, each empty where it has none; empty columns leave."""
     n = 1 + max(table.columns)
@@ -386,7 +386,7 @@ def _are_instants(table: "DataFrame", j: int) -> bool:
     return bool(usual > 0.0 and np.median(np.abs(steps - usual)) < 0.01 * usual)
 
 
-def _require_numbers(table: "DataFrame", lines: Sequence[str], layout: Layout) -> None:
+def _require_numbers(table: "DataFrame", lines: Sequence[str], layout: _Layout) -> None:
     import pandas as pd
 
     for j in table:
