@@ -68,7 +68,10 @@ from bayes_ssi.commands.terminal import (
     "not given.",
 )
 @default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
-@default_option("--draws", 200, "Draws of a class about each test.", click.IntRange(min=50))
+@click.option(
+    "--draws", type=click.IntRange(min=50),
+    help="Draws of a class about each test; if not given 200, and more where these do not suffice.",
+)  # fmt: skip
 @seed_option("Seed of the simulation.")
 @path_option(
     "--out",
@@ -85,7 +88,7 @@ def plan(
     masses: tuple[str, ...],
     after: Path | None,
     tests: int,
-    draws: int,
+    draws: int | None,
     out: Path | None,
     **options: Any,
 ) -> None:

@@ -17,6 +17,7 @@ SAVED = Path("plan", "plan.json")
 
 # What users do not choose.
 BATCH = 4_000_000  # numbers in the largest array of a batch: 32 MB
+DRAWS = (200, 400, 800, 1600)  # of a class about a test, until no check fails
 MOST_KEPT = 1_000_000_000  # numbers of all draws' shapes, 4 GB
 # Of predicted values, in units of their size and of their correlations: less is rounding.
 LEAST_VARIATION = 1e-9
