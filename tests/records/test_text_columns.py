@@ -36,6 +36,7 @@ FORMATS = {
     "units row": ["Time,K1,K2,K3", "s,mg,mg,mg", *rows()],
     "units in names": ["t (s),K1 [mg],K2 [mg],K3 [mg]", *rows()],
     "trailing": ["Time (s),K1,K2,K3", *rows(last=",")],
+    "empty rows at the end": ["Time (s),K1,K2,K3", *rows(), ",,,", ",,,"],
     "trailing names": ["Time (s);K1;K2;K3;", *german(rows(separator=";", last=";"))],
     "german dates": [
         "Datum;K1;K2;K3",
@@ -153,6 +154,7 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
         (["Time (fortnights),K1", "1,2", "2,2"], "'fortnights' is no unit of time; choose from s"),
         (["t,K1", "0.1,2", "0.2", "0.3,1"], "line 3: 1 cell, where the rows above have 2"),
         (["t,K1,K2", "0.1,2,", "0.2,3,", "0.3,1,"], "column 'K2' is empty; remove it"),
+        (["t,a,b", "0.1,2,1", ",,", "0.2,3,1"], "column 't': an instant is missing in a row"),
         (["<html><body>", "1,2"], "a web page or XML, not a table"),
         (["0,1,2", "0.1,1,2", "9.1,1,2", "9.2,1,3"], "89 instants are missing beside 4; divide"),
         (["Titel: 12", "none"], "no rows of numbers"),

@@ -56,7 +56,6 @@ STATED_RATE = re.compile(
     r"(\d+(?:[.,]\d+)?)\s*(hz)?\W*$",
     re.IGNORECASE,
 )
-STATED_STEP = re.compile(r"delta_x\t(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)", re.IGNORECASE)  # LabVIEW
 OTHER_LENGTH = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 LINES_OF_TEXT = 1000  # above the numbers, at most
 SINCE_1970 = 1e8  # s, beyond which times are not those of a record
@@ -112,6 +111,8 @@ def read_columns_of_record(
         if unit is None:
             sensors.append(j)
             continue
+        if table[j].isna().any():
+            raise ValueError(f"column {names[j] or 'of times'!r}: an instant is missing in a row")
         step, of_column = instants_of(table[j].to_numpy(), names[j] or "times")
         rates += [1.0 / (unit * step)] if unit > 0.0 else []
         places = max(places, of_column, key=lambda instants: instants[-1])
@@ -184,8 +185,6 @@ def _statements(lines: Sequence[str]) -> dict[str, str]:
             key, value = match.groups()
         elif (match := STATED_RATE.match(line)) is not None and (match[1] or match[3]):
             key, value = "rate_hz", match[2]
-        elif (match := STATED_STEP.match(line)) is not None:
-            key, value = "dt_s", match[1]
         else:
             continue
         value = value.replace(",", ".") if key in ("rate_hz", "dt_s") else value
@@ -214,16 +213,21 @@ def _table(lines: Sequence[str], layout: _Layout) -> "DataFrame":
     # What ends early is filled with NaN, as are cells left empty.
     last = table.shape[1] - 1
     short = np.flatnonzero(table[last].isna())
-    if len(short) and last:
-        numbered = [i for i, line in enumerate(lines) if i >= layout.first and _is_text(line)]
-        for row in short.tolist():
-            n_cells = len(_cells(lines[numbered[row]], layout.delimiter))
-            if n_cells <= last:
-                raise ValueError(
-                    f"line {numbered[row] + 1}: {counted(n_cells, 'cell')}, where the rows above "
-                    f"have {last + 1}"
-                )
-    return table
+    numbers = _line_numbers(lines, layout) if len(short) and last else []
+    for row in short[: len(numbers)].tolist():
+        n_cells = len(_cells(lines[numbers[row] - 1], layout.delimiter))
+        if n_cells <= last:
+            raise ValueError(
+                f"line {numbers[row]}: {counted(n_cells, 'cell')}, where the rows above have "
+                f"{last + 1}"
+            )
+    held = np.flatnonzero(table.notna().any(axis=1))  # spreadsheets may end in empty rows
+    return table[: held[-1] + 1]
+
+
+def _line_numbers(lines: Sequence[str], layout: _Layout) -> list[int]:
+    """The number of the line of each row."""
+    return [i for i, line in enumerate(lines, 1) if i > layout.first and _is_text(line)]
 
 
 def _stamps_in_seconds(table: "DataFrame") -> list[int]:
@@ -394,8 +398,7 @@ def _require_numbers(table: "DataFrame", lines: Sequence[str], layout: _Layout) 
             continue
         numbers = pd.to_numeric(table[j], errors="coerce")
         row = int((numbers.isna() & table[j].notna()).to_numpy().argmax())
-        numbered = (i for i, line in enumerate(lines, 1) if i > layout.first and _is_text(line))
         raise ValueError(
-            f"line {next(islice(numbered, row, None))}, column {j + 1}: {str(table[j][row])!r} is "
+            f"line {_line_numbers(lines, layout)[row]}, column {j + 1}: {str(table[j][row])!r} is "
             "not a number; a record has one of every sensor in every row"
         )
