@@ -31,7 +31,7 @@ from contextlib import suppress
 from io import StringIO
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -197,10 +197,12 @@ def _table(lines: Sequence[str], layout: _Layout) -> "DataFrame":
     """The rows of cells: numbers, or texts where a column has others, NaN where they are empty."""
     import pandas as pd
 
+    # Until 3.1, numbers are wrong in their last digit unless this is asked for.
+    exact: Any = {"float_precision": "round_trip"} if pd.__version__ < "3.1" else {}
     try:
         table = pd.read_csv(
             StringIO("\n".join(lines[layout.first :])), sep=layout.delimiter or r"\s+", header=None,
-            decimal=layout.decimal, comment="#", skipinitialspace=True, low_memory=False,
+            decimal=layout.decimal, comment="#", skipinitialspace=True, low_memory=False, **exact,
         )  # fmt: skip
     except pd.errors.ParserError as error:
         if (match := OTHER_LENGTH.search(str(error))) is None:
