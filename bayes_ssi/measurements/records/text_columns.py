@@ -259,6 +259,8 @@ def _seconds(stamps: "Series[str]") -> FloatArray:
     try:
         if date is None:  # perhaps over midnight
             return np.unwrap(of(pd.to_timedelta(stamps)), period=86400.0)
+        if stamps.str.extract(r"(Z|[+-]\d\d:?\d\d)$").fillna("")[0].nunique() > 1:
+            raise ValueError("zones differ")
         if len(date[1]) == 4:
             return of(pd.to_datetime(stamps.str.replace("/", "-"), format="ISO8601"))
         year = "%Y" if len(date[4]) == 4 else "%y"
