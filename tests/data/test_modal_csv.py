@@ -250,6 +250,7 @@ NO_NUMBER = "is not a number"
             HEAD + "1, 1.0, 1∠0.5, 3\n",
             "line 3: sensor 'a': '1∠0.5': state the unit of",
         ),
+        ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 4 cells for 3 columns"),
         (
             "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
             r"line 2: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",

@@ -5,6 +5,7 @@ and for each run a table of modes (:mod:`bayes_ssi.measurements.modes.modal_file
 ``1.csv`` of run 1, or sheet ``1`` of a workbook. Runs without a table are still to be made.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,17 +36,11 @@ def read_runs(directory: str | Path) -> dict[str, Any]:
     (first, *names), rows = read_table(directory / DESIGN)
     if first != "run" or not names:
         raise ValueError(f"{directory / DESIGN}: columns must be run and the properties")
-    made: list[tuple[str, list[float], ModalData]] = []
-    for where, (run, *cells) in rows:
-        if (modes := _table(directory, run)) is None:
-            continue
-        try:
-            factors = [float(cell) for cell in cells]
-        except ValueError:
-            factors = []
-        if len(factors) != len(names) or not min(factors) > 0.0:
-            raise ValueError(f"{where}: must be a run and {len(names)} positive factors")
-        made.append((where, factors, modes))
+    made = [
+        (where, _factors(cells, names, where), modes)
+        for where, (run, *cells) in rows
+        if (modes := _table(directory, run)) is not None
+    ]
     if not made:
         raise ValueError(f"{directory}: no run has a table, such as {directory / '1.csv'}")
     sensors = made[0][2].sensors
@@ -63,6 +58,16 @@ def read_runs(directory: str | Path) -> dict[str, Any]:
         "shapes": np.array([shape[:, :n_modes] for shape in shapes]),
         "sensors": sensors,
     }
+
+
+def _factors(cells: Sequence[str], names: Sequence[str], where: str) -> list[float]:
+    try:
+        factors = [float(cell) for cell in cells]
+    except ValueError:
+        factors = []
+    if len(factors) != len(names) or not min(factors) > 0.0:
+        raise ValueError(f"{where}: must be a run and {len(names)} positive factors")
+    return factors
 
 
 def _table(directory: Path, run: str) -> ModalData | None:

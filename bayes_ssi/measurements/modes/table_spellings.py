@@ -153,45 +153,38 @@ def column_names(line: Line) -> list[str]:
 
 def combined(columns: list[str], rows: Sequence[Line]) -> tuple[list[str], list[Line]]:
     """The table with one column for each sensor where two hold parts of its components."""
-    parts = {c: m for c in columns if c not in OF_A_MODE and (m := PART.fullmatch(c))}
-    places: dict[str, dict[str, int]] = {}
-    for column, match in parts.items():
-        places.setdefault(match[1], {})[PARTS[match[2].lower()[:2]]] = columns.index(column)
-    pairs = {n: at for n, at in places.items() if set(at) in ({"size", "phase"}, {"re", "im"})}
-    kept = [i for i in range(len(columns)) if all(i not in at.values() for at in pairs.values())]
-    phases = [columns[at["phase"]] for at in pairs.values() if "phase" in at]
-    stated = {column: (parts[column][3] or "").lower() for column in phases}
-
-    def number(row: Line, place: int) -> float:
-        text = row.cells[place] if place < len(row.cells) else ""
-        return row.parse(float, text, columns[place]) if text else np.nan
-
-    sizes = [abs(number(row, columns.index(c))) for c in phases if not stated[c] for row in rows]
-    largest = max((size for size in sizes if size > 0.0), default=0.0)
-    if 0.0 < largest <= 2.0 * np.pi:
-        column = next(column for column in phases if not stated[column])
+    parts: dict[str, dict[str, str]] = {}  # sensor → part of its components → column
+    rad, unstated = set(), []
+    for column in columns:
+        if column not in OF_A_MODE and (match := PART.fullmatch(column)):
+            part = PARTS[match[2].lower()[:2]]
+            parts.setdefault(match[1], {})[part] = column
+            rad |= {column} if (match[3] or "").lower() == "rad" else set()
+            unstated += [column] if part == "phase" and not match[3] else []
+    pairs = {n: of for n, of in parts.items() if set(of) in ({"size", "phase"}, {"re", "im"})}
+    if not pairs:
+        return columns, list(rows)
+    taken = {column for of in pairs.values() for column in of.values()}
+    kept = [column for column in columns if column not in taken]
+    made, phases = [], [0.0]
+    for row in rows:
+        cells = dict(zip(columns, row.cells + [""] * len(columns), strict=False))
+        beyond = row.cells[len(columns) :]  # which is refused
+        numbers = {c: row.parse(float, cells[c], c) if cells[c] else np.nan for c in taken}
+        phases += [abs(numbers[column]) for column in unstated if numbers.get(column)]
+        components = [
+            complex(numbers[of["re"]], numbers[of["im"]])
+            if "im" in of
+            else numbers[of["size"]] * np.exp(1j * numbers[p] * (1.0 if p in rad else np.pi / 180))
+            for of in pairs.values()
+            for p in [of.get("phase", "")]
+        ]
+        texts = [component_text(complex(each)) for each in components]
+        made.append(replace(row, cells=[*(cells[c] for c in kept), *texts, *beyond]))
+    if 0.0 < np.nanmax(phases) <= 2.0 * np.pi:
+        (column, *_) = unstated
         raise rows[0].error(f"column {column!r}: state its unit, '{column} (deg)' or '(rad)'")
-
-    def component(row: Line, at: dict[str, int]) -> str:
-        if "im" in at:
-            value = complex(number(row, at["re"]), number(row, at["im"]))
-        else:
-            phase = number(row, at["phase"])
-            turn = phase if stated[columns[at["phase"]]] == "rad" else np.deg2rad(phase)
-            value = complex(number(row, at["size"]) * np.exp(1j * turn))
-        return component_text(value)
-
-    return [*(columns[i] for i in kept), *pairs], [
-        replace(
-            row,
-            cells=[
-                *(row.cells[i] if i < len(row.cells) else "" for i in kept),
-                *(component(row, at) for at in pairs.values()),
-                *row.cells[len(columns) :],
-            ],
-        )
-        for row in rows
-    ]
+    return [*kept, *pairs], made
 
 
 def component(text: str, column: str, line: Line) -> complex:
