@@ -31,8 +31,6 @@ from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names
 
 if TYPE_CHECKING:
-    import jinja2
-
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
     from bayes_ssi.structures.solver_files.parameter_matrices import (
@@ -47,23 +45,13 @@ if TYPE_CHECKING:
 @click.option("--nominal", metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
-@path_option(
-    "--runs",
-    metavar="DIRECTORY",
-    text="In place of exports: runs of a program that "
-    "exports no matrices, a table of modes each, at the factors in design.csv.",
-)
-@click.option(
-    "--properties",
-    metavar="NAME,…",
-    help="Of --runs: the properties whose factors are altered; writes design.csv.",
-)
-@click.option(
-    "--design",
-    type=click.IntRange(min=4),
-    metavar="N",
-    help="Number of runs in design.csv; 2, and 2 for each property, if not given.",
-)
+@path_option("--runs", metavar="DIRECTORY",
+             text="In place of exports: runs of a program that exports no matrices, a table of "
+             "modes each, at the factors in design.csv.")  # fmt: skip
+@click.option("--properties", metavar="NAME,…",
+              help="Of --runs: those whose factors are altered; writes design.csv.")  # fmt: skip
+@click.option("--design", type=click.IntRange(min=4), metavar="N",
+              help="Runs in design.csv; 2, and 2 a property, if not given.")  # fmt: skip
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
               "repeatable, also with other factors of a property, and with two properties whose "
@@ -142,9 +130,8 @@ def import_model(
     of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
-    if tests:
-        measured = {name for modes in tests for name in modes.sensors}
-        require_known("--sensor: the data have no sensor", of_sensors, measured)
+    sensed = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
+    require_known("--sensor: the data have no sensor", of_sensors, sensed)
     names = None if keys is None else _keys(keys)
 
     def exported(text: str, known_kg: float | None = None) -> ExportedModel:
@@ -154,26 +141,17 @@ def import_model(
             numbered=number_rows,
         )  # fmt: skip
 
-    given = [
-        (*_factors_and_file(text, option), option)
-        for option, texts in (("--changed", changed), ("--check", checks))
-        for text in texts
-    ]
-
+    to_alter = [_factors_and_file(text, "--changed") for text in changed]
+    to_check = [_factors_and_file(text, "--check") for text in checks]
     model = exported(nominal, mass_kg)
-    sensed = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
     wanted = dict.fromkeys(of_sensors.get(name, name) for name in sensed)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
     model = model.with_rows(tied, spring)
 
     altered, checked = (
-        [
-            AlteredModel(file, factors, exported(file).with_rows(tied, spring))
-            for factors, file, option in given
-            if option == wanted
-        ]
-        for wanted in ("--changed", "--check")
+        [AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
+        for given in (to_alter, to_check)
     )
     if not altered:  # all of the stiffness has one factor
         doubled = replace(model, stiffness=2.0 * model.stiffness)
@@ -200,40 +178,33 @@ def import_model(
 
 
 def _from_runs(
-    study: Path,
-    runs: Path,
-    properties: str | None,
-    design: int | None,
-    data: Mapping[str, Path],
+    study: Path, runs: Path, properties: str | None, design: int | None, data: Mapping[str, Path],
     band: tuple[float, float] | None,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Write the design of runs, or the study of those that were made; what is to be said."""
     from bayes_ssi.measurements.modes.run_tables import DESIGN, read_runs
-    from bayes_ssi.structures.emulation.emulated_runs import RUNS_PER_PROPERTY, first_runs
+    from bayes_ssi.structures.emulation.emulated_runs import first_runs
 
-    file = runs / DESIGN
     if properties is not None:
         names = [name.strip() for name in properties.split(",")]
-        if file.exists():
+        if (file := runs / DESIGN).exists():
             raise FileExistsError(f"{file}: exists already and is not overwritten")
-        factors = first_runs(len(names), design or 2 + RUNS_PER_PROPERTY * len(names)).tolist()
-        rows = [[str(i), *map(repr, row)] for i, row in enumerate(factors, 1)]
+        factors = first_runs(len(names), design).tolist()
+        rows = [["run", *names], *([str(i), *map(repr, row)] for i, row in enumerate(factors, 1))]
         runs.mkdir(parents=True, exist_ok=True)
-        _write_csv(file, [["run", *names], *rows])
+        _write_csv(file, rows)
         return [
-            *(", ".join(row) for row in [["run", *names], *rows]),
+            *map(", ".join, rows),
             f"Wrote {file}. Run the program at these factors, and keep the modes of run 1 as "
             f"{runs / '1.csv'}, or as sheet 1 of a workbook there, and so on: a row for each mode, "
             "columns 'Frequency (Hz)' and the sensors. Then give --data in place of --properties.",
         ]
     if len(data) != 1:
         raise ValueError("--runs: give --properties to begin, or then --data with identified modes")
-    made = read_runs(runs)
-    (modes,) = data.values()
-    place = Path(os.path.relpath(runs, study.parent)).as_posix()
-    text = _environment().get_template("runs.py.txt").render(
-        command=command_line(), runs=place, data=_read(modes, study, band),
-        properties=list(made["runs"]),
+    made, (modes,) = read_runs(runs), data.values()
+    text = _rendered(
+        "runs.py.txt", properties=list(made["runs"]), data=_read(modes, study, band),
+        runs=Path(os.path.relpath(runs, study.parent)).as_posix(),
     )  # fmt: skip
     with study.open("x", encoding="utf-8") as new:
         new.write(text)
@@ -430,26 +401,22 @@ def _study(
     terms = (*matrices.stiffness, *matrices.mass)
     model = matrices.nominal
     in_si = model.units == "N, m, kg"
-    return (
-        _environment()
-        .get_template("imported.py.txt")
-        .render(
-            model=model,
-            command=command_line(),
-            folder=folder.name,
-            tests=tests,
-            sensors={name: label for name, label in places.items() if name != label},
-            properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
-            stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
-            mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
-            unit="m" if in_si else "",
-            mass_unit="kg" if in_si else "",
-            is_large=model.size > BATCHED_UP_TO,
-        )
+    return _rendered(
+        "imported.py.txt",
+        model=model,
+        folder=folder.name,
+        tests=tests,
+        sensors={name: label for name, label in places.items() if name != label},
+        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        unit="m" if in_si else "",
+        mass_unit="kg" if in_si else "",
+        is_large=model.size > BATCHED_UP_TO,
     )
 
 
-def _environment() -> jinja2.Environment:
+def _rendered(template: str, **values: Any) -> str:
     import jinja2
 
     environment = jinja2.Environment(
@@ -460,7 +427,7 @@ def _environment() -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
-    return environment
+    return environment.get_template(template).render(command=command_line(), **values)
 
 
 def _quoted(value: Any) -> str:

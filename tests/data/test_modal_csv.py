@@ -250,7 +250,7 @@ NO_NUMBER = "is not a number"
             HEAD + "1, 1.0, 1∠0.5, 3\n",
             "line 3: sensor 'a': '1∠0.5': state the unit of",
         ),
-        ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 4 cells for 3 columns"),
+        ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 5 cells for 4 columns"),
         (
             "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
             r"line 2: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
@@ -261,7 +261,7 @@ NO_NUMBER = "is not a number"
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, 2 %\n", "line 3: frequency_cov: '2 %' is"),
         (
             HEAD.replace("a, b", "damping") + "1, 1, 1.2\n",
-            "line 3: damping: '1.2' .* name the column 'dam",
+            "line 3: damping: 1.2 is no fraction .* name the column 'dam",
         ),
         (HEAD.replace("a, b", "shape_sd") + "1, 1, 0\n", "line 3: .*shape_sd must be .* 0.0"),
     ],

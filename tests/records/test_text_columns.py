@@ -49,6 +49,9 @@ FORMATS = {
     "time of day": ["Uhrzeit\tK1\tK2\tK3",
                     *rows(dates("%H:%M:%S.%f", "2024-05-11T23:59:59"), "\t")],
     "iso": ["time K1 K2 K3", *rows(dates("%Y-%m-%dT%H:%M:%S.%f"), " ")],
+    "summer time ends": ["time K1 K2 K3", *rows(
+        [f"2024-10-27T02:59:{59 + k / 20:.2f}+02:00" for k in range(20)]
+        + [f"2024-10-27T02:00:{k / 20:05.2f}+01:00" for k in range(40)], " ")],
     "ms": ["Time [ms],K1,K2,K3", *rows(MS)],
     "us": ["t_us,K1,K2,K3", *rows([f"{m}000" for m in MS])],
     "epoch": ["timestamp_ms,K1,K2,K3", *rows([str(1715500000000 + 50 * k) for k in range(60)])],
@@ -145,7 +148,10 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
             ["t,K1,K2,K3", *rows(TIMES[:30] + TIMES[20:50])],
             "'t': instants must advance by equal steps",
         ),
-        (["t;a;b", "0;1,5;2.5", "1;2;3"], "commas and points are mixed, as in '1,5' and '2.5'"),
+        (
+            ["t;a;b", "0,1;1,5;2.5", "0,2;2;3", "0,3;2;3"],
+            "line 2, column 3: '2.5' is not a number with ',' for decimals",
+        ),
         (["K1 (g),T (°C)", "1,2", "2,2", "3,1"], "column 'T .°C.' in '°C' beside others in 'g'"),
         (
             ["# dt_s, 1", "K1 (g),K2 (mg)", "1,2", "2,2", "3,1"],

@@ -56,14 +56,11 @@ from bayes_ssi.measurements.modes.identified_mode import (
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
 from bayes_ssi.measurements.modes.table_spellings import (
-    MEANT,
-    OF_A_MODE,
     Line,
-    column_names,
-    combined,
-    component,
+    columns_of,
     component_text,
     has_frequencies,
+    mode_of,
     upright,
 )
 
@@ -107,13 +104,10 @@ def read_modal_data(
     table = upright([line for line in lines if not line.is_comment])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
-    columns, rows = combined(column_names(table[0]), table[1:])
-    counted = [line.cells[0] == str(i) for i, line in enumerate(rows, 1)]
-    if columns[0] not in OF_A_MODE and len(rows) > 1 and all(counted):
-        raise table[0].error(f"column {columns[0]!r} counts the modes; name it 'label'")
-    modes = tuple(_mode(line, columns, i) for i, line in enumerate(rows, 1))
-    if not modes:
+    if not (rows := table[1:]):
         raise ValueError(f"{path}: no mode below the column names")
+    columns = columns_of(table[0], rows)
+    modes = tuple(mode_of(line, columns, i) for i, line in enumerate(rows, 1))
 
     stated = _read_statements(lines)
     bands = stated["band_hz"] if band_hz is None else [band_hz]
@@ -123,7 +117,7 @@ def read_modal_data(
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = bands[0]
-    sensors = tuple(name for name in columns if name not in OF_A_MODE)
+    sensors = tuple(dict.fromkeys(name for _, name, *_ in columns if name not in RESERVED_NAMES))
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
     for name in stated["identification"]:
@@ -254,41 +248,6 @@ def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
                 "belong above them, and no mode's label may begin with '#'"
             )
     return stated
-
-
-def _mode(line: Line, columns: list[str], number: int) -> IdentifiedMode:
-    if any(line.cells[len(columns) :]):
-        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
-    cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
-    numbers = {}
-    for column in OF_A_MODE[1:]:
-        if cells.get(column):
-            name, meaning = MEANT.get(column, (column, float))
-            try:
-                numbers[name] = meaning(line.parse(float, cells[column], column))
-            except ZeroDivisionError:
-                raise line.error(f"{column}: must be positive, got 0") from None
-    if "frequency_hz" not in numbers:
-        raise line.error("frequency_hz: the cell is empty")
-    if not 0.0 <= numbers.get("damping", 0.0) < 1.0:
-        raise line.error(
-            f"damping: {cells.get('damping', '')!r} is no fraction of critical damping; if it "
-            "is in percent, name the column 'damping (%)'"
-        )
-    shape = np.array(
-        [component(cells[name], name, line) for name in columns if name not in OF_A_MODE]
-    )
-    measured = shape[np.isfinite(shape)]
-    if not np.any(measured.imag):
-        shape = shape.real
-    try:
-        return IdentifiedMode(
-            label=cells.get("label", str(number)),
-            shape=shape if len(measured) else None,
-            **numbers,
-        )
-    except ValueError as error:
-        raise line.error(str(error)) from None
 
 
 @dataclass(frozen=True)

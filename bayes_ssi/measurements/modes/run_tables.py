@@ -5,7 +5,6 @@ and for each run a table of modes (:mod:`bayes_ssi.measurements.modes.modal_file
 ``1.csv`` of run 1, or sheet ``1`` of a workbook. Runs without a table are still to be made.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,44 +35,40 @@ def read_runs(directory: str | Path) -> dict[str, Any]:
     (first, *names), rows = read_table(directory / DESIGN)
     if first != "run" or not names:
         raise ValueError(f"{directory / DESIGN}: columns must be run and the properties")
-    made = [
-        (where, _factors(cells, names, where), modes)
-        for where, (run, *cells) in rows
-        if (modes := _table(directory, run)) is not None
-    ]
+    factors, made = list[list[float]](), list[ModalData]()
+    for where, (run, *cells) in rows:
+        if (modes := _table(directory, run)) is None:
+            continue
+        try:
+            factors.append([float(cell) for cell in cells])
+        except ValueError:
+            cells = []
+        if len(cells) != len(names) or not min(factors[-1]) > 0.0:
+            raise ValueError(f"{where}: must be a run and {len(names)} positive factors")
+        made.append(modes)
+        if set(modes.sensors) != set(made[0].sensors):
+            held = f"sensors {modes.sensors}, in the first run {made[0].sensors}"
+            raise ValueError(f"{where}: {held}")
+        if np.isnan(modes.unit_shapes).any():
+            raise ValueError(f"{where}: a shape is not stated at all sensors")
     if not made:
         raise ValueError(f"{directory}: no run has a table, such as {directory / '1.csv'}")
-    sensors = made[0][2].sensors
-    n_modes = min(len(modes.modes) for *_, modes in made)
-    shapes = []
-    for where, _, modes in made:
-        if set(modes.sensors) != set(sensors):
-            raise ValueError(f"{where}: sensors {modes.sensors}, in the first run {sensors}")
-        shapes.append(modes.unit_shapes[[modes.sensors.index(name) for name in sensors]])
-        if np.isnan(shapes[-1][:, :n_modes]).any():
-            raise ValueError(f"{where}: a shape is not stated at all sensors")
+    sensors = made[0].sensors
+    m = min(len(modes.modes) for modes in made)
+    shapes = [each.unit_shapes[[each.sensors.index(s) for s in sensors], :m] for each in made]
     return {
-        "runs": dict(zip(names, np.transpose([factors for _, factors, _ in made]), strict=True)),
-        "frequencies_hz": np.array([modes.frequencies_hz[:n_modes] for *_, modes in made]),
-        "shapes": np.array([shape[:, :n_modes] for shape in shapes]),
+        "runs": dict(zip(names, np.transpose(factors), strict=True)),
+        "frequencies_hz": np.array([modes.frequencies_hz[:m] for modes in made]),
+        "shapes": np.array(shapes),
         "sensors": sensors,
     }
-
-
-def _factors(cells: Sequence[str], names: Sequence[str], where: str) -> list[float]:
-    try:
-        factors = [float(cell) for cell in cells]
-    except ValueError:
-        factors = []
-    if len(factors) != len(names) or not min(factors) > 0.0:
-        raise ValueError(f"{where}: must be a run and {len(names)} positive factors")
-    return factors
 
 
 def _table(directory: Path, run: str) -> ModalData | None:
     """The modes of a run, in ascending order; None where there are none yet."""
     if (file := directory / f"{run}.csv").exists():
         return read_modal_data(file, band_hz=ALL_HZ)
-    books = [file for file in sorted(directory.iterdir()) if file.suffix.lower() in WORKBOOKS]
-    book = next((book for book in books if run in sheet_names(book)), None)
-    return None if book is None else read_modal_data(book, band_hz=ALL_HZ, sheet=run)
+    for book in sorted(file for file in directory.iterdir() if file.suffix.lower() in WORKBOOKS):
+        if run in sheet_names(book):
+            return read_modal_data(book, band_hz=ALL_HZ, sheet=run)
+    return None

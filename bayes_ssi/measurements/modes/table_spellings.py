@@ -1,4 +1,4 @@
-"""Tables of modes as people keep them, turned into the columns that files of modes have.
+"""Tables of modes as people keep them, as the columns that files of modes are documented to have.
 
 Units in names are understood, ``Frequency [Hz]``, ``omega (rad/s)``, ``Period (s)``, ``Damping
 [%]``, and other words for the label; components in two columns, ``roof mag`` and ``roof phase
@@ -7,47 +7,47 @@ modes without labels, which are 1, 2, …. What may mean two things is refused w
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import repeated
 from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes, read_columns
-from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES
+from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode
 
 T = TypeVar("T", float, complex)
+Conversion = Callable[[Any], Any]
+# Of a column: its name, the documented column or the sensor, the part of the sensor's components
+# that it holds, and the conversion of its cells.
+Meaning = tuple[str, str, str, Conversion]
 
 FREQUENCY = r"(natural_|modal_|eigen_?)?freq(uency|uenz)?"
-# What people call a column, all but letters and units as underscores, and what it is.
-SPELLED = {
-    "label": r"label|mode|name|id|no\.?|nr\.?|#|mode_(no|nr|number|name)\.?",
-    "frequency_hz": rf"({FREQUENCY}|f|fn)_hz",
-    "frequency_rad_s": rf"({FREQUENCY}|omega|ω)_rad_s",
-    "period_s": r"(natural_)?period_s",
-    "frequency_cov_%": r"frequency_cov_%|cov_%",
-    "damping": r"(damping(_ratio)?|zeta|ζ|xi|ξ)(_-)?",
-    "damping_%": r"(damping(_ratio)?|zeta|ζ|xi|ξ)_%",
-    "damping_sd_%": r"damping_sd_%",
+UNSTATED = re.compile(FREQUENCY, re.IGNORECASE)  # which may be in Hz or rad/s
+DAMPING = r"(damping(_ratio)?|zeta|ζ|xi|ξ)"
+# What people call a column, all but letters and units as underscores; the column that it is, and
+# its numbers from theirs.
+SPELLED: dict[str, tuple[str, Conversion]] = {
+    **{name: (name, float) for name in RESERVED_NAMES},
+    r"mode|name|id|no\.?|nr\.?|#|mode_(no|nr|number|name)\.?": ("label", float),
+    rf"({FREQUENCY}|f|fn)_hz": ("frequency_hz", float),
+    rf"({FREQUENCY}|omega|ω)_rad_s": ("frequency_hz", lambda omega: omega / (2.0 * np.pi)),
+    r"(natural_)?period_s": ("frequency_hz", lambda period: 1.0 / period),
+    r"(frequency_)?cov_%": ("frequency_cov", lambda percent: 0.01 * percent),
+    rf"{DAMPING}(_-)?": ("damping", float),
+    rf"{DAMPING}_%": ("damping", lambda percent: 0.01 * percent),
+    r"damping_sd_%": ("damping_sd", lambda percent: 0.01 * percent),
 }
-# Of those above, the column that a file is documented to have, and what makes it of their numbers.
-MEANT: dict[str, tuple[str, Callable[[float], float]]] = {
-    "frequency_rad_s": ("frequency_hz", lambda omega: omega / (2.0 * np.pi)),
-    "period_s": ("frequency_hz", lambda period: 1.0 / period),
-    "frequency_cov_%": ("frequency_cov", lambda percent: 0.01 * percent),
-    "damping_%": ("damping", lambda percent: 0.01 * percent),
-    "damping_sd_%": ("damping_sd", lambda percent: 0.01 * percent),
-}
-OF_A_MODE = (*RESERVED_NAMES, *MEANT)  # columns that are no sensors
-FREQUENCIES = ("frequency_hz", "frequency_rad_s", "period_s")
-PARTS = {"ma": "size", "am": "size", "ab": "size", "ph": "phase", "re": "re", "im": "im"}
 PART = re.compile(
     r"(.+?)[\s_]+[(\[]?(mag|magnitude|amp|amplitude|abs|phase|re|real|im|imag)[)\]]?"
     r"\s*(?:[(\[]\s*(deg|°|rad)\s*[)\]])?",
     re.IGNORECASE,
 )
+PARTS = {"ma": "size", "am": "size", "ab": "size", "ph": "phase", "re": "re", "im": "im"}
+OTHER_PART = {"size": "phase", "phase": "size", "re": "im", "im": "re"}
 POLAR = re.compile(r"(.+?)\s*∠\s*(.+?)\s*(°|deg|rad)?")
 
 
@@ -95,13 +95,11 @@ def holds_modes(path: Path) -> bool:
         for line in text.lower().split("\n")[:50]
         for cell in re.split("[,;\t]", line)
     }
-    return "label" in cells or any(
-        spelled(cell) in FREQUENCIES or re.fullmatch(FREQUENCY, cell) for cell in cells
-    )
+    return "label" in cells or has_frequencies(cells) or any(map(UNSTATED.fullmatch, cells))
 
 
-def has_frequencies(names: Sequence[str]) -> bool:
-    return any(spelled(name) in FREQUENCIES for name in names)
+def has_frequencies(names: Iterable[str]) -> bool:
+    return any(_spelled(name)[0] == "frequency_hz" for name in names)
 
 
 def upright(table: list[Line]) -> list[Line]:
@@ -109,88 +107,112 @@ def upright(table: list[Line]) -> list[Line]:
     heads = [line.cells[0] for line in table]
     if not has_frequencies(heads) or has_frequencies(table[0].cells):
         return table
-    n = max(len(line.cells) for line in table)
-    padded = [line.cells + [""] * (n - len(line.cells)) for line in table]
-    turned = [list(cells) for cells in zip(*padded, strict=True)]
+    turned = [list(cells) for cells in zip_longest(*(line.cells for line in table), fillvalue="")]
     turned[0][0] = turned[0][0] or "label"
     return [replace(table[0], cells=cells) for cells in turned]
 
 
-def spelled(name: str) -> str:
-    """A name of this file's own columns as :data:`SPELLED` has it; others, of sensors, as it is."""
+def _spelled(name: str) -> tuple[str, Conversion]:
+    """The column of this file's own that a name means, "" of a sensor's, and its conversion."""
     plain = re.sub(r"[\s_()\[\]/]+", "_", name.lower()).strip("_")
-    if plain in RESERVED_NAMES:
-        return plain
-    return next((column for column, form in SPELLED.items() if re.fullmatch(form, plain)), name)
+    return next((own for form, own in SPELLED.items() if re.fullmatch(form, plain)), ("", float))
 
 
-def column_names(line: Line) -> list[str]:
-    own = "label" in map(str.lower, line.cells)  # beside it others that may be labels are not
-    names = [
-        cell if own and spelled(cell) == "label" != cell.lower() else spelled(cell)
-        for cell in line.cells
-    ]
+def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
+    """What the columns of a table are, by their names and, of phases, by their size."""
+    names = list(head.cells)
     while names and not names[-1]:
         names.pop()
-    if names and not names[0] and "label" not in names:
-        names[0] = "label"  # an index, as spreadsheets keep it
+    spelled = [_spelled(name) for name in names]
     if not has_frequencies(names):
-        for name in names:
-            if re.fullmatch(FREQUENCY, name, re.IGNORECASE):
-                raise line.error(f"column {name!r}: state its unit, '{name} (Hz)' or '(rad/s)'")
-        raise line.error(
+        for name in filter(UNSTATED.fullmatch, names):
+            raise head.error(f"column {name!r}: state its unit, '{name} (Hz)' or '(rad/s)'")
+        raise head.error(
             f"no column 'frequency_hz' among {', '.join(map(repr, names))}; the columns are label, "
             "frequency_hz, optionally frequency_cov, shape_sd, damping and damping_sd, and one for "
             "each sensor"
         )
+    if not names[0] and all(own != "label" for own, _ in spelled):
+        names[0], spelled[0] = "label", ("label", float)  # an index, as spreadsheets keep it
     if not all(names):
-        raise line.error("a column has no name")
-    meant = [MEANT[name][0] if name in MEANT else name for name in names]
-    if twice := repeated(meant):
-        raise line.error(f"two columns are named {twice[0]!r}")
-    return names
+        raise head.error("a column has no name")
+    is_stated = "label" in map(str.lower, names)  # beside it others that may be labels are not
+    parts = [PART.fullmatch(name) for name in names]
+    of_sensors = [(part[1], PARTS[part[2][:2].lower()]) if part else ("", "") for part in parts]
+    found: list[Meaning] = []
+    for j, (name, (own, conversion), part) in enumerate(zip(names, spelled, parts, strict=True)):
+        sensor, kind = of_sensors[j]
+        if own and not (is_stated and own == "label" != name.lower()):
+            found.append((name, own, "whole", conversion))
+        elif part and (sensor, OTHER_PART[kind]) in of_sensors:
+            unit = _phase_unit(name, part[3], j, rows) if kind == "phase" else np.real
+            found.append((name, sensor, kind, unit))
+        else:
+            found.append((name, name, "whole", complex))
+    first, counts = found[0], [row.cells[0] == str(i) for i, row in enumerate(rows, 1)]
+    if first[1] not in RESERVED_NAMES and len(rows) > 1 and all(counts):
+        raise head.error(f"column {first[0]!r} counts the modes; name it 'label'")
+    if twice := repeated(
+        [f"{column} {part}".removesuffix(" whole") for _, column, part, _ in found]
+    ):
+        raise head.error(f"two columns are named {twice[0]!r}")
+    return found
 
 
-def combined(columns: list[str], rows: Sequence[Line]) -> tuple[list[str], list[Line]]:
-    """The table with one column for each sensor where two hold parts of its components."""
-    parts: dict[str, dict[str, str]] = {}  # sensor → part of its components → column
-    rad, unstated = set(), []
-    for column in columns:
-        if column not in OF_A_MODE and (match := PART.fullmatch(column)):
-            part = PARTS[match[2].lower()[:2]]
-            parts.setdefault(match[1], {})[part] = column
-            rad |= {column} if (match[3] or "").lower() == "rad" else set()
-            unstated += [column] if part == "phase" and not match[3] else []
-    pairs = {n: of for n, of in parts.items() if set(of) in ({"size", "phase"}, {"re", "im"})}
-    if not pairs:
-        return columns, list(rows)
-    taken = {column for of in pairs.values() for column in of.values()}
-    kept = [column for column in columns if column not in taken]
-    made, phases = [], [0.0]
-    for row in rows:
-        cells = dict(zip(columns, row.cells + [""] * len(columns), strict=False))
-        beyond = row.cells[len(columns) :]  # which is refused
-        numbers = {c: row.parse(float, cells[c], c) if cells[c] else np.nan for c in taken}
-        phases += [abs(numbers[column]) for column in unstated if numbers.get(column)]
-        components = [
-            complex(numbers[of["re"]], numbers[of["im"]])
-            if "im" in of
-            else numbers[of["size"]] * np.exp(1j * numbers[p] * (1.0 if p in rad else np.pi / 180))
-            for of in pairs.values()
-            for p in [of.get("phase", "")]
-        ]
-        texts = [component_text(complex(each)) for each in components]
-        made.append(replace(row, cells=[*(cells[c] for c in kept), *texts, *beyond]))
-    if 0.0 < np.nanmax(phases) <= 2.0 * np.pi:
-        (column, *_) = unstated
-        raise rows[0].error(f"column {column!r}: state its unit, '{column} (deg)' or '(rad)'")
-    return [*kept, *pairs], made
+def _phase_unit(name: str, stated: str | None, j: int, rows: Sequence[Line]) -> Conversion:
+    cells = [(row, row.cells[j]) for row in rows if row.cells[j : j + 1] not in ([], [""])]
+    largest = max((abs(row.parse(float, cell, name)) for row, cell in cells), default=0.0)
+    if not stated and 0.0 < largest <= 2.0 * np.pi:
+        raise rows[0].error(f"column {name!r}: state its unit, '{name} (deg)' or '(rad)'")
+    return np.real if (stated or "").lower() == "rad" else lambda phase: np.deg2rad(phase.real)
 
 
-def component(text: str, column: str, line: Line) -> complex:
+def mode_of(line: Line, columns: Sequence[Meaning], number: int) -> IdentifiedMode:
+    """The mode of a row; its label is its number where no column holds it."""
+    if any(line.cells[len(columns) :]):
+        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
+    cells = [*line.cells, *[""] * len(columns)]
+    label, numbers, parts = str(number), dict[str, float](), dict[str, dict[str, complex]]()
+    for (name, column, part, conversion), text in zip(columns, cells, strict=False):
+        if column == "label":
+            label = text
+        elif column not in RESERVED_NAMES:
+            of_sensor = parts.setdefault(column, {})
+            of_sensor[part] = conversion(_component(text, column, line))
+        elif text:
+            try:
+                numbers[column] = conversion(line.parse(float, text, name))
+            except ZeroDivisionError:
+                raise line.error(f"{name}: must be positive, got 0") from None
+    if "frequency_hz" not in numbers:
+        raise line.error("frequency_hz: the cell is empty")
+    if not 0.0 <= numbers.get("damping", 0.0) < 1.0:
+        raise line.error(
+            f"damping: {numbers['damping']:g} is no fraction of critical damping; if it is in "
+            "percent, name the column 'damping (%)'"
+        )
+    shape = np.array([_whole(**of_sensor) for of_sensor in parts.values()])
+    measured = shape[np.isfinite(shape)]
+    try:
+        return IdentifiedMode(
+            label,
+            shape=(shape if measured.imag.any() else shape.real) if len(measured) else None,
+            **numbers,
+        )
+    except ValueError as error:
+        raise line.error(str(error)) from None
+
+
+def _whole(whole: complex = 0.0, re: complex = 0.0, im: complex = 0.0, size: complex = 0.0,
+           phase: complex = 0.0) -> complex:  # fmt: skip
+    """A component of the parts that columns state."""
+    return complex(whole + re + 1j * im + size * np.exp(1j * phase))
+
+
+def _component(text: str, sensor: str, line: Line) -> complex:
     if not text:
         return complex("nan")
-    name = f"sensor {column!r}"
+    name = f"sensor {sensor!r}"
     if (polar := POLAR.fullmatch(text)) is not None:
         size, phase = (line.parse(float, part, name) for part in polar.groups()[:2])
         if not polar[3] and phase:

@@ -23,10 +23,11 @@ RUNS_PER_PROPERTY = 2  # at first, beside two more
 FARTHEST = 1.8  # spreads from nominal of the first runs
 
 
-def first_runs(n_properties: int, n_runs: int) -> FloatArray:
+def first_runs(n_properties: int, n_runs: int | None = None) -> FloatArray:
     """Factors (n_runs, n_properties) at which to run a program first: nominal, and Sobol points."""
     from scipy.stats import qmc
 
+    n_runs = n_runs or 2 + RUNS_PER_PROPERTY * n_properties
     points = qmc.Sobol(n_properties, rng=np.random.default_rng(0))
     uniform = points.random_base2(max(1, n_runs - 1).bit_length())[: n_runs - 1]
     coordinates = np.vstack([np.zeros(n_properties), FARTHEST * (2.0 * uniform - 1.0)])
@@ -67,7 +68,6 @@ class EmulatedRuns(EmulatedStructure):
         require_known("EmulatedRuns: no property", factors, runs)
         require_known("EmulatedRuns: no factor of", runs, factors)
         n, m = np.shape(frequencies_hz)
-
         function = FunctionStructure(_run, factors, n_modes=m, sensors=tuple(sensors))
         self._factors = ProductTable(tuple(function._arguments.values()), function.parameters)
         self._names = tuple(factors)
