@@ -349,9 +349,25 @@ def _write_study(
 ) -> None:
     """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
     from bayes_ssi.results.result_files import new_directory
+    from bayes_ssi.structures.modal import BATCHED_UP_TO
 
     files = file_names(_named(matrices), "npz")
-    text = _study(folder, tests, matrices, files, places)
+    terms = (*matrices.stiffness, *matrices.mass)
+    model = matrices.nominal
+    in_si = model.units == "N, m, kg"
+    text = _rendered(
+        "imported.py.txt",
+        model=model,
+        folder=folder.name,
+        tests=tests,
+        sensors={name: label for name, label in places.items() if name != label},
+        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        unit="m" if in_si else "",
+        mass_unit="kg" if in_si else "",
+        is_large=model.size > BATCHED_UP_TO,
+    )
     with new_directory(folder, marker=LABELS) as partial:
         _write_matrices(partial, matrices, files)
         with study.open("x", encoding="utf-8") as file:
@@ -387,33 +403,6 @@ def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     path.write_text(text.getvalue(), encoding="utf-8")
-
-
-def _study(
-    folder: Path,
-    tests: Mapping[str, str],
-    matrices: ParameterMatrices,
-    files: Mapping[str, str],
-    places: Mapping[str, str],
-) -> str:
-    from bayes_ssi.structures.modal import BATCHED_UP_TO
-
-    terms = (*matrices.stiffness, *matrices.mass)
-    model = matrices.nominal
-    in_si = model.units == "N, m, kg"
-    return _rendered(
-        "imported.py.txt",
-        model=model,
-        folder=folder.name,
-        tests=tests,
-        sensors={name: label for name, label in places.items() if name != label},
-        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
-        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
-        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
-        unit="m" if in_si else "",
-        mass_unit="kg" if in_si else "",
-        is_large=model.size > BATCHED_UP_TO,
-    )
 
 
 def _rendered(template: str, **values: Any) -> str:

@@ -101,7 +101,7 @@ def read_modal_data(
             )
         return read_modal_uff(path, band_hz)
     lines = _split(path, sheet)
-    table = upright([line for line in lines if not line.is_comment])
+    table = upright([line for line in lines if line.cells[0][:1] != "#"])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
     if not (rows := table[1:]):
@@ -197,11 +197,9 @@ def _split(path: Path, sheet: str | int) -> list[Line]:
             f"{MOST_MODES:,}. If it is a record, identify its modes"
         )
     delimiters = DELIMITERS if stated is None else stated
-    for delimiter in delimiters:
-        lines = _lines(path, text, delimiter)
-        if any(has_frequencies(line.cells) for line in lines):
-            return lines
-    return max((_lines(path, text, d) for d in delimiters), key=lambda cut: len(cut[-1].cells))
+    cuts = [_lines(path, text, delimiter) for delimiter in delimiters]
+    whole = (cut for cut in cuts if any(has_frequencies(line.cells) for line in cut))
+    return next(whole, max(cuts, key=lambda cut: len(cut[-1].cells)))
 
 
 def _lines(path: Path, text: str, delimiter: str) -> list[Line]:
@@ -224,10 +222,14 @@ def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
     first: dict[str, int] = {}
     is_below = False
     for line in lines:
-        if not line.is_comment:
+        cell, *others = line.cells
+        if cell[:1] != "#":
             is_below = True
             continue
-        key, values = line.key_and_cells()
+        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write, also
+        # above cells that semicolons separate.
+        key, *behind = re.split(r"\s*[:=,]\s*", cell.strip("# "), maxsplit=1)
+        key, values = key.lower(), [value for value in (*behind, *others) if value]
         if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "band_hz":

@@ -60,20 +60,6 @@ class Line:
     cells: list[str]
     decimal_comma: bool
 
-    @property
-    def is_comment(self) -> bool:
-        return self.cells[0].startswith("#")
-
-    def key_and_cells(self) -> tuple[str, list[str]]:
-        """The key that a comment states, in lower case, and the cells behind it."""
-        first, *others = self.cells
-        plain = first.lstrip("# ").strip()
-        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write, also
-        # above cells that semicolons separate.
-        stated = re.fullmatch(r"(\w+)\s*[:=,]\s*(.*)", plain)
-        cells = [stated[2], *others] if stated else others
-        return (stated[1] if stated else plain).lower(), [cell for cell in cells if cell]
-
     def error(self, message: str) -> ValueError:
         return ValueError(f"{self.path}, line {self.number}: {message}")
 
