@@ -184,6 +184,7 @@ def test_tables_as_people_keep_them(read, name):
         ("a, b", "2∠60°, 1∠0"),
         ("a, b", f"2 ∠ {math.pi / 3} rad, 1"),
         ("a re, a im, b", f"1, {3**0.5}, 1"),
+        ("a mag, a phase, b abs, b phase", "2, 420, 1, 0.0"),  # one of the phases is in degrees
     ],
 )
 def test_components_of_magnitude_and_phase(read, names, cells):
@@ -253,7 +254,7 @@ NO_NUMBER = "is not a number"
         ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 5 cells for 4 columns"),
         (
             "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
-            r"line 2: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
+            r"line 1: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
         ),
         ("label, frequency_hz, , a\n1, 1\n", "line 1: a column has no name"),
         ("label, frequency_hz, a, a\n1, 1\n", "line 1: two columns are named 'a'"),

@@ -125,14 +125,15 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
     is_stated = "label" in map(str.lower, names)  # beside it others that may be labels are not
     parts = [PART.fullmatch(name) for name in names]
     of_sensors = [(part[1], PARTS[part[2][:2].lower()]) if part else ("", "") for part in parts]
-    found: list[Meaning] = []
+    found, unstated = list[Meaning](), list[int]()
     for j, (name, (own, conversion), part) in enumerate(zip(names, spelled, parts, strict=True)):
         sensor, kind = of_sensors[j]
         if own and not (is_stated and own == "label" != name.lower()):
             found.append((name, own, "whole", conversion))
         elif part and (sensor, OTHER_PART[kind]) in of_sensors:
-            unit = _phase_unit(name, part[3], j, rows) if kind == "phase" else np.real
-            found.append((name, sensor, kind, unit))
+            in_degrees = kind == "phase" and (part[3] or "").lower() != "rad"
+            unstated += [j] if in_degrees and not part[3] else []
+            found.append((name, sensor, kind, _in_rad if in_degrees else np.real))
         else:
             found.append((name, name, "whole", complex))
     first, counts = found[0], [row.cells[0] == str(i) for i, row in enumerate(rows, 1)]
@@ -142,15 +143,21 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
         [f"{column} {part}".removesuffix(" whole") for _, column, part, _ in found]
     ):
         raise head.error(f"two columns are named {twice[0]!r}")
+    _require_degrees(head, rows, unstated)
     return found
 
 
-def _phase_unit(name: str, stated: str | None, j: int, rows: Sequence[Line]) -> Conversion:
-    cells = [(row, row.cells[j]) for row in rows if row.cells[j : j + 1] not in ([], [""])]
-    largest = max((abs(row.parse(float, cell, name)) for row, cell in cells), default=0.0)
-    if not stated and 0.0 < largest <= 2.0 * np.pi:
-        raise rows[0].error(f"column {name!r}: state its unit, '{name} (deg)' or '(rad)'")
-    return np.real if (stated or "").lower() == "rad" else lambda phase: np.deg2rad(phase.real)
+def _in_rad(phase: complex) -> float:
+    return float(np.deg2rad(phase.real))
+
+
+def _require_degrees(head: Line, rows: Sequence[Line], columns: Sequence[int]) -> None:
+    """Ask for the unit of columns of phases that state none where all are angles in rad, too."""
+    cells = [(row, row.cells[j]) for row in rows for j in columns if any(row.cells[j : j + 1])]
+    largest = max((abs(row.parse(float, cell, "phase")) for row, cell in cells), default=0.0)
+    if 0.0 < largest <= 2.0 * np.pi:
+        name = head.cells[columns[0]]
+        raise head.error(f"column {name!r}: state its unit, '{name} (deg)' or '(rad)'")
 
 
 def mode_of(line: Line, columns: Sequence[Meaning], number: int) -> IdentifiedMode:
