@@ -37,6 +37,7 @@ FORMATS = {
     "units in names": ["t (s),K1 [mg],K2 [mg],K3 [mg]", *rows()],
     "trailing": ["Time (s),K1,K2,K3", *rows(last=",")],
     "empty rows at the end": ["Time (s),K1,K2,K3", *rows(), ",,,", ",,,"],
+    "empty rows of tabs": ["Time (s)\tK1\tK2\tK3", *rows(separator="\t"), "\t\t\t"],
     "trailing names": ["Time (s);K1;K2;K3;", *german(rows(separator=";", last=";"))],
     "german dates": [
         "Datum;K1;K2;K3",
@@ -152,6 +153,8 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
             ["t;a;b", "0,1;1,5;2.5", "0,2;2;3", "0,3;2;3"],
             "line 2, column 3: '2.5' is not a number with ',' for decimals",
         ),
+        (["t;a", "0,1;1,5", "0,2;x", "0,3;2"], "line 3, column 2: 'x' is not a number with"),
+        (["t,a", '"0,1","1,5"', '"0,2","1,5', *['"0,3","1,5"'] * 3], "do quotation marks match"),
         (["K1 (g),T (°C)", "1,2", "2,2", "3,1"], "column 'T .°C.' in '°C' beside others in 'g'"),
         (
             ["# dt_s, 1", "K1 (g),K2 (mg)", "1,2", "2,2", "3,1"],

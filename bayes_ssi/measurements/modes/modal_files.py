@@ -104,11 +104,10 @@ def read_modal_data(
     table = upright([line for line in lines if line.cells[0][:1] != "#"])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
-    if not (rows := table[1:]):
+    columns = columns_of(table[0], table[1:])
+    modes = tuple(mode_of(line, columns, i) for i, line in enumerate(table[1:], 1))
+    if not modes:
         raise ValueError(f"{path}: no mode below the column names")
-    columns = columns_of(table[0], rows)
-    modes = tuple(mode_of(line, columns, i) for i, line in enumerate(rows, 1))
-
     stated = _read_statements(lines)
     bands = stated["band_hz"] if band_hz is None else [band_hz]
     if not bands:

@@ -219,17 +219,17 @@ def _table(layout: _Layout) -> "DataFrame":
                 had = f"{counted(len(cells), 'cell')}, where the rows above have {len(first)}"
                 raise ValueError(f"line {line}: {had}")
     if table is None:
-        raise ValueError(reason)
+        raise ValueError(f"{reason}; do quotation marks match?")
     return table[: table.last_valid_index() + 1]  # spreadsheets may end in empty rows
 
 
 def _numbers(table: "DataFrame", layout: _Layout) -> FloatArray:
-    import pandas as pd
-
+    other = "." if layout.decimal == "," else ","
     for j in table:
         if table[j].dtype.kind not in "iuf":
-            is_text = pd.to_numeric(table[j], errors="coerce").isna() & table[j].notna()
-            row = int(is_text.to_numpy().argmax())
+            cells = map(str, table[j])
+            is_text = (not NUMBER.fullmatch(cell) or other in cell for cell in cells)
+            row = next((i for i, each in enumerate(is_text) if each), 0)
             line, _ = next(islice(layout.rows(), row, None))
             raise ValueError(
                 f"line {line}, column {j + 1}: {str(table[j][row])!r} is not a number with "
