@@ -9,7 +9,7 @@ samples are, and ``sensors`` their names; so do ``fs``, ``dt`` and ``names``, an
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,18 +54,19 @@ class Channels(NamedTuple):
 
 
 def with_statements(
-    samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any]
-) -> Channels:
-    """Channels of a file that states things by name (:data:`STATED`)."""
+    samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any],
+    steps_s: Iterable[float] = (), units: Iterable[str] = (),
+) -> Channels:  # fmt: skip
+    """Channels of a file that states things by name (:data:`STATED`), and in its columns."""
     rates = [_number(stated, "rate_hz")] if "rate_hz" in stated else []
-    if "dt_s" in stated:
-        rates.append(1.0 / _number(stated, "dt_s"))
+    rates += [1.0 / _number(stated, "dt_s")] if "dt_s" in stated else []
+    quantities, stated_units = ([str(stated[k])] if k in stated else [] for k in STATED[2:])
     return Channels(
         samples,
-        tuple(names),
-        tuple(rates),
-        (str(stated["quantity"]),) if "quantity" in stated else (),
-        (str(stated["unit"]),) if "unit" in stated else (),
+        tuple(names) if any(names) else (),
+        (*rates, *(1.0 / step for step in steps_s)),
+        tuple(quantities),
+        (*stated_units, *units),
     )
 
 
@@ -117,10 +118,9 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     if times.size != joined.shape[1] or times.dtype.kind not in "iuf":
         return with_statements(joined, names, stated)
     step, places = instants_of(times, "times")
-    channels = with_statements(at_places(joined, places), names, stated)
-    if not RATES_HZ[0] <= 1.0 / step <= RATES_HZ[1] and not channels.rates_hz:
+    if not (RATES_HZ[0] <= 1.0 / step <= RATES_HZ[1] or {"rate_hz", "dt_s"} & {*stated}):
         raise ValueError(f"times advance by {step:g}, not in s; remove them and give the rate")
-    return channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step))
+    return with_statements(at_places(joined, places), names, stated, [step])
 
 
 def _meaning(name: str) -> str:

@@ -92,7 +92,7 @@ def read_columns_of_record(
     if len(table) < 2:
         raise ValueError(f"a record needs two samples or more, got {len(table)}")
     stamps = _stamps_in_seconds(table)
-    sensors, rates, places = {}, [], np.arange(len(table))
+    sensors, steps_s, places = {}, [], np.arange(len(table))
     for j, (name, unit) in _headings(layout, table).items():
         in_s = 1.0 if j in stamps else _unit_of_instants(table, j, name, unit.lower(), rate_hz)
         if in_s is None:
@@ -101,7 +101,7 @@ def read_columns_of_record(
         if table[j].isna().any():
             raise ValueError(f"column {name or 'of times'!r}: an instant is missing in a row")
         step, of_column = instants_of(table[j].to_numpy(), name or "times")
-        rates += [1.0 / (in_s * step)] if in_s > 0.0 else []
+        steps_s += [in_s * step] if in_s > 0.0 else []
         places = max(places, of_column, key=lambda instants: instants[-1])
     if len(sensors) >= len(table):
         raise ValueError(
@@ -117,12 +117,7 @@ def read_columns_of_record(
                 "motion, or in another unit; remove it"
             )
     names = [name for name, _ in sensors.values()]
-    channels = with_statements(
-        at_places(samples, places), names if any(names) else [], _statements(layout)
-    )
-    return channels._replace(
-        rates_hz=(*channels.rates_hz, *rates), units=(*channels.units, *motion)
-    )
+    return with_statements(at_places(samples, places), names, _statements(layout), steps_s, motion)
 
 
 class _Layout(NamedTuple):
@@ -136,24 +131,21 @@ class _Layout(NamedTuple):
     @classmethod
     def of(cls, lines: list[str], stated: str | None) -> "_Layout":
         """The delimiter that gives most columns, and the first of the rows of numbers."""
-        text = ((i, line) for i, line in enumerate(lines) if _is_text(line))
-        top = list(islice(text, LINES_OF_TEXT))
+        numbered = ((i, line) for i, line in enumerate(lines) if _is_text(line))
+        top = list(islice(numbered, LINES_OF_TEXT))
         layouts = []
         for delimiter in (stated,) if stated else (";", "\t", ",", None):
             rows = [_cells(line, delimiter) for _, line in top]
             beside = [0, *map(len, rows), 0]
             for k, row in enumerate(rows):
                 if _is_row(row) and (len(row) in (beside[k], beside[k + 2]) or len(rows) == 1):
-                    numbers = " ".join(
-                        c for below in rows[k:] for c in below if NUMBER.fullmatch(c)
-                    )
-                    layouts.append((len(row), delimiter, top[k][0], numbers))
+                    layouts.append((len(row), delimiter, top[k][0], rows[k:]))
                     break
         if not layouts:
-            raise ValueError(
-                "no rows of numbers, one for each instant, separated by , ; tab or spaces"
-            )
-        _, delimiter, first, numbers = next((one for one in layouts if one[0] > 1), layouts[0])
+            text = "no rows of numbers, one for each instant, separated by , ; tab or spaces"
+            raise ValueError(text)
+        _, delimiter, first, rows = next((one for one in layouts if one[0] > 1), layouts[0])
+        numbers = "".join(cell for row in rows for cell in row if NUMBER.fullmatch(cell))
         is_decimal = "," in numbers or (delimiter in (";", "\t") and "." not in numbers)
         return cls(lines, delimiter, first, "," if is_decimal else ".")
 
