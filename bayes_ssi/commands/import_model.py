@@ -71,15 +71,12 @@ if TYPE_CHECKING:
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
-@path_option(
-    "--points", metavar="FILE",
-    text="Where sensors are, of which the nearest nodes are taken: CSV with columns sensor, "
-    "x_coord, y_coord, z_coord, direction, or the universal file of the data.",
+@path_option("--points", metavar="FILE",
+             text="Where sensors are, of which the nearest nodes are taken: CSV with columns "
+             "sensor, x_coord, y_coord, z_coord, direction, or the universal file of the data.",
 )  # fmt: skip
-@click.option(
-    "--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
-    help="Factor of these coordinates, to those of the model after --units.",
-)  # fmt: skip
+@click.option("--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
+              help="Factor of these coordinates, to those of the model after --units.")  # fmt: skip
 @range_option("--band", "Band of the search in Hz, where the data are a universal file.")
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."

@@ -87,11 +87,11 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     """
     read = read_arrays(path, attributes=(*STATED, "sensors"))
     arrays = {name: _plain(value) for name, value in read.items()}
-    meanings = {name: _meaning(name) for name in arrays}
+    of = {name: _structure_and_meaning(name) for name in arrays}
     samples = {
         name: array
         for name, array in arrays.items()
-        if meanings[name] not in (*STATED, "times")
+        if of[name][1] not in (*STATED, "times")
         and array.dtype.kind in "iuf" and array.size > 1 and array.ndim <= 2
     }  # fmt: skip
     keys = list(keys) or list(samples)
@@ -106,9 +106,13 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
         raise ValueError(
             f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys"
         )
-    around = {"", *(_structure(key) for key in keys)}
-    beside = {meanings[n]: arrays[n] for n in arrays if _structure(n) in around and n not in keys}
-    stated = {key: _scalar(beside[key]) for key in STATED if key in beside}
+    around = {"", *(of[key][0] for key in keys)}
+    beside = {of[n][1]: arrays[n] for n in arrays if of[n][0] in around and n not in keys}
+    stated = {
+        key: array.item() if array.size == 1 else array.tolist()
+        for key, array in beside.items()
+        if key in STATED
+    }
     names = [str(name).strip() for name in np.ravel(beside.get("sensors", []))]
     if not names and len(keys) > 1 and all(len(block) == 1 for block in blocks):
         names = list(keys)
@@ -123,30 +127,19 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     return with_statements(at_places(joined, places), names, stated, [step])
 
 
-def _meaning(name: str) -> str:
-    """What an array is by its name: a field's where it is in a structure."""
-    field = name[len(_structure(name)) :].lstrip("./").lower()
-    return SPELLINGS.get(field, field)
-
-
-def _structure(name: str) -> str:
-    """The structure, or HDF5's group, that an array is in."""
-    return name[: max(name.rfind("."), name.rfind("/"), 0)]
-
-
-def _scalar(array: np.ndarray) -> Any:
-    if array.size != 1:
-        return array.tolist()
-    scalar = array.ravel()[0]
-    return scalar.decode() if isinstance(scalar, bytes) else scalar
+def _structure_and_meaning(name: str) -> tuple[str, str]:
+    """The structure, or HDF5's group, that an array is in, and what it is by its name there."""
+    place = max(name.rfind("."), name.rfind("/"), 0)
+    field = name[place:].lstrip("./").lower()
+    return name[:place], SPELLINGS.get(field, field)
 
 
 def _plain(value: Any) -> np.ndarray:
-    """A cell array of texts as an array of texts."""
+    """Bytes, or a cell array of texts, as an array of texts."""
     array = np.asarray(value)
-    if array.dtype != object:
-        return array
-    return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
+    if array.dtype == object:
+        return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
+    return np.char.decode(array) if array.dtype.kind == "S" else array
 
 
 def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]]:
