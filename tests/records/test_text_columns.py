@@ -150,8 +150,8 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
             "'t': instants must advance by equal steps",
         ),
         (
-            ["t;a;b", "0,1;1,5;2.5", "0,2;2;3", "0,3;2;3"],
-            "line 2, column 3: '2.5' is not a number with ',' for decimals",
+            ["t;a;b", "0,1;1,5;2", "0,2;2;2.5", "0,3;2;3"],
+            "line 3, column 3: '2.5' is not a number with ',' for decimals",
         ),
         (["t;a", "0,1;1,5", "0,2;x", "0,3;2"], "line 3, column 2: 'x' is not a number with"),
         (["t,a", '"0,1","1,5"', '"0,2","1,5', *['"0,3","1,5"'] * 3], "do quotation marks match"),
@@ -196,6 +196,21 @@ def test_a_workbook(tmp_path):
     assert one.rate_hz == pytest.approx(RATE)
     with pytest.raises(ValueError, match="no sheet 'other'; choose from 'Sheet', 'data'"):
         bs.read_record(tmp_path / "a.xlsx", keys=["other"])
+
+
+def test_a_sensor_that_rises_steadily_is_one(tmp_path):
+    samples = np.vstack([SAMPLES[:2], np.arange(60) / 8.0])
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["t,K1,K2,K3", *rows(samples=samples)]))
+    np.testing.assert_array_equal(bs.read_record(path, unit="g").samples, samples)
+
+
+def test_texts_of_bytes(tmp_path):
+    path = tmp_path / "a.npz"
+    unit, names = np.bytes_("mg"), np.array(NAMES, "S2")
+    np.savez(path, a=SAMPLES, rate_hz=RATE, unit=unit, sensors=names)
+    one = bs.read_record(path)
+    assert (one.sensors, one.unit, one.rate_hz) == (NAMES, "mg", RATE)
 
 
 def test_fields_of_matlab_structures(tmp_path):
