@@ -49,6 +49,7 @@ FORMATS = {
     "date and time": ["Date,Time,K1,K2,K3", *rows(dates("%d.%m.%y,%H:%M:%S.%f"))],
     "time of day": ["Uhrzeit\tK1\tK2\tK3",
                     *rows(dates("%H:%M:%S.%f", "2024-05-11T23:59:59"), "\t")],
+    "iso with spaces": ["time K1 K2 K3", *rows(dates("%Y-%m-%d %H:%M:%S.%f"), " ")],
     "iso": ["time K1 K2 K3", *rows(dates("%Y-%m-%dT%H:%M:%S.%f"), " ")],
     "summer time ends": ["time K1 K2 K3", *rows(
         [f"2024-10-27T02:59:{59 + k / 20:.2f}+02:00" for k in range(20)]
