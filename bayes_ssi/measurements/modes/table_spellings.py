@@ -76,11 +76,7 @@ def holds_modes(path: Path) -> bool:
     """Whether one of the first lines of a text, or of a workbook, names columns of modes."""
     is_book = path.suffix.lower() in WORKBOOKS
     text = read_columns(path)[0] if is_book else first_bytes(path).decode("utf-8", errors="ignore")
-    cells = {
-        cell.strip(' "\ufeff')
-        for line in text.lower().split("\n")[:50]
-        for cell in re.split("[,;\t]", line)
-    }
+    cells = {cell.strip(' "\r\ufeff') for cell in re.split("[,;\t\n]", text[:8192].lower())}
     return "label" in cells or has_frequencies(cells) or any(map(UNSTATED.fullmatch, cells))
 
 

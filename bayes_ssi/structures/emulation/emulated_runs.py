@@ -105,10 +105,9 @@ class EmulatedRuns(EmulatedStructure):
     def advice(self, required: Requirement) -> str:
         fit, x = self._fit_for(required.n_modes), self._coordinates(required.values)
         factors = np.exp(SPREAD * x[self._worst(fit, x, 0.0)[:3]])
-        runs = [zip(self._names, row, strict=True) for row in factors]
-        return "run the program next at " + "; ".join(
-            ", ".join(f"{name}={factor:.3g}" for name, factor in run) for run in runs
-        )
+        runs = [dict(zip(self._names, row, strict=True)) for row in factors]
+        texts = (", ".join(f"{name}={factor:.3g}" for name, factor in run.items()) for run in runs)
+        return f"run the program next at {'; '.join(texts)}"
 
 
 def _fitted(x: FloatArray, modes: Modes, n_needed: int) -> EmulatorFit:
