@@ -25,6 +25,7 @@ from bayes_ssi.measurements.modes.modal_files import write_modal_data as write_m
 from bayes_ssi.measurements.modes.modal_tools import (
     modal_data_from_pyoma2 as modal_data_from_pyoma2,
 )
+from bayes_ssi.measurements.modes.run_tables import read_runs as read_runs
 from bayes_ssi.measurements.records.modal_identification import identify as identify
 from bayes_ssi.measurements.records.record import Record as Record
 from bayes_ssi.measurements.records.record_files import read_ground_motion as read_ground_motion
@@ -56,6 +57,7 @@ from bayes_ssi.structures.elements import AddedMass as AddedMass
 from bayes_ssi.structures.elements import InPlaneInfill as InPlaneInfill
 from bayes_ssi.structures.elements import OutOfPlaneInfill as OutOfPlaneInfill
 from bayes_ssi.structures.elements import Pendulum as Pendulum
+from bayes_ssi.structures.emulation.emulated_runs import EmulatedRuns as EmulatedRuns
 from bayes_ssi.structures.finite_elements.function_structure import (
     FunctionStructure as FunctionStructure,
 )

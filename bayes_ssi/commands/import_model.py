@@ -6,16 +6,27 @@ Its sensors are found by label, by the data's names, or by coordinates.
 from __future__ import annotations
 
 import csv
+import io
 import json
-from collections.abc import Mapping, Sequence
+import os
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands import options, terminal
-from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths, next_commands
+from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
+from bayes_ssi.commands.options import (
+    PATH,
+    flag,
+    named_values,
+    number_option,
+    path_option,
+    range_option,
+)
+from bayes_ssi.commands.terminal import command_line, say
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names
 
@@ -30,10 +41,17 @@ if TYPE_CHECKING:
 
 
 @click.command("import")
-@click.argument("name", type=options.PATH)
-@click.option("--nominal", required=True, metavar="FILE[+MASS]",
+@click.argument("name", type=PATH)
+@click.option("--nominal", metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
+@path_option("--runs", metavar="DIRECTORY",
+             text="In place of exports: runs of a program that exports no matrices, a table of "
+             "modes each, at the factors in design.csv.")  # fmt: skip
+@click.option("--properties", metavar="NAME,…",
+              help="Of --runs: those whose factors are altered; writes design.csv.")  # fmt: skip
+@click.option("--design", type=click.IntRange(min=4), metavar="N",
+              help="Runs in design.csv; 2, and 2 a property, if not given.")  # fmt: skip
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
               "repeatable, also with other factors of a property, and with two properties whose "
@@ -43,35 +61,35 @@ if TYPE_CHECKING:
               "repeatable.")  # fmt: skip
 @click.option("--keys", metavar="STIFFNESS,MASS",
               help="Names of the two matrices in files that hold several.")  # fmt: skip
-@options.path_option("--labels", metavar="FILE",
+@path_option("--labels", metavar="FILE",
              text="Text file with a line such as '12 x' for every row, where the exports do not "
              "state which degree of freedom it is.")  # fmt: skip
-@options.flag("--number-rows", text="Name rows without labels dof 1, dof 2, …")
+@flag("--number-rows", text="Name rows without labels dof 1, dof 2, …")
 @click.option("--data", "files", multiple=True, metavar="CSV",
               help="Identified modes; NAME.csv, to be written by you, if not given. Repeatable, "
               "with a name for each test, as in --data BC=bc.csv --data SC=sc.csv.")  # fmt: skip
 @click.option("--sensor", "sensors", multiple=True, metavar="SENSOR=LABEL",
               help="Label of the degree of freedom that a sensor measures, as in 'roof=12 x', "
               "where the data do not name it so; repeatable.")  # fmt: skip
-@options.path_option(
-    "--points", metavar="FILE",
-    text="Where sensors are, of which the nearest nodes are taken: CSV with columns sensor, "
-    "x_coord, y_coord, z_coord, direction, or the universal file of the data.",
+@path_option("--points", metavar="FILE",
+             text="Where sensors are, of which the nearest nodes are taken: CSV with columns "
+             "sensor, x_coord, y_coord, z_coord, direction, or the universal file of the data.",
 )  # fmt: skip
-@click.option(
-    "--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
-    help="Factor of these coordinates, to those of the model after --units.",
-)  # fmt: skip
-@options.range_option("--band", "Band of the search in Hz, where the data are a universal file.")
+@click.option("--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
+              help="Factor of these coordinates, to those of the model after --units.")  # fmt: skip
+@range_option("--band", "Band of the search in Hz, where the data are a universal file.")
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
-@options.number_option(
+@number_option(
     "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
 )
 def import_model(
     name: Path,
-    nominal: str,
+    nominal: str | None,
+    runs: Path | None,
+    properties: str | None,
+    design: int | None,
     changed: tuple[str, ...],
     checks: tuple[str, ...],
     keys: str | None,
@@ -100,14 +118,18 @@ def import_model(
 
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
+    if runs is not None:
+        say(*_from_runs(study, runs, properties, design, data, band))
+        return
+    if nominal is None or properties or design:
+        raise ValueError("give --nominal, an export, or --runs, where there are no matrices")
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
-    of_sensors = options.named_values(
+    of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
-    if tests:
-        measured = {name for modes in tests for name in modes.sensors}
-        require_known("--sensor: the data have no sensor", of_sensors, measured)
-    names = _keys(keys)
+    sensed = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
+    require_known("--sensor: the data have no sensor", of_sensors, sensed)
+    names = None if keys is None else _keys(keys)
 
     def exported(text: str, known_kg: float | None = None) -> ExportedModel:
         path, mass = _model_files(text)
@@ -116,26 +138,17 @@ def import_model(
             numbered=number_rows,
         )  # fmt: skip
 
-    given = [
-        (*_factors_and_file(text, option), option)
-        for option, texts in (("--changed", changed), ("--check", checks))
-        for text in texts
-    ]
-
+    to_alter = [_factors_and_file(text, "--changed") for text in changed]
+    to_check = [_factors_and_file(text, "--check") for text in checks]
     model = exported(nominal, mass_kg)
-    sensed = [name for modes in tests for name in modes.sensors] if tests else list(of_sensors)
     wanted = dict.fromkeys(of_sensors.get(name, name) for name in sensed)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
     model = model.with_rows(tied, spring)
 
     altered, checked = (
-        [
-            AlteredModel(file, factors, exported(file).with_rows(tied, spring))
-            for factors, file, option in given
-            if option == wanted
-        ]
-        for wanted in ("--changed", "--check")
+        [AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
+        for given in (to_alter, to_check)
     )
     if not altered:  # all of the stiffness has one factor
         doubled = replace(model, stiffness=2.0 * model.stiffness)
@@ -146,21 +159,65 @@ def import_model(
     data = data or {"": study.with_suffix(".csv")}
     arguments = {test: _read(path, study, band) for test, path in data.items()}
     _write_study(study, folder, matrices, arguments, places)
-    terminal.say(
+    say(
         str(model),
         *_formulas(matrices),
         *said,
         f"Wrote {study} and its matrices.{to_come}",
         "Next:",
-        *next_commands(study, *(data.values() if band is None else ())),
+        *(
+            f"  {shlex.join(['bayes-ssi', 'check', str(file)])}"
+            for file in data.values()
+            if band is None
+        ),
+        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
     )
 
 
-def _keys(text: str | None) -> tuple[str, str] | None:
-    stiffness, _, mass = (part.strip() for part in (text or "").partition(","))
-    if text is not None and not (stiffness and mass and "," not in mass):
+def _from_runs(
+    study: Path, runs: Path, properties: str | None, design: int | None, data: Mapping[str, Path],
+    band: tuple[float, float] | None,
+) -> list[str]:  # fmt: skip
+    """Write the design of runs, or the study of those that were made; what is to be said."""
+    from bayes_ssi.measurements.modes.run_tables import DESIGN, read_runs
+    from bayes_ssi.structures.emulation.emulated_runs import first_runs
+
+    if properties is not None:
+        names = [name.strip() for name in properties.split(",")]
+        if (file := runs / DESIGN).exists():
+            raise FileExistsError(f"{file}: exists already and is not overwritten")
+        factors = first_runs(len(names), design).tolist()
+        rows = [["run", *names], *([str(i), *map(repr, row)] for i, row in enumerate(factors, 1))]
+        runs.mkdir(parents=True, exist_ok=True)
+        _write_csv(file, rows)
+        return [
+            *map(", ".join, rows),
+            f"Wrote {file}. Run the program at these factors, and keep the modes of run 1 as "
+            f"{runs / '1.csv'}, or as sheet 1 of a workbook there, and so on: a row for each mode, "
+            "columns 'Frequency (Hz)' and the sensors. Then give --data in place of --properties.",
+        ]
+    if len(data) != 1:
+        raise ValueError("--runs: give --properties to begin, or then --data with identified modes")
+    made, (modes,) = read_runs(runs), data.values()
+    text = _rendered(
+        "runs.py.txt", properties=list(made["runs"]), data=_read(modes, study, band),
+        runs=Path(os.path.relpath(runs, study.parent)).as_posix(),
+    )  # fmt: skip
+    with study.open("x", encoding="utf-8") as new:
+        new.write(text)
+    n, m = made["frequencies_hz"].shape
+    return [
+        f"{n} runs of {', '.join(made['runs'])}: {m} modes at {len(made['sensors'])} sensors.",
+        f"Wrote {study}. Next:",
+        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+    ]
+
+
+def _keys(text: str) -> tuple[str, str]:
+    names = tuple(name.strip() for name in text.split(","))
+    if len(names) != 2 or not all(names):
         raise ValueError(f"--keys: expected STIFFNESS,MASS, got {text!r}")
-    return None if text is None else (stiffness, mass)
+    return names[0], names[1]
 
 
 def _model_files(text: str) -> tuple[Path, Path | None]:
@@ -173,7 +230,7 @@ def _model_files(text: str) -> tuple[Path, Path | None]:
 
 def _data(files: tuple[str, ...]) -> dict[str, Path]:
     """Name of the test ("" where there is one without a name) → file of its modes."""
-    data = options.named_values("--data", files, "[TEST=]CSV", r"(?:([^=]+)=)?([^=]+)", Path)
+    data = named_values("--data", files, "[TEST=]CSV", r"(?:([^=]+)=)?([^=]+)", Path)
     if len(files) > 1 and "" in data:
         raise ValueError(f"--data: must be TEST=CSV where there are several, got {str(data[''])!r}")
     return data
@@ -181,12 +238,17 @@ def _data(files: tuple[str, ...]) -> dict[str, Path]:
 
 def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:
     """Property → factor, and the file, of PROPERTY=FACTOR,PROPERTY=FACTOR:FILE."""
-    pairs, _, path = text.partition(":")
+    pairs, colon, path = text.partition(":")
     try:
-        factors = options.named_values(option, pairs.split(","), "", r"([^=]*[^=\s])=(.*)", float)
+        factors = {}
+        for pair in pairs.split(","):
+            name, _, value = (each.strip() for each in pair.partition("="))
+            if not name or name in factors:
+                raise ValueError(name)
+            factors[name] = float(value)
     except ValueError:
-        path = ""
-    if not path:
+        colon = ""
+    if not colon or not path:
         raise ValueError(f"{option}: expected PROPERTY=FACTOR:FILE, got {text!r}")
     return factors, path
 
@@ -240,10 +302,7 @@ def _sensors(
     names = list(measured or {**{point.name: "" for point in points}, **labels})
 
     def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
-        try:
-            return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
-        except ValueError as error:
-            raise ValueError(f"--points, --points-scale: {error}") from None
+        return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
 
     def places(axes: Axes) -> dict[str, str]:
         found = {}
@@ -286,36 +345,36 @@ def _write_study(
     places: Mapping[str, str],
 ) -> None:
     """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
-    import scipy.sparse as sp
-
     from bayes_ssi.results.result_files import new_directory
+    from bayes_ssi.structures.modal import BATCHED_UP_TO
 
-    stiffness, mass = (
-        {_name(symbol, term): term for term in terms}
-        for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass))
-    )
-    files = file_names([*stiffness, *mass], "npz")
-    text = _study(
-        matrices.nominal,
+    files = file_names(_named(matrices), "npz")
+    terms = (*matrices.stiffness, *matrices.mass)
+    model = matrices.nominal
+    in_si = model.units == "N, m, kg"
+    text = _rendered(
+        "imported.py.txt",
+        model=model,
         folder=folder.name,
         tests=tests,
         sensors={name: label for name, label in places.items() if name != label},
-        stiffness=[(term.powers, files[name]) for name, term in stiffness.items()],
-        mass=[(term.powers, files[name]) for name, term in mass.items()],
+        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
+        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
+        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        unit="m" if in_si else "",
+        mass_unit="kg" if in_si else "",
+        is_large=model.size > BATCHED_UP_TO,
     )
     with new_directory(folder, marker=LABELS) as partial:
-        for name, term in (stiffness | mass).items():
-            sp.save_npz(partial / files[name], term.matrix)
-        labels = matrices.nominal.labels or ()
-        (partial / LABELS).write_text("\n".join([*labels, ""]), encoding="utf-8")
-        if (geometry := matrices.nominal.geometry) is not None:
-            nodes = ([node, *map(repr, at)] for node, at in geometry.nodes.items())
-            tables = {"nodes": nodes, "lines": geometry.lines, "faces": geometry.faces}
-            for name, rows in tables.items():
-                with (partial / f"{name}.csv").open("x", newline="", encoding="utf-8") as file:
-                    csv.writer(file, lineterminator="\n").writerows(rows)
+        _write_matrices(partial, matrices, files)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
+
+
+def _named(matrices: ParameterMatrices) -> dict[str, MatrixTerm]:
+    """Every term of stiffness and mass by a name, from which that of its file is made."""
+    terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
+    return {_name(symbol, term): term for symbol, term in terms}
 
 
 def _name(symbol: str, term: MatrixTerm) -> str:
@@ -323,17 +382,28 @@ def _name(symbol: str, term: MatrixTerm) -> str:
     return "_".join([symbol, *parts])
 
 
-def _study(
-    model: ExportedModel,
-    *,
-    stiffness: Sequence[tuple[Powers, str]],
-    mass: Sequence[tuple[Powers, str]],
-    **values: Any,
-) -> str:
-    """The text of a study, whose terms of stiffness and mass have powers and files."""
-    import jinja2
+def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
+    import scipy.sparse as sp
 
-    from bayes_ssi.structures.modal import BATCHED_UP_TO
+    for name, term in _named(matrices).items():
+        sp.save_npz(folder / files[name], term.matrix)
+    model = matrices.nominal
+    (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
+    if model.geometry is not None:
+        nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
+        _write_csv(folder / "nodes.csv", nodes)
+        _write_csv(folder / "lines.csv", model.geometry.lines)
+        _write_csv(folder / "faces.csv", model.geometry.faces)
+
+
+def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _rendered(template: str, **values: Any) -> str:
+    import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
@@ -343,19 +413,7 @@ def _study(
         keep_trailing_newline=True,
     )
     environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
-    in_si = model.units == "N, m, kg"
-    properties = dict.fromkeys(name for powers, _ in (*stiffness, *mass) for name, _ in powers)
-    return environment.get_template("imported.py.txt").render(
-        model=model,
-        command=terminal.command_line(),
-        properties=list(properties),
-        stiffness=stiffness,
-        mass=mass,
-        unit="m" if in_si else "",
-        mass_unit="kg" if in_si else "",
-        is_large=model.size > BATCHED_UP_TO,
-        **values,
-    )
+    return environment.get_template(template).render(command=command_line(), **values)
 
 
 def _quoted(value: Any) -> str:

@@ -114,7 +114,7 @@ def _accept_any_encoding() -> None:
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - until the exit
     for stream in (sys.stdout, sys.stderr):
-        with suppress(AttributeError):  # of a stream that is no file
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=META)
 
 

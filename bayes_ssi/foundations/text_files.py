@@ -44,7 +44,6 @@ def file_names(names: Iterable[str], suffix: str) -> dict[str, str]:
 # The first line in which a file states its delimiter, as Excel reads and writes it.
 STATED_DELIMITER = re.compile(r'\s*"?sep=([,;\t])"?[,;\s]*?(?=\n|\Z)', re.IGNORECASE)
 
-
 WORKBOOKS = (".xlsx", ".xlsm")
 
 
@@ -88,7 +87,11 @@ def read_columns(path: Path, sheet: str | int = 0) -> tuple[str, str | None]:
     require_regular_file(path)
     if path.suffix.lower() in WORKBOOKS:
         return _sheet_text(path, sheet), ","
-    text = _decoded(path.read_bytes())
+    content, text = path.read_bytes(), "\0"
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("latin-1", "cp1252", "utf-16" if marked else "utf-8-sig"):
+        with suppress(UnicodeDecodeError):
+            text = content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     if "\0" in text:
         raise ValueError(f"{path}: not a text file; save it as CSV (UTF-8)")
     if not text.strip():
@@ -101,22 +104,21 @@ def read_columns(path: Path, sheet: str | int = 0) -> tuple[str, str | None]:
     return "\n" * stated[0].count("\n") + text[stated.end() :], stated[1]
 
 
-def _decoded(content: bytes) -> str:
-    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    for encoding in ("utf-16",) if utf16 else ("utf-8-sig", "cp1252"):
-        with suppress(UnicodeDecodeError):
-            return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
-    return content.decode("latin-1")
+def sheet_names(path: Path) -> list[str]:
+    """The sheets of a workbook, in their order."""
+    import pandas as pd
+
+    with optional_package("openpyxl", extra="xlsx"):
+        import openpyxl  # noqa: F401 - pandas reads with it
+    with damage_named(path), pd.ExcelFile(path, engine="openpyxl") as book:
+        return [str(name) for name in book.sheet_names]
 
 
 def _sheet_text(path: Path, sheet: str | int) -> str:
     """A sheet of a workbook as CSV."""
     import pandas as pd
 
-    with optional_package("openpyxl", extra="xlsx"):
-        import openpyxl  # noqa: F401 - pandas reads with it
-    with damage_named(path), pd.ExcelFile(path, engine="openpyxl") as book:
-        names = [str(name) for name in book.sheet_names]
+    names = sheet_names(path)
     if sheet not in (0, *names):
         raise ValueError(f"{path}: no sheet {sheet!r}; choose from {', '.join(map(repr, names))}")
     with damage_named(path):

@@ -259,7 +259,7 @@ def plot_corner(
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
-        label = look.wrapped(_with_unit(name, units), 1.3, SMALL_TEXT)
+        label = look.wrapped(_with_unit(name, units), 1.3, look.SMALL_TEXT)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
         panels[i, i].set_title(title, fontsize=look.SMALL_TEXT, loc="center", parse_math=False)
         panels[-1, i].set_xlabel(label, fontsize=look.SMALL_TEXT, parse_math=False)

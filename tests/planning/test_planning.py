@@ -2,6 +2,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log_sphere_area
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout
+from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_values import (
@@ -308,3 +310,28 @@ def test_layouts_are_drawn_by_height_and_in_space(whole, two_classes):
         ]
         in_space = bs.plan(two_classes, 1, candidates=places, n_tests=50, n_draws=50)
         assert plot_layout(in_space).name == "3d"
+
+
+def test_more_draws_are_chosen_until_no_check_fails(two_classes, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.studies.planning.layout_plans.DRAWS", (50, 100, 200))
+    seen = []
+
+    def fails_at_first(draws, _):
+        seen.append(draws.shape)
+        return ["few draws"] if len(seen) < 3 else []
+
+    monkeypatch.setattr("bayes_ssi.studies.planning.layout_plans._failed_checks", fails_at_first)
+    assert bs.plan(two_classes, 1, n_tests=50).failed_checks == ()
+    assert len(seen) == 3
+    seen.clear()
+    assert bs.plan(two_classes, 1, n_tests=50, n_draws=50).failed_checks == ("few draws",)
+
+
+def test_ties_are_called_ties(two_classes):
+    plan = bs.plan(two_classes, 1, n_tests=50, n_draws=50)
+    best = plan.best
+    tie = replace(best, sensors=("other",), gain=best.gain - 0.9 * best.error)
+    worse = replace(best, sensors=("third",), gain=best.gain - 1.1 * best.error)
+    tied = replace(plan, layouts=(best, tie, worse))
+    assert [row[0] for row in layout_rows(tied)[1:4]] == ["best", "tie", ""]
+    assert "(a tie within its error with other)" in plan_answer(tied)

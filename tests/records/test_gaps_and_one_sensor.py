@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.modal_identification import _pieces
+from bayes_ssi.measurements.records.other_methods import compared
 
 RATE, N = 20.0, 12_000
 MODES = {1.0: 0.02, 2.62: 0.02}  # Hz and damping
@@ -76,6 +77,9 @@ def test_one_sensor_gives_frequencies_and_dampings(samples):
         assert abs(mode.damping - zeta) < 3 * mode.damping_sd
         assert mode.scored_shape is None
         assert mode.shape_sd is None
+    # The others compare sensors.
+    for words in list(compared(record, modes).values())[1:]:
+        assert "needs two sensors or more" in words
 
 
 def test_one_sensor_from_the_command_line_to_a_ranking(samples, run, tmp_path):

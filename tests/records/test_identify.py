@@ -206,9 +206,9 @@ def test_a_sensor_on_the_ground_that_drives_nothing_is_one_like_the_others():
 def test_a_sensor_on_the_ground_is_one_of_the_sensors():
     with pytest.raises(ValueError, match=r"ground: no sensor 'base'; the record's sensors are"):
         bs.identify(simulated(0), BAND, ground="base")
-    two = simulated(0).selected(SENSORS[:2])
-    with pytest.raises(ValueError, match="leaves the sensor 'floor 2' alone"):
-        bs.identify(two, BAND, ground="floor 1")
+    one = simulated(0).selected(SENSORS[:1])
+    with pytest.raises(ValueError, match="ground: 'floor 1' is the record's only sensor"):
+        bs.identify(one, BAND, ground="floor 1")
 
 
 def test_a_clear_peak_without_a_mode_is_named():

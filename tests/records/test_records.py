@@ -273,7 +273,6 @@ def test_iso_time_stamps(tmp_path, form, named, separator):
     [
         (["12/05/2024 10:00:00.00"] * 3, "after sample 1 .* the step is 0, most are 0; remove"),
         (["2024-13-05T10:00:00"] * 3, "'2024-13-05T10:00:00' are not understood; write all in"),
-        (["2024-05-05 10:00:00", "2024-05-05 10:00:01Z"], "'2024-05-05 10:00:00' are not unders"),
     ],
 )
 def test_other_time_stamps_are_refused(tmp_path, times, words):
@@ -382,7 +381,7 @@ def test_several_files_of_one_setup(tmp_path):
         ("a,b\n1,2\n3\n", "line 3: 1 cell, where the rows above have 2"),
         ("a,b\n1,2,3\n4,5,6\n", "2 column names for 3 columns"),
         ("# rate_hz, fast\na,b\n1,2\n3,4\n", "rate_hz must be a positive, finite number"),
-        ("# rate_hz, 9\n# rate_hz: 10\na,b\n0,1\n", "line 2: rate_hz is 9, and now 10"),
+        ("# rate_hz, 9\n# rate_hz: 10\na,b\n0,1\n1,0\n", "line 2: rate_hz is 9, and now 10"),
         ("# rate_hz, 9\nt,a,b\n0,1,2\n0.1,1,2\n0.2,1,3\n", "two rates are given: 9 and 10 Hz"),
     ],
 )

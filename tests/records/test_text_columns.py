@@ -36,6 +36,8 @@ FORMATS = {
     "units row": ["Time,K1,K2,K3", "s,mg,mg,mg", *rows()],
     "units in names": ["t (s),K1 [mg],K2 [mg],K3 [mg]", *rows()],
     "trailing": ["Time (s),K1,K2,K3", *rows(last=",")],
+    "empty rows at the end": ["Time (s),K1,K2,K3", *rows(), ",,,", ",,,"],
+    "empty rows of tabs": ["Time (s)\tK1\tK2\tK3", *rows(separator="\t"), "\t\t\t"],
     "trailing names": ["Time (s);K1;K2;K3;", *german(rows(separator=";", last=";"))],
     "german dates": [
         "Datum;K1;K2;K3",
@@ -47,7 +49,11 @@ FORMATS = {
     "date and time": ["Date,Time,K1,K2,K3", *rows(dates("%d.%m.%y,%H:%M:%S.%f"))],
     "time of day": ["Uhrzeit\tK1\tK2\tK3",
                     *rows(dates("%H:%M:%S.%f", "2024-05-11T23:59:59"), "\t")],
+    "iso with spaces": ["time K1 K2 K3", *rows(dates("%Y-%m-%d %H:%M:%S.%f"), " ")],
     "iso": ["time K1 K2 K3", *rows(dates("%Y-%m-%dT%H:%M:%S.%f"), " ")],
+    "summer time ends": ["time K1 K2 K3", *rows(
+        [f"2024-10-27T02:59:{59 + k / 20:.2f}+02:00" for k in range(20)]
+        + [f"2024-10-27T02:00:{k / 20:05.2f}+01:00" for k in range(40)], " ")],
     "ms": ["Time [ms],K1,K2,K3", *rows(MS)],
     "us": ["t_us,K1,K2,K3", *rows([f"{m}000" for m in MS])],
     "epoch": ["timestamp_ms,K1,K2,K3", *rows([str(1715500000000 + 50 * k) for k in range(60)])],
@@ -144,7 +150,12 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
             ["t,K1,K2,K3", *rows(TIMES[:30] + TIMES[20:50])],
             "'t': instants must advance by equal steps",
         ),
-        (["t;a;b", "0;1,5;2.5", "1;2;3"], "commas and points are mixed, as in '1,5' and '2.5'"),
+        (
+            ["t;a;b", "0,1;1,5;2", "0,2;2;2.5", "0,3;2;3"],
+            "line 3, column 3: '2.5' is not a number with ',' for decimals",
+        ),
+        (["t;a", "0,1;1,5", "0,2;x", "0,3;2"], "line 3, column 2: 'x' is not a number with"),
+        (["t,a", '"0,1","1,5"', '"0,2","1,5', *['"0,3","1,5"'] * 3], "do quotation marks match"),
         (["K1 (g),T (°C)", "1,2", "2,2", "3,1"], "column 'T .°C.' in '°C' beside others in 'g'"),
         (
             ["# dt_s, 1", "K1 (g),K2 (mg)", "1,2", "2,2", "3,1"],
@@ -153,6 +164,7 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
         (["Time (fortnights),K1", "1,2", "2,2"], "'fortnights' is no unit of time; choose from s"),
         (["t,K1", "0.1,2", "0.2", "0.3,1"], "line 3: 1 cell, where the rows above have 2"),
         (["t,K1,K2", "0.1,2,", "0.2,3,", "0.3,1,"], "column 'K2' is empty; remove it"),
+        (["t,a,b", "0.1,2,1", ",,", "0.2,3,1"], "column 't': an instant is missing in a row"),
         (["<html><body>", "1,2"], "a web page or XML, not a table"),
         (["0,1,2", "0.1,1,2", "9.1,1,2", "9.2,1,3"], "89 instants are missing beside 4; divide"),
         (["Titel: 12", "none"], "no rows of numbers"),
@@ -185,6 +197,21 @@ def test_a_workbook(tmp_path):
     assert one.rate_hz == pytest.approx(RATE)
     with pytest.raises(ValueError, match="no sheet 'other'; choose from 'Sheet', 'data'"):
         bs.read_record(tmp_path / "a.xlsx", keys=["other"])
+
+
+def test_a_sensor_that_rises_steadily_is_one(tmp_path):
+    samples = np.vstack([SAMPLES[:2], np.arange(60) / 8.0])
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["t,K1,K2,K3", *rows(samples=samples)]))
+    np.testing.assert_array_equal(bs.read_record(path, unit="g").samples, samples)
+
+
+def test_texts_of_bytes(tmp_path):
+    path = tmp_path / "a.npz"
+    unit, names = np.bytes_("mg"), np.array(NAMES, "S2")
+    np.savez(path, a=SAMPLES, rate_hz=RATE, unit=unit, sensors=names)
+    one = bs.read_record(path)
+    assert (one.sensors, one.unit, one.rate_hz) == (NAMES, "mg", RATE)
 
 
 def test_fields_of_matlab_structures(tmp_path):

@@ -25,7 +25,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
 from bayes_ssi.structures.modal import mac
-from bayes_ssi.structures.structure import Requirement
+from bayes_ssi.structures.structure import ApproximateStructure, Requirement
 
 ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, at draws
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
@@ -70,13 +70,14 @@ def refined(
 
     model_class.check_structure()
     better = model_class
+    has_exact = all(test.structure.has_exact for test in model_class.configurations)
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
         values = evenly_spaced_draws(posterior, N_CERTIFIED)
         confirmation = None
-        if not left:
+        if not left or not has_exact:
             break
         better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -88,9 +89,15 @@ def refined(
             break
         if confirmation is not None:
             n_before += len(confirmation.values)
+    remarks, failed = certified(model_class, posterior, settings)
+    if not has_exact:
+        return replace(
+            posterior,
+            remarks=(*posterior.remarks, *remarks),
+            failed_checks=(*posterior.failed_checks, *failed),
+        )
     if confirmation is None:
         confirmation = confirmed_by_full_solutions()
-    remarks, failed = certified(model_class, posterior, settings)
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
     failed += confirmation.failures(log_evidence_error, settings)
@@ -272,20 +279,25 @@ def certified(
     remarks: list[str] = []
     failed: list[str] = []
     for configuration, required in zip(model_class.configurations, needed, strict=True):
-        if not configuration.structure.is_approximate:
+        structure = configuration.structure
+        if not isinstance(structure, ApproximateStructure):
             continue
         where = f"configuration {configuration.name!r}: " if configuration.name else ""
-        accuracy = configuration.structure.accuracy(required.values, required.n_modes)
+        accuracy = structure.accuracy(required.values, required.n_modes)
         shapes = math.isfinite(required.shape)
         remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
-        if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
+        limit = 2.0 if structure.has_exact else 1.0
+        if (
+            accuracy.frequency > limit * required.frequency
+            or accuracy.shape > limit * required.shape
+        ):
             known = f" and {accuracy.shape:.1g} of a shape" * shapes
             wanted = f" and {required.shape:.1g}" * shapes
             failed.append(
                 f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
                 f"of the frequency{known}, not to {required.frequency:.1g}{wanted}, "
-                f"{settings.error_share:g} of the data's and model's errors; allow it more full "
-                "solutions"
+                f"{settings.error_share:g} of the data's and model's errors; "
+                f"{structure.advice(required)}"
             )
     return remarks, failed

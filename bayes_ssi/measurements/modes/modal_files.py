@@ -19,7 +19,7 @@ structure's degree of freedom. An empty cell is a value not measured. Complex co
 ``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
 ``sep=;`` may say; with semicolons or tabs a decimal comma is understood. A workbook (.xlsx) holds
 the same in its first sheet, and other tables that people keep are understood, too
-(:mod:`bayes_ssi.measurements.modes.mode_tables`).
+(:mod:`bayes_ssi.measurements.modes.table_spellings`).
 
 The JSON file beside it holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
 ``unit_shapes`` (m lists of n components, null where not measured) and
@@ -55,15 +55,12 @@ from bayes_ssi.measurements.modes.identified_mode import (
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
-from bayes_ssi.measurements.modes.mode_tables import (
-    MEANT,
-    OF_A_MODE,
+from bayes_ssi.measurements.modes.table_spellings import (
     Line,
-    column_names,
-    combined,
-    component,
+    columns_of,
     component_text,
     has_frequencies,
+    mode_of,
     upright,
 )
 
@@ -76,7 +73,9 @@ MOST_MODES = 5000  # of a file that is not one of other things
 
 
 @checked
-def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None) -> ModalData:
+def read_modal_data(
+    path: str | Path, *, band_hz: Sequence[float] | None = None, sheet: str | int = 0
+) -> ModalData:
     """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
 
     A universal file is recognised by its first line; every node and direction that moves is a
@@ -87,6 +86,7 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
         path: the file.
         band_hz: lowest and highest frequency (Hz) of the search, in place of a CSV file's own; a
             universal file cannot state them.
+        sheet: of a workbook.
 
     Raises:
         OSError: the file cannot be read.
@@ -100,18 +100,14 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
                 f"{path}: give band_hz (--band); a universal file does not state the band"
             )
         return read_modal_uff(path, band_hz)
-    lines = _split(path)
-    table = upright([line for line in lines if not line.is_comment])
+    lines = _split(path, sheet)
+    table = upright([line for line in lines if line.cells[0][:1] != "#"])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
-    columns, rows = combined(column_names(table[0]), table[1:])
-    counted = [line.cells[0] == str(i) for i, line in enumerate(rows, 1)]
-    if columns[0] not in OF_A_MODE and len(rows) > 1 and all(counted):
-        raise table[0].error(f"column {columns[0]!r} counts the modes; name it 'label'")
-    modes = tuple(_mode(line, columns, i) for i, line in enumerate(rows, 1))
+    columns = columns_of(table[0], table[1:])
+    modes = tuple(mode_of(line, columns, i) for i, line in enumerate(table[1:], 1))
     if not modes:
         raise ValueError(f"{path}: no mode below the column names")
-
     stated = _read_statements(lines)
     bands = stated["band_hz"] if band_hz is None else [band_hz]
     if not bands:
@@ -120,7 +116,7 @@ def read_modal_data(path: str | Path, *, band_hz: Sequence[float] | None = None)
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = bands[0]
-    sensors = tuple(name for name in columns if name not in OF_A_MODE)
+    sensors = tuple(dict.fromkeys(name for _, name, *_ in columns if name not in RESERVED_NAMES))
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
     for name in stated["identification"]:
@@ -191,20 +187,18 @@ def modal_files(path: str | Path) -> tuple[Path, Path]:
     return Path(path), Path(path).with_suffix(".identification.json")
 
 
-def _split(path: Path) -> list[Line]:
+def _split(path: Path, sheet: str | int) -> list[Line]:
     """The lines that are not blank, at the delimiter that gives a column of frequencies."""
-    text, stated = read_columns(path)
+    text, stated = read_columns(path, sheet)
     if (n_lines := text.count("\n")) > MOST_MODES:
         raise ValueError(
             f"{path}: {n_lines:,} lines; a file of modes has one for each of at most "
             f"{MOST_MODES:,}. If it is a record, identify its modes"
         )
     delimiters = DELIMITERS if stated is None else stated
-    for delimiter in delimiters:
-        lines = _lines(path, text, delimiter)
-        if any(has_frequencies(line.cells) for line in lines):
-            return lines
-    return max((_lines(path, text, d) for d in delimiters), key=lambda cut: len(cut[-1].cells))
+    cuts = [_lines(path, text, delimiter) for delimiter in delimiters]
+    whole = (cut for cut in cuts if any(has_frequencies(line.cells) for line in cut))
+    return next(whole, max(cuts, key=lambda cut: len(cut[-1].cells)))
 
 
 def _lines(path: Path, text: str, delimiter: str) -> list[Line]:
@@ -227,10 +221,14 @@ def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
     first: dict[str, int] = {}
     is_below = False
     for line in lines:
-        if not line.is_comment:
+        cell, *others = line.cells
+        if cell[:1] != "#":
             is_below = True
             continue
-        key, values = line.key_and_cells()
+        # '# band_hz: 0, 6', '# band_hz = 0, 6' and '# band_hz, 0, 6' are what people write, also
+        # above cells that semicolons separate.
+        key, *behind = re.split(r"\s*[:=,]\s*", cell.strip("# "), maxsplit=1)
+        key, values = key.lower(), [value for value in (*behind, *others) if value]
         if key in ONCE and first.setdefault(key, line.number) != line.number:
             raise line.error(f"a second line of {key}; the first is line {first[key]}")
         if key == "band_hz":
@@ -251,41 +249,6 @@ def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
                 "belong above them, and no mode's label may begin with '#'"
             )
     return stated
-
-
-def _mode(line: Line, columns: list[str], number: int) -> IdentifiedMode:
-    if any(line.cells[len(columns) :]):
-        raise line.error(f"{len(line.cells)} cells for {len(columns)} columns")
-    cells = dict(zip(columns, line.cells + [""] * len(columns), strict=False))
-    numbers = {}
-    for column in OF_A_MODE[1:]:
-        if cells.get(column):
-            name, meaning = MEANT.get(column, (column, float))
-            try:
-                numbers[name] = meaning(line.parse(float, cells[column], column))
-            except ZeroDivisionError:
-                raise line.error(f"{column}: must be positive, got 0") from None
-    if "frequency_hz" not in numbers:
-        raise line.error("frequency_hz: the cell is empty")
-    if not 0.0 <= numbers.get("damping", 0.0) < 1.0:
-        raise line.error(
-            f"damping: {cells.get('damping', '')!r} is no fraction of critical damping; if it "
-            "is in percent, name the column 'damping (%)'"
-        )
-    shape = np.array(
-        [component(cells[name], name, line) for name in columns if name not in OF_A_MODE]
-    )
-    measured = shape[np.isfinite(shape)]
-    if not np.any(measured.imag):
-        shape = shape.real
-    try:
-        return IdentifiedMode(
-            label=cells.get("label", str(number)),
-            shape=shape if len(measured) else None,
-            **numbers,
-        )
-    except ValueError as error:
-        raise line.error(str(error)) from None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ samples are, and ``sensors`` their names; so do ``fs``, ``dt`` and ``names``, an
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,18 +54,19 @@ class Channels(NamedTuple):
 
 
 def with_statements(
-    samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any]
-) -> Channels:
-    """Channels of a file that states things by name (:data:`STATED`)."""
+    samples: FloatArray, names: Sequence[str], stated: Mapping[str, Any],
+    steps_s: Iterable[float] = (), units: Iterable[str] = (),
+) -> Channels:  # fmt: skip
+    """Channels of a file that states things by name (:data:`STATED`), and in its columns."""
     rates = [_number(stated, "rate_hz")] if "rate_hz" in stated else []
-    if "dt_s" in stated:
-        rates.append(1.0 / _number(stated, "dt_s"))
+    rates += [1.0 / _number(stated, "dt_s")] if "dt_s" in stated else []
+    quantities, stated_units = ([str(stated[k])] if k in stated else [] for k in STATED[2:])
     return Channels(
         samples,
-        tuple(names),
-        tuple(rates),
-        (str(stated["quantity"]),) if "quantity" in stated else (),
-        (str(stated["unit"]),) if "unit" in stated else (),
+        tuple(names) if any(names) else (),
+        (*rates, *(1.0 / step for step in steps_s)),
+        tuple(quantities),
+        (*stated_units, *units),
     )
 
 
@@ -86,11 +87,11 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     """
     read = read_arrays(path, attributes=(*STATED, "sensors"))
     arrays = {name: _plain(value) for name, value in read.items()}
-    meanings = {name: _meaning(name) for name in arrays}
+    of = {name: _structure_and_meaning(name) for name in arrays}
     samples = {
         name: array
         for name, array in arrays.items()
-        if meanings[name] not in (*STATED, "times")
+        if of[name][1] not in (*STATED, "times")
         and array.dtype.kind in "iuf" and array.size > 1 and array.ndim <= 2
     }  # fmt: skip
     keys = list(keys) or list(samples)
@@ -105,9 +106,13 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
         raise ValueError(
             f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys"
         )
-    around = {"", *(_structure(key) for key in keys)}
-    beside = {meanings[n]: arrays[n] for n in arrays if _structure(n) in around and n not in keys}
-    stated = {key: _scalar(beside[key]) for key in STATED if key in beside}
+    around = {"", *(of[key][0] for key in keys)}
+    beside = {of[n][1]: arrays[n] for n in arrays if of[n][0] in around and n not in keys}
+    stated = {
+        key: array.item() if array.size == 1 else array.tolist()
+        for key, array in beside.items()
+        if key in STATED
+    }
     names = [str(name).strip() for name in np.ravel(beside.get("sensors", []))]
     if not names and len(keys) > 1 and all(len(block) == 1 for block in blocks):
         names = list(keys)
@@ -117,36 +122,24 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     if times.size != joined.shape[1] or times.dtype.kind not in "iuf":
         return with_statements(joined, names, stated)
     step, places = instants_of(times, "times")
-    channels = with_statements(at_places(joined, places), names, stated)
-    if not RATES_HZ[0] <= 1.0 / step <= RATES_HZ[1] and not channels.rates_hz:
+    if not (RATES_HZ[0] <= 1.0 / step <= RATES_HZ[1] or {"rate_hz", "dt_s"} & {*stated}):
         raise ValueError(f"times advance by {step:g}, not in s; remove them and give the rate")
-    return channels._replace(rates_hz=(*channels.rates_hz, 1.0 / step))
+    return with_statements(at_places(joined, places), names, stated, [step])
 
 
-def _meaning(name: str) -> str:
-    """What an array is by its name: a field's where it is in a structure."""
-    field = name[len(_structure(name)) :].lstrip("./").lower()
-    return SPELLINGS.get(field, field)
-
-
-def _structure(name: str) -> str:
-    """The structure, or HDF5's group, that an array is in."""
-    return name[: max(name.rfind("."), name.rfind("/"), 0)]
-
-
-def _scalar(array: np.ndarray) -> Any:
-    if array.size != 1:
-        return array.tolist()
-    scalar = array.ravel()[0]
-    return scalar.decode() if isinstance(scalar, bytes) else scalar
+def _structure_and_meaning(name: str) -> tuple[str, str]:
+    """The structure, or HDF5's group, that an array is in, and what it is by its name there."""
+    place = max(name.rfind("."), name.rfind("/"), 0)
+    field = name[place:].lstrip("./").lower()
+    return name[:place], SPELLINGS.get(field, field)
 
 
 def _plain(value: Any) -> np.ndarray:
-    """A cell array of texts as an array of texts."""
+    """Bytes, or a cell array of texts, as an array of texts."""
     array = np.asarray(value)
-    if array.dtype != object:
-        return array
-    return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
+    if array.dtype == object:
+        return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
+    return np.char.decode(array) if array.dtype.kind == "S" else array
 
 
 def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]]:

@@ -65,6 +65,8 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     if method == BAYESIAN_FFT:
         return identified
     require_one_of("method", method, METHOD_NAMES)
+    if len(identified.sensors) < 2:
+        raise ValueError(f"{METHOD_NAMES[method]}: needs two sensors or more")
     dampings = np.array([mode.damping for mode in identified.modes])
     near = Resonances(identified.frequencies_hz, dampings, identified.unit_shapes)
     piece = record.selected(identified.sensors).longest_piece()

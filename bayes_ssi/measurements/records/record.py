@@ -84,14 +84,11 @@ class Record(Displayed):
         if len(self.sensors) != n:
             raise ValueError(f"record: {len(self.sensors)} names for {n} sensors")
         for name, row in zip(self.sensors, samples, strict=True):
-            if np.isinf(row).any():
-                first = int(np.argmax(np.isinf(row)))
-                raise ValueError(
-                    f"record: sensor {name!r}: sample {first + 1} is not finite: "
-                    f"{float(row[first])!r}"
-                )
-        missing = np.isnan(samples).any(0)
-        if missing.any():
+            if (infinite := np.isinf(row)).any():
+                i = int(infinite.argmax())
+                where = f"sensor {name!r}: sample {i + 1}"
+                raise ValueError(f"record: {where} is not finite: {float(row[i])!r}")
+        if (missing := np.isnan(samples).any(0)).any():
             samples = self._bridged(samples, missing)
         # A long record fills memory: an array that nobody can change is not copied.
         if samples.flags.writeable or not samples.flags.c_contiguous:
@@ -129,10 +126,8 @@ class Record(Displayed):
         """The longest piece between gaps; the record itself where there are none."""
         if not self.gaps:
             return self
-        edges = [0, *(edge for gap in self.gaps for edge in gap), self.n_samples]
-        first, end = max(
-            zip(edges[::2], edges[1::2], strict=True), key=lambda span: span[1] - span[0]
-        )
+        edges = np.array([0, *np.ravel(self.gaps), self.n_samples]).reshape(-1, 2)
+        first, end = edges[np.diff(edges).argmax()]
         return replace(self, samples=_read_only(self.samples[:, first:end].copy()), gaps=())
 
     @property
@@ -231,14 +226,15 @@ class Record(Displayed):
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
         n, rate = len(self.gaps), self.rate_hz
+        if not n:
+            return remarks_on(self.samples, rate, self.sensors)
         spans = [
             f"{end - first:,} samples from {first / rate:.5g} to {end / rate:.5g} s"
-            for first, end in self.gaps
+            for first, end in self.gaps[:NAMED_GAPS]
         ]
         more = f", and {n - NAMED_GAPS} more gaps" if n > NAMED_GAPS else ""
-        named = f"missing: {', '.join(spans[:NAMED_GAPS])}{more}; the pieces are used together"
-        samples = self.samples[:, self.is_measured] if n else self.samples
-        return [*([named] if n else []), *remarks_on(samples, rate, self.sensors)]
+        named = f"missing: {', '.join(spans)}{more}; the pieces are used together"
+        return [named, *remarks_on(self.samples[:, self.is_measured], rate, self.sensors)]
 
     def _line(self) -> str:
         sensors = counted(len(self.sensors), "sensor")

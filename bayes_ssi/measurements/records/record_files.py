@@ -9,7 +9,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes
 from bayes_ssi.foundations.universal_files import begins_universal, has_data_set
-from bayes_ssi.measurements.modes.mode_tables import holds_modes
+from bayes_ssi.measurements.modes.table_spellings import holds_modes
 from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
 from bayes_ssi.measurements.records.instrument_files import (
     SEISMIC,

@@ -7,7 +7,7 @@ from rich.table import Table
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.report.tables.layout import MOST_PLACES, add_row, new_table, number
 from bayes_ssi.results.wording import listed
-from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Plan
+from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Layout, Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 
@@ -28,6 +28,9 @@ def plan_answer(plan: Plan) -> str:
         f"{listed(layout.sensors)}{where}: expected information "
         f"{gain_text(layout.gain, layout.error)} nats"
     )
+    if ties := [each for each in plan.layouts[1:] if _ties(plan, each)]:
+        others = "; or ".join(listed(each.sensors) for each in ties)
+        text += f" (a tie within its error with {others})"
     if plan.greatest is None or layout.naming is None:
         return f"{text}."
     least = 3.0 / plan.n_tests  # which none in n tests excludes, at 95 %
@@ -39,9 +42,17 @@ def plan_answer(plan: Plan) -> str:
     )
 
 
+def _ties(plan: Plan, layout: Layout) -> bool:
+    """Whether a layout is worth as much as the best one, within the error of its gain."""
+    return plan.best.gain - layout.gain <= layout.error
+
+
 def layout_rows(plan: Plan) -> list[list[str]]:
     """Headings, and the best layouts, others beside them, and those of other configurations."""
-    rows = [("best" if i == 0 else "", layout) for i, layout in enumerate(plan.layouts)]
+    rows = [
+        ("best" if i == 0 else "tie" if _ties(plan, layout) else "", layout)
+        for i, layout in enumerate(plan.layouts)
+    ]
     rows += plan.compared.items()
     rows += [(f"best, {name}", each) for name, each in plan.alternatives.items()]
     naming = plan.aim == CLASS

@@ -219,15 +219,12 @@ def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> Non
     if units in fitting:
         return
     which = "" if units is None else f", in {units} {largest * _in_kg(units):.4g} kg"
-    divided = {
-        name: largest * _in_kg(name) * SYSTEMS[name][1] / UNITS["g"] / mass_kg for name in SYSTEMS
-    }
-    weights = [name for name, share in divided.items() if 0.5 < share < 2.0]
-    fit = " or ".join(map(repr, fitting)) or "none" + (
-        f"; divided by g it fits {' or '.join(map(repr, weights))}: are the masses weights?"
-        if weights
-        else ": is the density in other units than the rest?"
-    )
+    as_mass = {name: largest * _in_kg(name) * SYSTEMS[name][1] / UNITS["g"] for name in SYSTEMS}
+    weights = [name for name, kg in as_mass.items() if 0.5 < kg / mass_kg < 2.0]
+    fit = " or ".join(map(repr, fitting)) or "none: is the density in other units than the rest?"
+    if weights and not fitting:
+        divided = " or ".join(map(repr, weights))
+        fit = f"none; divided by g it fits {divided}: are the masses weights?"
     raise ValueError(
         f"mass_kg {mass_kg:g}: the model's mass is {largest:.4g} in its own units{which}; units "
         f"that fit: {fit}"

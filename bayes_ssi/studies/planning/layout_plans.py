@@ -30,6 +30,7 @@ from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Change, La
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
 
+DRAWS = (200, 400, 800, 1600)  # of a class about a test, until no check fails
 MOST_KEPT = 1_000_000_000  # numbers of all draws' shapes, 4 GB
 # Of predicted values, in units of their size and of their correlations: less is rounding.
 LEAST_VARIATION = 1e-9
@@ -63,7 +64,7 @@ def plan(
     added_masses: Mapping[str, float] | None = None,
     after: Any = None,
     n_tests: int = 1000,
-    n_draws: int = 200,
+    n_draws: int | None = None,
     seed: int = 0,
     run: Run | None = None,
 ) -> Plan:
@@ -89,7 +90,8 @@ def plan(
         after: a ranking or stored result of the study: the planned test is the next one. Before any
             test, with the prior, if None.
         n_tests: simulated tests of all classes together; the error of a gain falls with its root.
-        n_draws: of each class about each test, whose average is the class's evidence for it.
+        n_draws: of each class about each test, whose average is the class's evidence for it; if
+            None, 200, and more where these leave a check failed.
         seed: of all that is random.
         run: its progress is reported to; nothing else of it is used.
 
@@ -98,7 +100,7 @@ def plan(
             configuration does not exist, the aim is the class and there is only one, the result
             is not one of this study, or fewer than 50 tests or draws are asked for.
     """
-    if min(n_tests, n_draws) < 50:
+    if min(n_tests, n_draws or 50) < 50:
         raise ValueError(f"plan: at least 50 tests and draws, got {n_tests} and {n_draws}")
     known = _known_classes(study, after)
     plans, report = {}, (run or Run()).report
@@ -106,9 +108,14 @@ def plan(
         classes = _with_candidates(classes, candidates)
         _check_aim(classes, aim)
         places = _places(classes[0].candidates, n_sensors, fixed, excluded)
-        request = _Planning(classes, n_sensors, aim, *places, n_tests, n_draws, seed)
         report(name or study.name, "simulated tests", 0.1)
-        plans[name] = request.plan(study.name, name)
+        for draws in DRAWS if n_draws is None else (n_draws,):
+            request = _Planning(classes, n_sensors, aim, *places, n_tests, draws, seed)
+            if name in plans and not request.fits:
+                break
+            plans[name] = request.plan(study.name, name)
+            if not plans[name].failed_checks:
+                break
         report(name or study.name, "simulated tests", 1.0)
     best = max(plans.values(), key=lambda each: each.best.gain)
     alternatives = {name: each.best for name, each in plans.items()} if len(plans) > 1 else {}
@@ -275,16 +282,21 @@ class _Planning:
     n_draws: int
     seed: int
 
+    @property
+    def fits(self) -> bool:
+        """Whether all that is simulated fits into memory."""
+        per_draw = sum(c.structure.n_modes for c in self.classes) * len(self.classes[0].candidates)
+        return self.n_tests * self.n_draws * per_draw <= MOST_KEPT
+
     def _simulated(
         self, classes: Sequence[PlannedClass], layouts: Sequence[Sensors]
     ) -> SimulatedPlan:
         n_tests, n_draws = self.n_tests, self.n_draws
-        n_candidates = len(classes[0].candidates)
-        per_draw = sum(c.structure.n_modes for c in classes) * n_candidates
-        if n_tests * n_draws * per_draw > MOST_KEPT:
+        if not self.fits:
             raise ValueError(
                 f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
-                f"{n_candidates} candidates do not fit into memory; take fewer of one of them"
+                f"{len(classes[0].candidates)} candidates do not fit into memory; take fewer of "
+                "one of them"
             )
         return SimulatedPlan.of(classes, layouts, n_tests, n_draws, self.seed)
 
