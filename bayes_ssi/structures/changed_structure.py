@@ -81,6 +81,9 @@ class ChangedStructure(SubstituteStructure):
     def exact(self) -> Structure:
         return self._on(self.structure.exact)
 
+    def confirming(self, values: FloatArray) -> Structure:
+        return self._on(self.structure.confirming(self.left(values)))
+
     @property
     def performance_hint(self) -> str:
         return self.structure.performance_hint
