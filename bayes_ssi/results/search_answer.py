@@ -12,6 +12,7 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
+from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse
@@ -41,6 +42,7 @@ def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[s
     """Where the features are, and how much of each; what else follows from the hypotheses."""
     if isinstance(record, SearchRecord):
         yield from _appendage_sentences(record, comparison)
+        yield from _kinds_of_appendages(record)
     elif isinstance(record, ChangeRecord):
         yield from _change_sentences(record)
     else:
@@ -127,6 +129,22 @@ def _further(search: SearchRecord) -> Iterator[str]:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     yield from unsampled(search)
+
+
+def _kinds_of_appendages(search: SearchRecord) -> Iterator[str]:
+    """What the frequency of a pendulum is, and which kind was not tried."""
+    best = search.best_with_features
+    kinds = {type(each.place) for each in (best.features if best else ())}
+    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
+        yield (
+            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
+            "calculated on a rigid foot, is higher."
+        )
+    if not any(isinstance(each.place, InfillPlace) for each in search.places):
+        yield (
+            "Infills were not tried: each needs two places, which a candidate has that says where "
+            "it leads (to)."
+        )
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
