@@ -15,6 +15,7 @@ from bayes_ssi.results.wording import (
 from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
+from bayes_ssi.studies.changes.changes_family import moved_alike
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
@@ -42,7 +43,6 @@ def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[s
     """Where the features are, and how much of each; what else follows from the hypotheses."""
     if isinstance(record, SearchRecord):
         yield from _appendage_sentences(record, comparison)
-        yield from _kinds_of_appendages(record)
     elif isinstance(record, ChangeRecord):
         yield from _change_sentences(record)
     else:
@@ -129,22 +129,15 @@ def _further(search: SearchRecord) -> Iterator[str]:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     yield from unsampled(search)
-
-
-def _kinds_of_appendages(search: SearchRecord) -> Iterator[str]:
-    """What the frequency of a pendulum is, and which kind was not tried."""
     best = search.best_with_features
-    kinds = {type(each.place) for each in (best.features if best else ())}
-    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
+    pendulums = [e for e in (best.features if best else ()) if isinstance(e.place, PendulumPlace)]
+    if pendulums and search.probability_of_any >= PROBABLE:
         yield (
             "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
             "calculated on a rigid foot, is higher."
         )
     if not any(isinstance(each.place, InfillPlace) for each in search.places):
-        yield (
-            "Infills were not tried: each needs two places, which a candidate has that says where "
-            "it leads (to)."
-        )
+        yield "Infills were not tried: they join two places, and every candidate is one."
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
@@ -249,7 +242,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     if record.has_visible:
         losses = [each for each in own if isinstance(each.place, ChangePlace)]
         yield from _visible([each for each in losses if each.is_observed])
-    if record.moved_alike:
+    if moved_alike(record.risen):
         shares = sorted(abs(100.0 * each) for each in record.risen.values())
         moved = "rose" if min(record.risen.values()) > 0.0 else "fell"
         yield (

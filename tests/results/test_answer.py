@@ -9,7 +9,7 @@ from scipy.special import ndtri
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.answer import answer, explained, parameters_in_words, why_it_loses
-from bayes_ssi.results.search_answer import _kinds_of_appendages, search_sentences
+from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
 from bayes_ssi.studies.appendages.candidates import PendulumPlace
@@ -322,6 +322,6 @@ def test_kinds_of_appendages_that_no_candidate_fits_are_said(found_in_case_c):
     pendulums = [each for each in record.places if isinstance(each.place, PendulumPlace)]
     best = replace(record.hypotheses[0], features=(pendulums[0],))
     shared = replace(record, places=tuple(pendulums), hypotheses=(best, *record.hypotheses))
-    said = list(_kinds_of_appendages(shared))
-    assert said[0].startswith("A pendulum's frequency is that on a foot that may turn but not move")
-    assert said[1].startswith("Infills were not tried: each needs two places")
+    said = " ".join(search_sentences(shared, comparison))
+    assert "A pendulum's frequency is that on a foot that may turn but not move" in said
+    assert "Infills were not tried: they join two places" in said

@@ -246,26 +246,25 @@ class ReducedStructure(ApproximateStructure):
                 break
             size = basis.size
             if size and self.full.size > ONE_FACTOR_FROM:
-                lacking = whole.corrections(
-                    of_points[worst], n_bounded, negligible, self._reference
-                )
+                at = of_points[worst]
+                lacking = whole.corrections(at, n_bounded, negligible, self._reference)
                 basis = basis.spanning(lacking, negligible, self._reference)
-                idle = idle + 1 if basis.size == size else 0
-                whole = self._carrying(basis)
                 self.n_corrected += 1
-                continue
-            try:
-                modes = self.full.shifted_modes(points[worst], extra=1)
-            except NoModesError:
-                if not basis.size:
-                    raise
             else:
+                # No point is solved twice, whatever rounding makes of its bound.
+                errors[worst] = 0.0
+                try:
+                    modes = self.full.shifted_modes(points[worst], extra=1)
+                except NoModesError:
+                    if not size:
+                        raise
+                    continue
                 basis = basis.enriched(modes, negligible, self._reference)
-                idle = idle + 1 if basis.size == size else 0
-                whole = self._carrying(basis)
                 self.n_full_solutions += 1
-            # No point is solved twice, whatever rounding makes of its bound.
-            errors[worst] = 0.0
+            if basis.size == size:
+                errors[worst] = 0.0
+            idle = idle + 1 if basis.size == size else 0
+            whole = self._carrying(basis)
         self._basis = whole
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:
