@@ -147,6 +147,20 @@ def test_so_are_elements_on_them(monkeypatch):
     assert np.min(alike) > 1.0 - 1e-6
 
 
+def test_where_a_correction_adds_nothing_other_values_are_tried(monkeypatch):
+    monkeypatch.setattr(f"{MODULE}.ONE_FACTOR_FROM", 100)
+    made, tried = full().reduced(), []
+    assert made.basis.size
+
+    def nothing(*arguments):
+        tried.append(arguments[1])
+        return np.zeros((N, 0))
+
+    monkeypatch.setattr(f"{MODULE}.ReducedBasis.corrections", nothing)
+    assert made.accurate_at(Requirement(draws(40, seed=1), 1e-9, 1e-5)) is made
+    assert len({id(each) for each in tried}) == len(tried) == 3
+
+
 def test_small_models_are_confirmed_by_full_solutions(reduced):
     assert reduced.confirming(draws(3)) is reduced.full
 
