@@ -12,8 +12,10 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
+from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
+from bayes_ssi.studies.changes.changes_family import moved_alike
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
@@ -127,6 +129,15 @@ def _further(search: SearchRecord) -> Iterator[str]:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     yield from unsampled(search)
+    best = search.best_with_features
+    pendulums = [e for e in (best.features if best else ()) if isinstance(e.place, PendulumPlace)]
+    if pendulums and search.probability_of_any >= PROBABLE:
+        yield (
+            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
+            "calculated on a rigid foot, is higher."
+        )
+    if not any(isinstance(each.place, InfillPlace) for each in search.places):
+        yield "Infills were not tried: they join two places, and every candidate is one."
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
@@ -231,7 +242,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     if record.has_visible:
         losses = [each for each in own if isinstance(each.place, ChangePlace)]
         yield from _visible([each for each in losses if each.is_observed])
-    if record.moved_alike:
+    if moved_alike(record.risen):
         shares = sorted(abs(100.0 * each) for each in record.risen.values())
         moved = "rose" if min(record.risen.values()) > 0.0 else "fell"
         yield (

@@ -66,13 +66,9 @@ class ChangedStructure(SubstituteStructure):
         return model._replace(frequencies_hz=self._fallen(model.frequencies_hz, values))
 
     def _fallen(self, frequencies_hz: FloatArray, values: FloatArray) -> FloatArray:
-        if not self.falls:
-            return frequencies_hz
-        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
-        factors = np.ones_like(frequencies_hz)
-        for number, fall in self.falls.items():
-            factors[:, number - 1] -= values[:, column[fall.name]]
-        return frequencies_hz * factors
+        left = np.ones_like(frequencies_hz)
+        left[:, [n - 1 for n in self.falls]] -= values[:, values.shape[1] - len(self.falls) :]
+        return frequencies_hz * left
 
     def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         return self.structure.labelled_modes(self.left(values[None])[0])
@@ -80,6 +76,9 @@ class ChangedStructure(SubstituteStructure):
     @property
     def exact(self) -> Structure:
         return self._on(self.structure.exact)
+
+    def confirming(self, values: FloatArray) -> Structure:
+        return self._on(self.structure.confirming(self.left(values)))
 
     @property
     def performance_hint(self) -> str:

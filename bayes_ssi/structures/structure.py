@@ -234,6 +234,10 @@ class Structure(ABC):
         """The structure whose modes this one approximates; itself where it approximates none."""
         return self
 
+    def confirming(self, values: FloatArray) -> Structure:
+        """What shows the error of its modes at ``values`` (B, n): :attr:`exact`, or nearly so."""
+        return self.exact
+
     @property
     def emulator(self) -> Any:
         """The fit that approximates the modes, for results to store; None where there is none."""

@@ -12,7 +12,7 @@ import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
-from bayes_ssi.studies.changes.changes_family import choose_changes, frequencies_moved_alike
+from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, element_places
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
@@ -243,7 +243,7 @@ def test_a_mass_on_a_node_moves_in_all_its_directions():
 )
 def test_frequencies_that_move_alike_are_noticed(factors, alike):
     tests = model_class(a=identified((1.0,) * 3), b=identified(factors))
-    assert frequencies_moved_alike(tests, ["a"], ["b"]) is alike
+    assert moved_alike(risen(tests, ["a"], ["b"])) is alike
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"])
     assert any(each.is_common for each in family.features["building"]) is alike
 

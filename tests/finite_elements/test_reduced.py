@@ -7,10 +7,12 @@ import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
+from bayes_ssi.structures.finite_elements import sparse_modes
 from bayes_ssi.structures.modal import BATCHED_UP_TO, mac
 from bayes_ssi.structures.structure import Requirement
 
 N, PARTS = 240, 3
+MODULE = "bayes_ssi.structures.finite_elements.matrix_structure"
 
 
 def beam(n=N, parts=PARTS):
@@ -82,8 +84,7 @@ def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
 
 
 def with_at_most(n_full_solutions, monkeypatch):
-    module = "bayes_ssi.structures.finite_elements.matrix_structure"
-    monkeypatch.setattr(f"{module}.MOST_FULL_SOLUTIONS", n_full_solutions)
+    monkeypatch.setattr(f"{MODULE}.MOST_FULL_SOLUTIONS", n_full_solutions)
 
 
 def test_a_coarse_basis_knows_that_it_is_coarse(monkeypatch):
@@ -93,6 +94,72 @@ def test_a_coarse_basis_knows_that_it_is_coarse(monkeypatch):
     off = coarse.modes(values).frequencies_hz / coarse.full.modes(values).frequencies_hz - 1.0
     assert off.max() > 0.01
     assert np.all(coarse.bounds(values).frequency >= off - 1e-12)
+
+
+def counted_factors(monkeypatch):
+    """Sizes of the matrices that are factorised from now on."""
+    sizes, module = [], "bayes_ssi.structures.finite_elements.sparse_modes._superlu"
+    factorise = sparse_modes._superlu
+
+    def counting(matrix, *others):
+        sizes.append(matrix.shape[0])
+        return factorise(matrix, *others)
+
+    monkeypatch.setattr(module, counting)
+    return sizes
+
+
+def test_large_models_are_reduced_by_one_full_solution_as_accurately(monkeypatch):
+    """The bounds hold for another basis, too: frequencies are within them of exact ones."""
+    monkeypatch.setattr(f"{MODULE}.ONE_FACTOR_FROM", 100)
+    made, values = full().reduced(), draws(40, seed=1)
+    required = Requirement(values, 1e-7, 1e-4)
+    assert made.basis.size
+    sizes = counted_factors(monkeypatch)
+    better = made.accurate_at(required)
+    assert sizes == [N] * len(sizes)
+    assert len(sizes) <= 1  # the reference's own, where it was not needed before
+    assert (better.n_full_solutions, better.confirming(values).n_full_solutions) == (1, 1)
+    exact = made.full.modes(values)
+    for structure, wanted in ((made, 1e-4), (better, 1e-7), (made.confirming(values), 1e-5)):
+        off = np.abs(structure.modes(values).frequencies_hz / exact.frequencies_hz - 1.0)
+        assert off.max() <= wanted
+        assert np.all(structure.bounds(values).frequency >= off - 1e-12)
+
+
+def test_so_are_elements_on_them(monkeypatch):
+    monkeypatch.setattr(f"{MODULE}.ONE_FACTOR_FROM", 100)
+    values = draws(10, seed=2)
+    hz = full().modes(values).frequencies_hz[:, 1].mean()
+    pendulum = bs.Pendulum("s119", 2.0, float(hz))
+    bare, exact = full().reduced(), full().with_element(pendulum)
+    assert bare.basis.size
+    better = bare.with_element(pendulum).accurate_at(Requirement(values, 1e-7, 1e-4))
+    assert better.n_full_solutions == 1
+    assert "full solution and" in better.accuracy(values).statement
+    expected = exact.modes(values)
+    found = better.modes(values)
+    np.testing.assert_allclose(found.frequencies_hz, expected.frequencies_hz, rtol=1e-7)
+    alike = [np.diag(mac(a, b)) for a, b in zip(expected.shapes, found.shapes, strict=True)]
+    assert np.min(alike) > 1.0 - 1e-6
+
+
+def test_where_a_correction_adds_nothing_other_values_are_tried(monkeypatch):
+    monkeypatch.setattr(f"{MODULE}.ONE_FACTOR_FROM", 100)
+    made, tried = full().reduced(), []
+    assert made.basis.size
+
+    def nothing(*arguments):
+        tried.append(arguments[1])
+        return np.zeros((N, 0))
+
+    monkeypatch.setattr(f"{MODULE}.ReducedBasis.corrections", nothing)
+    assert made.accurate_at(Requirement(draws(40, seed=1), 1e-9, 1e-5)) is made
+    assert len({id(each) for each in tried}) == len(tried) == 3
+
+
+def test_small_models_are_confirmed_by_full_solutions(reduced):
+    assert reduced.confirming(draws(3)) is reduced.full
 
 
 @pytest.mark.parametrize("small", [True, False])

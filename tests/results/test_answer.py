@@ -12,6 +12,7 @@ from bayes_ssi.results.answer import answer, explained, parameters_in_words, why
 from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity, with_error
+from bayes_ssi.studies.appendages.candidates import PendulumPlace
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking
 
@@ -309,3 +310,16 @@ def test_a_failed_check_of_any_kind_is_said(stored):
     assert "2 checks failed" in str(warning)
     assert "it rained" in str(warning)
     assert "'A': the moon was full" in str(warning)
+
+
+def test_kinds_of_appendages_that_no_candidate_fits_are_said(found_in_case_c):
+    record, comparison = found_in_case_c.record, found_in_case_c.ranking.comparison
+    said = " ".join(search_sentences(record, comparison))
+    assert "Infills were not tried" not in said  # one of them is the answer
+    assert "on a foot that may turn" not in said
+    pendulums = [each for each in record.places if isinstance(each.place, PendulumPlace)]
+    best = replace(record.hypotheses[0], features=(pendulums[0],))
+    shared = replace(record, places=tuple(pendulums), hypotheses=(best, *record.hypotheses))
+    said = " ".join(search_sentences(shared, comparison))
+    assert "A pendulum's frequency is that on a foot that may turn but not move" in said
+    assert "Infills were not tried: they join two places" in said

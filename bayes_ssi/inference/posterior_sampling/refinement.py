@@ -118,17 +118,18 @@ class Confirmation(NamedTuple):
     change: float  # of the mean log-likelihood
     # Largest relative difference of frequencies, and least MAC at the sensors; None without shapes.
     differences: tuple[float, float | None]
+    kind: str  # of solutions, in the plural
 
     def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:
         """The check that fails where these draws do not support the correction, if any."""
         if not abs(self.correction) <= settings.largest_correction:
             return (
-                f"full solutions at draws change the log evidence by {self.correction:+.2f}: the "
+                f"{self.kind} at draws change the log evidence by {self.correction:+.2f}: the "
                 "approximate structure is too coarse where the posterior lies",
             )
         if self.error > ERROR_OVER_WANTED * log_evidence_error:
             return (
-                f"{len(self.values)} full solutions at draws leave an error of {self.error:.2g} in "
+                f"{len(self.values)} {self.kind} at draws leave an error of {self.error:.2g} in "
                 f"the log evidence, more than the {log_evidence_error:g} wanted: the structure's "
                 "modes do not follow the approximation, as where a model jumps or fails",
             )
@@ -139,10 +140,10 @@ def confirmed(
     model_class: ModelClass, posterior: Posterior, log_evidence_error: float
 ) -> Confirmation:
     """Exact solutions at as many draws as the wanted error of the log evidence needs."""
-    exact = with_exact_structures(model_class)
     n = N_CONFIRMED
     while True:
         values = evenly_spaced_draws(posterior, n)
+        exact = _confirming(model_class, values)
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
@@ -157,6 +158,15 @@ def confirmed(
         error,
         float(change[possible].mean()),
         _differences(model_class, exact, values[possible]),
+        "solutions in a finer basis" if is_approximate(exact) else "full solutions",
+    )
+
+
+def _confirming(model_class: ModelClass, values: FloatArray) -> ModelClass:
+    """The class with what confirms its structures at ``values`` (B, n_parameters)."""
+    columns = [own for *_, own in model_class.parts(values)]
+    return model_class.with_structures(
+        lambda structure, i: structure.confirming(columns[i][:, : len(structure.parameters)])
     )
 
 
@@ -168,8 +178,8 @@ def corrected(
     frequency, least_mac = confirmation.differences
     macs = "" if least_mac is None else f", MAC is {_just_below_one(least_mac)} or more,"
     remark = (
-        f"confirmed by {len(confirmation.values)} full solutions at draws: frequencies differ by "
-        f"{frequency:.1g} at most{macs} and the log evidence was corrected by "
+        f"confirmed by {len(confirmation.values)} {confirmation.kind} at draws: frequencies differ "
+        f"by {frequency:.1g} at most{macs} and the log evidence was corrected by "
         f"{correction:+.4f} ± {error:.4f}"
     )
     evidence = posterior.evidence

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
@@ -39,6 +40,11 @@ TRAINING_POINTS = 512  # Sobol points of the prior among which full solutions ar
 # Directions that add less than this share of the required accuracy to a mode are left out of a
 # basis; some of them together remain below it.
 NEGLIGIBLE = 0.15
+# Degrees of freedom from which on a basis is made by the reference's factorisation: those of full
+# solutions, two each, take most of the time that a solid takes.
+ONE_FACTOR_FROM = 20_000
+# Certified errors of frequency and shape of what confirms results then, in place of full solutions.
+CONFIRMING_ERRORS = 1e-5, 1e-3
 DRAWS_ACCURACY = 0.01  # share of the accuracy over the prior that a basis for draws has on average
 
 
@@ -58,6 +64,7 @@ class ReducedStructure(ApproximateStructure):
     def __init__(self, full: AssembledStructure) -> None:
         self.full = full
         self.n_full_solutions = 0
+        self.n_corrected = 0  # values at which the reference's factor took the place of another
         self._basis: ReducedBasis | None = None
 
     @checked
@@ -194,15 +201,23 @@ class ReducedStructure(ApproximateStructure):
         better._train(required)
         return better if better.basis.size > self.basis.size else self
 
+    def confirming(self, values: FloatArray) -> Structure:
+        if self.full.size <= ONE_FACTOR_FROM:
+            return self.exact
+        return self.accurate_at(Requirement(values, *CONFIRMING_ERRORS))
+
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         bounds = self.bounds(values, n_modes)
         frequency = float(bounds.frequency.max(initial=0.0))
         shape = float(bounds.shape.max(initial=0.0))
+        solutions = counted(self.n_full_solutions, "full solution")
+        if self.n_corrected:
+            solutions += f" and {counted(self.n_corrected, 'correction')} by its factors"
         return Accuracy(
             frequency,
             shape,
             f"{self.full.size} degrees of freedom reduced to {self.basis.size} by "
-            f"{self.n_full_solutions} full solutions; by the residuals at {len(values)} draws, "
+            f"{solutions}; by the residuals at {len(values)} draws, "
             f"frequencies are within {frequency:.1g} of the full model's (as a fraction)",
             f" and shapes at the sensors within about {shape:.1g} (at unit length)",
         )
@@ -219,7 +234,7 @@ class ReducedStructure(ApproximateStructure):
         # the worst point is computed again, until it stays the worst.
         errors = np.full(len(points), np.inf)
         idle = 0  # last full solutions that the basis held already, as where modes cross
-        while self.n_full_solutions < MOST_FULL_SOLUTIONS and idle < MOST_IDLE:
+        while self.n_full_solutions + self.n_corrected < MOST_FULL_SOLUTIONS and idle < MOST_IDLE:
             worst = int(errors.argmax())
             while basis.size and errors[worst] > 1.0:
                 bounds = whole.bounds(of_points[worst], n_bounded, self._reference)
@@ -229,19 +244,27 @@ class ReducedStructure(ApproximateStructure):
                 worst = int(errors.argmax())
             if errors[worst] <= 1.0:
                 break
-            try:
-                modes = self.full.shifted_modes(points[worst], extra=1)
-            except NoModesError:
-                if not basis.size:
-                    raise
+            size = basis.size
+            if size and self.full.size > ONE_FACTOR_FROM:
+                at = of_points[worst]
+                lacking = whole.corrections(at, n_bounded, negligible, self._reference)
+                basis = basis.spanning(lacking, negligible, self._reference)
+                self.n_corrected += 1
             else:
-                size = basis.size
+                # No point is solved twice, whatever rounding makes of its bound.
+                errors[worst] = 0.0
+                try:
+                    modes = self.full.shifted_modes(points[worst], extra=1)
+                except NoModesError:
+                    if not size:
+                        raise
+                    continue
                 basis = basis.enriched(modes, negligible, self._reference)
-                idle = idle + 1 if basis.size == size else 0
-                whole = self._carrying(basis)
                 self.n_full_solutions += 1
-            # No point is solved twice, whatever rounding makes of its bound.
-            errors[worst] = 0.0
+            if basis.size == size:
+                errors[worst] = 0.0
+            idle = idle + 1 if basis.size == size else 0
+            whole = self._carrying(basis)
         self._basis = whole
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:

@@ -281,6 +281,26 @@ class ReducedBasis:
             at_sensors=vectors[reference.sensors],
         )
 
+    def corrections(
+        self, at: Coefficients, n_modes: int, negligible: float, reference: Reference
+    ) -> FloatArray:
+        """K_r⁻¹ r (n, k) for residuals r of the lowest modes at unit energy, which they lack.
+
+        One step of Davidson's method, with no other factor than that of the reference. Forces of
+        elements count as answered by the static solutions that the basis has of them.
+        """
+        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
+        squares, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        u = self.vectors @ (y[: self.vectors.shape[1]] / np.sqrt(squares))
+        residuals = np.zeros_like(u)
+        for c, matrix in zip(at.stiffness, reference.stiffness.matrices, strict=False):
+            residuals += c * (matrix @ u)
+        for d, matrix in zip(at.mass, reference.mass.matrices, strict=False):
+            residuals -= d * (matrix @ u) * squares
+        lacking = reference.factor.solve(residuals)
+        energies = np.einsum("nm,nm->m", residuals, lacking)
+        return lacking[:, energies > negligible**2]
+
     def bounds(self, at: Coefficients, n_modes: int, reference: Reference) -> Bounds:
         """Bounds on errors of the first ``n_modes`` reduced modes; infinite where unknown."""
         unknown = Bounds(np.full(n_modes, np.inf), np.full(n_modes, np.inf))

@@ -22,8 +22,7 @@ from bayes_ssi.studies.changes.changes_family import (
     Changes,
     ChangeSettings,
     choose_changes,
-    frequencies_moved_alike,
-    frequencies_of_both,
+    risen,
 )
 from bayes_ssi.studies.changes.kinds_of_change import ElementPlace, KindOfChange
 from bayes_ssi.studies.changes.visible_loss import SHOWN, visibilities
@@ -58,21 +57,15 @@ class ChangeRecord(FamilyRecord):
     mass_scale: str  # what masses are a share of; empty where none was considered
     # Label of a mode of both sides → the share by which its frequency rose.
     risen: Mapping[str, float]
-    moved_alike: bool  # whether a loss in common was considered because all of them rose or fell
 
     @property
     def kinds(self) -> dict[str, float]:
         """Kind of change → the probability that there is one of it; common losses are none."""
-
-        def of(findings: Iterable[Finding]) -> dict[str, float]:
-            places = (each.place for each in findings if not each.place.is_common)
-            return {place.kind: 0.0 for place in places if isinstance(place, KindOfChange)}
-
-        kinds = of(self.places)
-        for row in self.hypotheses:
-            for kind in of(row.features):
-                kinds[kind] += row.probability
-        return kinds
+        rows = [(row.probability, _kinds_of(row.features)) for row in self.hypotheses]
+        return {
+            kind: sum(probability for probability, kinds in rows if kind in kinds)
+            for kind in _kinds_of(self.places)
+        }
 
     def claim(self, holds: bool) -> str:
         tests = f"between {listed(map(repr, self.before))} and {listed(map(repr, self.after))}"
@@ -123,11 +116,9 @@ def change_record(family: Changes, found: FamilySearch[KindOfChange]) -> ChangeR
     )
     places = [place for of_class in family.features.values() for place in of_class]
     has_masses = any(isinstance(place, ElementPlace) for place in places)
-    sides = family.classes[0], family.before, family.after
     return ChangeRecord(
         mass_scale=family.scales[family.classes[0].name].name if has_masses else "",
-        risen=frequencies_of_both(*sides),
-        moved_alike=frequencies_moved_alike(*sides),
+        risen=risen(family.classes[0], family.before, family.after),
         before=family.before,
         after=family.after,
         settings=family.options,
@@ -135,6 +126,11 @@ def change_record(family: Changes, found: FamilySearch[KindOfChange]) -> ChangeR
         geometry=None,
         **common,
     )
+
+
+def _kinds_of(changes: Iterable[Finding]) -> list[str]:
+    places = (each.place for each in changes if not each.place.is_common)
+    return list(dict.fromkeys(place.kind for place in places if isinstance(place, KindOfChange)))
 
 
 def _alike(rows: Sequence[HypothesisRecord]) -> dict[FeaturePlace, tuple[str, ...]]:

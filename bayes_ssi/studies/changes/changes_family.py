@@ -281,7 +281,7 @@ def choose_changes(
     classes = [_of_tests(each, before, after, options) for each in study.model_classes]
     chosen = replace(study, model_classes=classes, stands_for={})
     chosen.require_same_data()
-    if options.common_sd is None and frequencies_moved_alike(classes[0], before, after):
+    if options.common_sd is None and moved_alike(risen(classes[0], before, after)):
         options = replace(options, common_sd=COMMON_SD)
     features = {}
     for each in classes:
@@ -312,35 +312,27 @@ def _besides_losses(
         modes[has_gone] = ("",) if is_any else [each for each in labels if each not in known]
     sensors = dict.fromkeys(name for test in tests.values() for name in test.data.sensors)
     yield from element_places(tests[after[0]].structure, list(sensors), modes)
-    if (moved := frequencies_of_both(model_class, before, after)) and not is_any:
+    if (moved := risen(model_class, before, after)) and not is_any:
         yield SomethingElse(tuple(moved))
 
 
-def frequencies_of_both(
-    model_class: ModelClass, before: Sequence[str], after: Sequence[str]
-) -> dict[str, float]:
+def risen(model_class: ModelClass, before: Sequence[str], after: Sequence[str]) -> dict[str, float]:
     """Label of a mode that is paired on both sides → the share by which its frequency rose."""
-    of_sides: list[dict[str, list[float]]] = [{}, {}]
-    for side, names in zip(of_sides, (before, after), strict=True):
+
+    def means(names: Sequence[str]) -> dict[str, float]:
+        of_modes: dict[str, list[float]] = {}
         for test in map(model_class.configuration, names):
-            for mode in test.data.modes:
-                if mode.label in test.pairing:
-                    side.setdefault(mode.label, []).append(mode.frequency_hz)
-    first, second = of_sides
-    return {
-        label: float(np.mean(second[label]) / np.mean(hz)) - 1.0
-        for label, hz in first.items()
-        if label in second
-    }
+            for label in () if test.pairing == "any" else test.pairing:
+                of_modes.setdefault(label, []).append(test.data.mode(label).frequency_hz)
+        return {label: float(np.mean(hz)) for label, hz in of_modes.items()}
+
+    first, second = means(before), means(after)
+    return {label: second[label] / hz - 1.0 for label, hz in first.items() if label in second}
 
 
-def frequencies_moved_alike(
-    model_class: ModelClass, before: Sequence[str], after: Sequence[str]
-) -> bool:
-    """Whether all frequencies of both sides rose or fell by a thousandth or more on average, each
-    within half of that.
-    """
-    moved = np.array(list(frequencies_of_both(model_class, before, after).values()))
+def moved_alike(risen: Mapping[str, float]) -> bool:
+    """Whether all rose or fell by a thousandth or more on average, each within half of that."""
+    moved = np.array(list(risen.values()))
     mean = moved.mean() if len(moved) else 0.0
     is_near = np.abs(moved - mean) < 0.5 * abs(mean)
     return bool(len(moved) > 1 and abs(mean) > 1e-3 and is_near.all())
