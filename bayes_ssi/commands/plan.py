@@ -7,78 +7,61 @@ from typing import Any
 
 import click
 
-from bayes_ssi.commands.options import (
-    classes_option,
-    default_option,
-    load,
-    named_values,
-    path_option,
-    repeated_option,
-    seed_option,
-    study_argument,
-)
-from bayes_ssi.commands.terminal import (
-    exit_if_failed,
-    json_option,
-    print_record,
-    progress_bars,
-    say,
-    say_in_paragraphs,
-    say_warnings,
-    show,
-)
+from bayes_ssi.commands import options, terminal
 
 
 @click.command()
-@study_argument
-@classes_option("Only these model classes.")
+@options.study_argument
+@options.classes_option("Only these model classes.")
 @click.option("--sensors", "n_sensors", type=click.IntRange(min=1), required=True, metavar="N",
               help="Number of sensors.")  # fmt: skip
-@default_option(
+@options.default_option(
     "--aim",
     "class",
     "What the test is for: class, which model class holds; parameters, all of the structures; the "
     "name of one; or of a function in STUDY, a prediction for a structure and parameter values.",
 )
-@path_option(
+@options.path_option(
     "--candidates",
     "candidates_file",
     metavar="FILE",
     text="CSV file of the places where sensors may be, with columns name and place, as for search. "
     "All degrees of freedom, or sensors that a structure defines, if not given.",
 )
-@repeated_option("--fixed", "fixed", "NAME", "Candidate that is measured; may be repeated.")
-@repeated_option("--excluded", "excluded", "NAME", "Candidate that cannot be; may be repeated.")
-@repeated_option(
+@options.repeated_option("--fixed", "fixed", "NAME", "Candidate that is measured; may be repeated.")
+@options.repeated_option(
+    "--excluded", "excluded", "NAME", "Candidate that cannot be; may be repeated."
+)
+@options.repeated_option(
     "--configuration",
     "configurations",
     "NAME",
     "Alternative configuration; may be repeated. All of the study, if not given.",
 )
-@repeated_option(
+@options.repeated_option(
     "--added-mass",
     "masses",
     "PLACE=MASS",
     "Alternative with a mass added at a degree of freedom; may be repeated.",
 )
-@path_option(
+@options.path_option(
     "--after",
     metavar="RESULT",
     text="Directory that rank saved for STUDY: what would the next test add? Before any test, if "
     "not given.",
 )
-@default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
+@options.default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
 @click.option(
     "--draws", type=click.IntRange(min=50),
     help="Draws of a class about each test; if not given 200, and more where these do not suffice.",
 )  # fmt: skip
-@seed_option("Seed of the simulation.")
-@path_option(
+@options.seed_option("Seed of the simulation.")
+@options.path_option(
     "--out",
     text="Directory for the plan and the form for its modes, a new one; RESULT/plan for the "
     "report of RESULT.",
 )
-@json_option
+@terminal.json_option
 def plan(
     study: Path,
     names: tuple[str, ...],
@@ -90,7 +73,7 @@ def plan(
     tests: int,
     draws: int | None,
     out: Path | None,
-    **options: Any,
+    **further: Any,
 ) -> None:
     """Choose the sensors of a test of STUDY's structure for what the test is to answer.
 
@@ -99,6 +82,7 @@ def plan(
     class holds, or about parameters. The study's data give the band and the errors alone. The exit
     code is 3 where the computation is too rough.
     """
+    from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.inference.workers.workers import STUDY_MODULE
     from bayes_ssi.report.tables.plan_tables import (
         change_table,
@@ -113,22 +97,24 @@ def plan(
     from bayes_ssi.studies.planning.layout_plans import plan as plan_study
     from bayes_ssi.studies.planning.plan_record import SAVED
 
-    loaded = load(study, names)
+    loaded = options.load(study, names)
     prediction = vars(sys.modules[f"{STUDY_MODULE}{study.stem}"]).get(aim)
     if out is not None:
         require_new_files(out)
-    with progress_bars() as progress:
+    with terminal.progress_bars() as progress:
         planned = plan_study(
             loaded,
             n_sensors,
             aim=prediction if inspect.isfunction(prediction) else aim,
             candidates=None if candidates_file is None else read_candidates(candidates_file),
-            added_masses=named_values("--added-mass", masses, "PLACE=MASS", r"(.+)=([^=]*)", float),
+            added_masses=options.named_values(
+                "--added-mass", masses, "PLACE=MASS", r"(.+)=([^=]*)", float
+            ),
             after=None if after is None else load_result(after),
             n_tests=tests,
             n_draws=draws,
-            progress=lambda name, done: progress(name or loaded.name, "simulated tests", done),
-            **options,
+            run=Run(progress=progress),
+            **further,
         )
     if out is not None:
         from bayes_ssi.plots.figure_style import save_figure, style
@@ -140,11 +126,10 @@ def plan(
         with style():
             save_figure(plot_layout(planned), out / "layout.png")
             save_figure(plot_gains(planned), out / "gains.png")
-    show(layout_table(planned), number_table(planned), change_table(planned))
-    say(*plan_notes(planned))
-    say_in_paragraphs(plan_answer(planned))
-    say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
+    terminal.show(layout_table(planned), number_table(planned), change_table(planned))
+    terminal.say(*plan_notes(planned))
+    terminal.say_in_paragraphs(plan_answer(planned))
+    terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
-        say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
-    print_record(lambda: {"plan": planned})
-    exit_if_failed(planned.failed_checks)
+        terminal.say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
+    terminal.conclude({"plan": planned}, planned.failed_checks)
