@@ -64,6 +64,12 @@ class ClosePairs(NamedTuple):
         turns = np.maximum(kappa, TINY) / np.where(left > 0.0, left, 1.0)
         return np.where((left > 0.0) & (turns < MOST_CONCENTRATION), turns, np.inf)
 
+    @property
+    def turn_alone(self) -> NDArray[np.bool_]:
+        """Whether each turns where not both of its modes were identified, (C,)."""
+        every = np.arange(len(self.rows))
+        return np.isfinite(self.concentrations(np.full(len(every), np.nan), every))
+
 
 def relative_distances(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.abs(second - first) / (0.5 * (first + second)))
@@ -171,18 +177,18 @@ class TurningShapes(NamedTuple):
 
     def distances(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """1 - |φ_e·φ(t)|, (m, n, E) at turns (n, E)."""
-        above, below = (
-            sums[0, :, None] + sums[1, :, None] * cos2 + sums[2, :, None] * sin2
-            for sums in (self.squares, self.lengths)
-        )
-        return np.asarray(1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0)))
+        above, below = (sums[1, :, None] * cos2 for sums in (self.squares, self.lengths))
+        for total, (constant, _, of_sin) in ((above, self.squares), (below, self.lengths)):
+            total += of_sin[:, None] * sin2
+            total += constant[:, None]
+        above /= below
+        return np.asarray(1.0 - np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above))
 
     def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""
-        total = kappa * (cos2 - 1.0)
-        for distance, variance in zip(self.distances(cos2, sin2), self.variances, strict=True):
-            total -= distance / variance
-        return total
+        distances = self.distances(cos2, sin2)
+        distances /= self.variances[:, None]
+        return np.asarray(kappa * (cos2 - 1.0) - distances.sum(axis=0))
 
     def cases(self, which: NDArray[np.intp]) -> "TurningShapes":
         return TurningShapes(*(terms[..., which] for terms in self))

@@ -502,9 +502,10 @@ def _column(variances: FloatArray) -> FloatArray:
 
 # The one datum of a test whose pairing is inferred.
 ALL_MODES = "all modes"
-# Farther in frequency, in nats, an identified mode is not a model mode, however alike their shapes.
-NEAR_NATS = 100.0
-NEAR_NATS_PER_SENSOR = 5.0
+# An identified mode turns with no model mode that it is with less than exp(this) of the weight of
+# being spurious, however alike their shapes.
+NEGLIGIBLE_WEIGHT = -9.0
+NEVER = 1e-9  # probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -597,13 +598,20 @@ class AnyPairing(ModalLikelihood):
         """Which identified modes may be the two of a close pair, whatever the shapes, (C, 2, J)."""
         model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
         own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
+        variances = close.variances[:, :1, None] + own
         residuals = model_hz[:, :, None] / self.data.frequencies_hz - 1.0
-        most = NEAR_NATS + NEAR_NATS_PER_SENSOR * len(self.data.sensors)
-        return np.asarray(residuals**2 < 2.0 * most * (close.variances[:, :1, None] + own))
+        detected = self.identification.detection_probability
+        odds = math.log(detected / max(1.0 - detected, NEVER))
+        d = max(mode.n_measured for mode in self.data.modes)
+        alike = -log_shape_normaliser(np.sqrt(close.variances[:, 1]), d)[:, None, None]
+        most = odds + alike - np.log(self.data.frequencies_hz) - self._spurious
+        terms = residuals**2 / variances + np.log(2.0 * math.pi * variances)
+        return np.asarray(most - 0.5 * terms > NEGLIGIBLE_WEIGHT)
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
         """Each identified shape by itself, as the only one of a pair that is identified."""
         near = self._near(close, frequencies_hz) & (self._columns[:, 0] >= 0)
+        near &= close.turn_alone[:, None, None]
         pair, upper, j = np.nonzero(near)
         columns = self._columns[j, close.lower[pair] + upper]
         return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
@@ -625,8 +633,10 @@ class AnyPairing(ModalLikelihood):
     ) -> FloatArray:
         n, hz = len(self.data.modes), self.data.frequencies_hz
         near = self._near(close, frequencies_hz)
-        both = near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool)
-        pair, j, k = np.nonzero(both)
+        pair, j, k = np.nonzero(near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool))
+        turns = np.isfinite(close.concentrations(relative_distances(hz[j], hz[k]), pair))
+        some = turns | close.turn_alone[pair]
+        pair, j, k = pair[some], j[some], k[some]
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
