@@ -42,7 +42,7 @@ def test_draws_are_the_walkers_of_emcee_step_by_step(exchange, ensembles):
     assert len(posterior.regions) == 2
     assert posterior.failed_checks == posterior.remarks == ()
     by = posterior.thinned_by
-    chains = np.concatenate([ensemble.chains[:, by - 1 :: by] for ensemble in ensembles[-1]])
+    chains = np.concatenate([ensemble.chains[:, by - 1 :: by] for ensemble in ensembles[-1][0]])
     assert posterior.draws.shape == chains.shape
     values = exchange.values(chains.reshape(-1, 2)).reshape(chains.shape)
     np.testing.assert_array_equal(posterior.draws, values)
