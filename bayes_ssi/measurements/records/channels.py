@@ -165,7 +165,8 @@ def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]
     apart = times - np.linspace(times[0], times[-1], len(times))
     # Steps hardly longer than the last digit to which times are printed are rounded to one of it or
     # two, in turn: where fewer than a tenth are two, samples are missing.
-    if long.mean() >= 0.1 and np.ptp(apart) <= 2.0 * rounding:
+    coarse = np.ptp(apart) <= 2.0 * rounding and steps.max() < 2.5 * rounding
+    if long.mean() >= 0.1 and coarse:
         long[:] = False
     usual = float(steps[~long].mean())
     missing = np.where(long, np.round(steps / usual) - 1.0, 0.0)

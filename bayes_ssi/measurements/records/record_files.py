@@ -5,6 +5,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes
@@ -159,7 +161,13 @@ def read_ground_motion(
         rates = (*([] if dt is None else [1.0 / dt]), *channels.rates_hz)
         if not rates:
             raise ValueError("dt, the time between samples, is not given; give it in s")
-        acceleration = UNITS[_agreed(units, "unit")] * channels.samples[0]
+        (samples,) = channels.samples
+        if np.isnan(samples).any():
+            raise ValueError(
+                f"sample {int(np.isnan(samples).argmax()) + 1} is missing; a ground motion is one "
+                "without gaps"
+            )
+        acceleration = UNITS[_agreed(units, "unit")] * samples
         return GroundMotion(acceleration, 1.0 / _agreed_rate(rates), path.stem)
 
 
