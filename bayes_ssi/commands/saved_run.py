@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.sampling.settings import SamplingSettings
     from bayes_ssi.inference.workers.run import Checkpoint, Run
     from bayes_ssi.inference.workers.workers import Workers
+    from bayes_ssi.results.answer import Answer
     from bayes_ssi.results.stored_result import StoredResult
     from bayes_ssi.studies.ranking.study import Ranking, Study
     from bayes_ssi.studies.search.family import Family
@@ -86,6 +87,8 @@ class RunOptions:
             screen: tables and notes, in the order in which they are read.
             n_classes: number of classes that are sampled, at least; the study's by default.
         """
+        from bayes_ssi.results.answer import answer
+
         directory = RESULTS / name if self.out is None else self.out
         checkpoint, overwrite = self._checkpoint(study, directory, inputs)
         with self._running(study, checkpoint, n_classes) as run:
@@ -93,16 +96,15 @@ class RunOptions:
             result = self._save(ranking, records, study_file, directory, overwrite, run)
         # Also what an earlier run sampled and this one did not.
         checkpoint.remove()
-        for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
-            if text:
-                say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
+        answered = answer(result)
+        say_warnings(answered.warnings)
         for each in screen(result):
             if isinstance(each, str):
                 say(each)
             else:
                 show(each)
         say(*_notes(result))
-        self._end(result, records)
+        self._end(result, answered, records)
 
     def _checkpoint(
         self, study: Study, directory: Path, inputs: Sequence[object]
@@ -216,19 +218,17 @@ class RunOptions:
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
         self.answer(study, study_file, name, (kind, *inputs), sample, found, n_classes)
 
-    def _end(self, result: StoredResult, records: Mapping[str, Any]) -> None:
+    def _end(self, result: StoredResult, answered: Answer, records: Mapping[str, Any]) -> None:
         """Print where the result is, and the answer; then exit.
 
         The exit code says whether a check failed that was not accepted.
         """
-        from bayes_ssi.results.answer import answer
         from bayes_ssi.results.stored_result import FIGURES
 
         n_figures = len(list((result.directory / FIGURES).glob("*")))
         say(f"Saved in {result.directory}, with {n_figures} figures.")
-        answered = answer(result)
-        say_warnings(answered.warnings)
         say_in_paragraphs(*answered.paragraphs)
+        say(*(line for command in answered.commands for line in ("", command)))
         print_record(lambda: _json_record(result, answered.paragraphs, records))
         if not self.accept_failed_checks:
             exit_if_failed(result.comparison.failed_checks)

@@ -118,6 +118,11 @@ class Structure(ABC):
         """Number of the lowest modes whose shapes :meth:`modes` returns; all, but for copies."""
         return self.n_modes
 
+    @property
+    def shape_variances(self) -> Mapping[int, float]:
+        """Mode, from 0 → squared sd of its unit shape, of modes whose shapes are not computed."""
+        return {}
+
     def with_shapes(self, n_shapes: int) -> Self:
         """A copy that computes the lowest shapes alone, where that saves time; or itself."""
         return self

@@ -54,7 +54,7 @@ def test_the_most_probable_class_by_what_it_is(stored):
     )
     assert result.warnings == ()
     assert result.reasons[0].startswith(
-        "It explains 1 of 2 identified modes and takes '2' for spurious. Its parameters, "
+        "It pairs 1 of 2 identified modes and takes '2' for spurious. Its parameters, "
     )
     # Median 1, 90 % within 1.645 standard deviations of 0.02.
     assert any("k1 = 1.000 kN (0.967 to 1.033)" in each for each in result.reasons)
@@ -79,7 +79,7 @@ def test_classes_that_are_not_distinguishable_and_what_they_disagree_on(stored):
         "Among 3 model classes the data do not distinguish between one (class 'A', probability "
     )
     assert "Their probability together is above 0.9999: keep them all" in result.verdict
-    assert any(each.startswith("'B' explains 1 of 2") for each in result.reasons)
+    assert any(each.startswith("'B' pairs 1 of 2") for each in result.reasons)
     assert any("it claims k1 = 1.200 kN (1.167 to 1.233)" in each for each in result.reasons)
     assert not any("agree on" in each for each in result.reasons)
     assert result.figures == ()
@@ -162,7 +162,7 @@ def test_all_shapes_are_at_least_as_close_as_is_said(tiny_ranking):
         updated = replace(test.updated, modes=tuple(order))
         changed = replace(posterior, configurations=(replace(test, updated=updated),))
         assert explained(changed, {test.name: data}) == (
-            "explains all 2 identified modes (frequencies within 2 %, MAC above 0.973)"
+            "pairs all 2 identified modes (frequencies within 2 %, MAC above 0.973)"
         )
 
 

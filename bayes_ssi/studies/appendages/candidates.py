@@ -338,10 +338,35 @@ class InfillPlace(AppendagePlace):
         return OutOfPlaneInfill((low, high), 2.0 * vibrating_mass, frequency, label=self.label)
 
 
+@dataclass(frozen=True)
+class FurtherMotion(FeaturePlace):
+    """A motion that the model does not have, and which competes with appendages.
+
+    The structure twists, moves in the other direction or on its soil, or a neighbour moves it: one
+    more mode, which changes no other.
+    """
+
+    mode: int  # of the structure, from 1, whose shape the motion has at the sensors
+    title = "motion that the model does not have"
+    is_common = True
+
+    @property
+    def name(self) -> str:
+        return f"motion like mode {self.mode}"
+
+    @property
+    def description(self) -> str:
+        return f"a motion that the model does not have, like mode {self.mode} at the sensors"
+
+
 def _in_words(place: Place) -> str:
     if place == 0:
         return "the ground"
     return f"floor {place}" if isinstance(place, int) else place_name(place)
+
+
+def appendages_among(features: Iterable[Any]) -> list[AppendagePlace]:
+    return [each for each in features if isinstance(each, AppendagePlace)]
 
 
 # Kinds of appendages of a search; add a class to search for another kind.

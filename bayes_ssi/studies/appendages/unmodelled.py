@@ -143,7 +143,7 @@ def _places_near(
     baselines: Baselines, best: ModelClass, posterior: Posterior
 ) -> dict[str, list[AppendagePlace]]:
     """Label of an explained mode → the places that move most in it, the given masses first."""
-    places = baselines.features[best.name]
+    places = baselines.appendages(best.name)
     ends = [end for place in places for end in place.candidate.ends]
     first = np.cumsum([0, *(len(place.candidate.ends) for place in places)])[:-1]
     near: dict[str, list[AppendagePlace]] = {}
@@ -194,7 +194,7 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
         baselines = choose_baselines(Study(study.name, [best]))
     except ValueError:  # nothing can be hung on it
         return looks
-    if not is_cheap(best) or len(baselines.features[best.name]) > MOST_PLACES_FOR_A_WARNING:
+    if not is_cheap(best) or len(baselines.appendages(best.name)) > MOST_PLACES_FOR_A_WARNING:
         return looks and f"{looks}{ASK}"
     nats, where = _screened(baselines, best, ranking.seed, run)
     if nats <= 0.0:
@@ -226,7 +226,7 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
 
 def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tuple[float, str]:
     """Nats by which one appendage anywhere is more probable than none, and the best place."""
-    places = baselines.features[best.name]
+    places = baselines.appendages(best.name)
     alone, carrier = _alone(baselines, best, seed, run)
     classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
     ones = [ToScreen(made, alone) for made in classes]

@@ -64,9 +64,13 @@ class HypothesisRecord:
     features: tuple[Finding, ...]  # what it adds to its baseline
 
     @property
+    def claimed(self) -> tuple[Finding, ...]:
+        """Its features besides common ones."""
+        return tuple(each for each in self.features if not each.place.is_common)
+
+    @property
     def claims_any(self) -> bool:
-        """Whether it has a feature besides what all places have in common."""
-        return any(not each.place.is_common for each in self.features)
+        return bool(self.claimed)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
