@@ -17,6 +17,7 @@ from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
 from bayes_ssi.studies.search.findings import FamilyRecord, Finding
 
+SAID_OF_A_MOTION = 0.1  # least probability of one; tables have less probable ones
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
@@ -152,7 +153,7 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
     if search.matched:
         number = f"{len(search.matched)} appendages" if several else "one appendage"
         yield (
-            f"This holds for the hypotheses with {number}, which have a probability of "
+            f"This holds for the hypotheses with {number}, whose probability together is "
             f"{probability_in_words(search.probability_of_number)}: medians and 90 % intervals."
         )
 
@@ -161,7 +162,11 @@ def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
     first, *others = each.places
     mass = quantity(*first.amounts["mass"], unit=search.mass_unit)
     share = first.amounts["in_model"]
-    already = f", of which the model has {quantity(*share)} there already" if share[0] < 1.0 else ""
+    already = (
+        f", of which a share of {quantity(*share)} is in the model already"
+        if share[0] < 1.0
+        else ""
+    )
     words = (
         f"It is most probably {first.place.description} (probability "
         f"{probability_in_words(first.probability)}), where {mass} vibrates"
@@ -181,7 +186,7 @@ def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
 
 def _motions(search: SearchRecord) -> Iterator[str]:
     """Motions that the model does not have, in place of an appendage, and what would tell."""
-    probable = [each for each in search.motions if each.probability >= PROBABLE]
+    probable = [each for each in search.motions if each.probability >= SAID_OF_A_MOTION]
     for each in sorted(probable, key=lambda one: -one.probability):
         yield (
             f"A mode at {quantity(*each.amounts['frequency_hz'], unit='Hz')} is, with probability "

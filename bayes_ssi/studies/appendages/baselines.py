@@ -237,7 +237,7 @@ class Baselines(Family[AppendagePlace | FurtherMotion]):
         """Places of appendages share a weight. A structure twists in as many modes as it sways, so
         that a motion like each mode is as probable as an appendage anywhere.
         """
-        return math.comb(len(self.appendages(baseline)), number - n_common)
+        return max(math.comb(len(self.appendages(baseline)), number - n_common), 1)
 
     def appendages(self, baseline: str) -> list[AppendagePlace]:
         """Where appendages may be on a baseline."""
