@@ -144,7 +144,9 @@ def _places_near(
     for test, modes in zip(best.configurations, posterior.configurations, strict=True):
         values = np.array([[medians[p.name] for p in test.structure.parameters]])
         moved = test.structure.place_shapes(ends, values)
-        for label, number in () if moved is None else modes.pairing.items():
+        if moved is None:
+            continue
+        for label, number in modes.pairing.items():
             sums = np.add.reduceat(moved[:, number - 1], np.cumsum([0, *n_ends[:-1]]))
             most = np.argsort(-np.abs(sums / n_ends), kind="stable")[:PLACES_NEAR_A_MODE]
             near.setdefault(label, (test.data.mode(label).frequency_hz, [places[i] for i in most]))
