@@ -44,6 +44,7 @@ class PairedModes:
         own = shape_variances or {}
         pairs = tuple(pairs)
         modes = tuple(data.mode(label) for label, _ in pairs)
+        sds = [mode.shape_sd or 0.0 for mode in modes]
         with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
         shapes = data.unit_shapes[:, [data.labels.index(modes[i].label) for i in with_shape]]
         return cls(
@@ -55,12 +56,7 @@ class PairedModes:
             unit_shapes=np.nan_to_num(shapes),
             measured=np.isfinite(shapes).astype(float),
             n_measured=tuple(modes[i].n_measured for i in with_shape),
-            shape_var=np.array(
-                [
-                    (modes[i].shape_sd or 0.0) ** 2 + own.get(pairs[i][1] - 1, 0.0)
-                    for i in with_shape
-                ]
-            ),
+            shape_var=np.array([sds[i] ** 2 + own.get(pairs[i][1] - 1, 0.0) for i in with_shape]),
         )
 
     @classmethod

@@ -21,13 +21,12 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.appendages.baselines import Baselines
+from bayes_ssi.studies.appendages.baselines import Baselines, Feature
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_APART,
     LEAST_SHARE_OF_A_GROUP,
     VISIBLE_SHARE,
     AppendagePlace,
-    FurtherMotion,
     appendages_among,
 )
 from bayes_ssi.studies.appendages.search_result import (
@@ -73,10 +72,10 @@ class Motions(NamedTuple):
 
 
 def matched_appendages(
-    draws: FeatureDraws[AppendagePlace | FurtherMotion],
+    draws: FeatureDraws[Feature],
     rows: Sequence[HypothesisRecord],
     baselines: Baselines,
-    hypotheses: Sequence[Hypothesis[AppendagePlace | FurtherMotion]],
+    hypotheses: Sequence[Hypothesis[Feature]],
 ) -> tuple[MatchedAppendage, ...]:
     """The appendages of the most probable number of them, the lowest frequency first."""
     shares: dict[int, float] = {}
@@ -242,7 +241,7 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
 
 
 def appendage_findings(
-    baselines: Baselines, found: FamilySearch[AppendagePlace | FurtherMotion], seed: int, run: Run
+    baselines: Baselines, found: FamilySearch[Feature], seed: int, run: Run
 ) -> SearchRecord:
     """What was found on the baselines, and the classes compared with them without appendages."""
     rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)

@@ -39,6 +39,8 @@ from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import Family
 
+Feature = AppendagePlace | FurtherMotion
+
 
 @dataclass(frozen=True)
 class MassScale:
@@ -76,7 +78,7 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
 
 def hypothesis(
     baseline: ModelClass,
-    places: Sequence[AppendagePlace | FurtherMotion],
+    places: Sequence[Feature],
     search_settings: SearchSettings | None = None,
     name: str | None = None,
     *,
@@ -174,7 +176,7 @@ def mass_name(place: AppendagePlace) -> str:
     return f"mass ratio, {place.name}"
 
 
-def frequency_name(place: AppendagePlace | FurtherMotion) -> str:
+def frequency_name(place: Feature) -> str:
     return f"frequency, {place.name}"
 
 
@@ -183,7 +185,7 @@ def in_model_name(place: AppendagePlace) -> str:
     return f"share in the model, {place.name}"
 
 
-def parameters_of(place: AppendagePlace | FurtherMotion) -> list[str]:
+def parameters_of(place: Feature) -> list[str]:
     """Names of the parameters of an appendage, or of another motion."""
     if isinstance(place, FurtherMotion):
         return [frequency_name(place)]
@@ -192,7 +194,7 @@ def parameters_of(place: AppendagePlace | FurtherMotion) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Baselines(Family[AppendagePlace | FurtherMotion]):
+class Baselines(Family[Feature]):
     """The classes that a search hangs appendages on, and what it compares them with."""
 
     nothing = "no appendage"
@@ -209,7 +211,7 @@ class Baselines(Family[AppendagePlace | FurtherMotion]):
         return f"Appendages hidden in {self.name!r}"
 
     def hypothesis(
-        self, baseline: ModelClass, features: Sequence[AppendagePlace | FurtherMotion], name: str
+        self, baseline: ModelClass, features: Sequence[Feature], name: str
     ) -> ModelClass:
         scale = self.scales[baseline.name] if features else None
         return hypothesis(
@@ -217,10 +219,7 @@ class Baselines(Family[AppendagePlace | FurtherMotion]):
         )
 
     def quantities(
-        self,
-        baseline: str,
-        feature: AppendagePlace | FurtherMotion,
-        column: Callable[[str], FloatArray],
+        self, baseline: str, feature: Feature, column: Callable[[str], FloatArray]
     ) -> dict[str, FloatArray]:
         """The vibrating mass in the structure's unit and over the mass scale, the frequency, and
         the share of the mass that the model has already.

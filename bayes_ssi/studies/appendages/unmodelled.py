@@ -25,11 +25,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.families import LogUniform
-from bayes_ssi.studies.appendages.baselines import (
-    Baselines,
-    choose_baselines,
-    frequency_prior,
-)
+from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, frequency_prior
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_NEAR,
     MOST_PLACES_FOR_A_WARNING,
@@ -92,8 +88,7 @@ def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
         options = replace(baselines.options, frequency=LogUniform(low, high))
         near = replace(baselines, options=options)
         classes = [near.hypothesis(carrier, (place,), f"{place.name}, {label}") for place in places]
-        tried = [ToScreen(each, alone) for each in classes]
-        screened = screen_all(tried, ranking.seed, run, EFFORTS.quick)
+        screened = _screened(classes, alone, ranking.seed, run)
         share = prior.probability_below(high) - prior.probability_below(low)
         log_odds.append(_nats(screened, alone) + math.log(share))
         changed[label] = _changed(posterior, best, classes, screened)
@@ -159,13 +154,18 @@ def _best(ranking: Ranking) -> tuple[ModelClass, Posterior]:
     return best, next(each for each in ranking.posteriors if each.name == name)
 
 
+def _screened(
+    classes: Sequence[ModelClass], simpler: Screened | None, seed: int, run: Run
+) -> list[Screened]:
+    return screen_all([ToScreen(each, simpler) for each in classes], seed, run, EFFORTS.quick)
+
+
 def _alone(
     baselines: Baselines, best: ModelClass, seed: int, run: Run
 ) -> tuple[Screened, ModelClass]:
     """The class without an appendage, screened, and what appendages are hung on."""
     carrier = baselines.projected(best.name, prior_draws)
-    none = ToScreen(baselines.hypothesis(carrier, (), best.name), None)
-    (alone,) = screen_all([none], seed, run, EFFORTS.quick)
+    (alone,) = _screened([baselines.hypothesis(carrier, (), best.name)], None, seed, run)
     return alone, baselines.projected(best.name, alone.wide_draws)
 
 
@@ -195,11 +195,16 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
         baselines = choose_baselines(Study(best.name, [best]))
     except ValueError:  # nothing can be hung on it
         return looks
-    if not is_cheap(best) or len(baselines.appendages(best.name)) > MOST_PLACES_FOR_A_WARNING:
+    places = baselines.appendages(best.name)
+    if not is_cheap(best) or len(places) > MOST_PLACES_FOR_A_WARNING:
         return looks and f"{looks}{ASK}"
-    nats, where = _screened(baselines, best, ranking.seed, run)
+    alone, carrier = _alone(baselines, best, ranking.seed, run)
+    classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
+    screened = _screened(classes, alone, ranking.seed, run)
+    nats = _nats(screened, alone)
     if nats <= 0.0:
         return ""
+    where = places[int(np.argmax([each.log_evidence for each in screened]))].description
     left = ", ".join(label_in(name, repr(one)) for _, name, labels in spurious for one in labels)
     looks = looks or f"{best.name!r} takes {left} for spurious"
     return (
@@ -223,17 +228,6 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
         two = f"{low.label!r} and {high.label!r} ({100.0 * gap:.0f} % apart{shapes})"
         pairs.append(label_in(name, two))
     return pairs
-
-
-def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tuple[float, str]:
-    """Nats by which one appendage anywhere is more probable than none, and the best place."""
-    places = baselines.appendages(best.name)
-    alone, carrier = _alone(baselines, best, seed, run)
-    classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
-    ones = [ToScreen(made, alone) for made in classes]
-    screened = screen_all(ones, seed, run, EFFORTS.quick)
-    best_one = int(np.argmax([each.log_evidence for each in screened]))
-    return _nats(screened, alone), places[best_one].description
 
 
 def _times(nats: float) -> str:
