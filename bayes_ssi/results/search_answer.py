@@ -136,7 +136,8 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
                 f"{one} (probability {probability_in_words(share)})"
                 for one, (share, _) in zip(shown, at, strict=True)
             ]
-        words = f"{whose.capitalize()} vibrates at {' or '.join(shown)}"
+        if_any = "" if search.probability_of_any >= 0.5 else "if there is any, "
+        words = f"{if_any}{whose} vibrates at {' or '.join(shown)}"
         if each.effective_mass is not None and each.effective_ratio is not None:
             low, middle, high = (100.0 * one for one in each.effective_ratio)
             words += (
@@ -148,7 +149,7 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
             if ordinal == ORDINALS[0]:
                 words += ": the vibrating mass times the squared motion of its place, over that of"
                 words += " the sensor that moves most"
-        yield f"{words}."
+        yield f"{words[0].upper()}{words[1:]}."
         yield _where(search, each, whose)
     if search.matched:
         number = f"{len(search.matched)} appendages" if several else "one appendage"

@@ -128,12 +128,6 @@ class FamilyRecord(Displayed):
         return next((each for each in self.hypotheses if each.claims_any), None)
 
     @property
-    def credible_places(self) -> tuple[Finding, ...]:
-        """The fewest places with 95 % of the probability, summed over all; the first first."""
-        ordered = self.places_by_probability
-        return credible(ordered, [each.probability for each in ordered])
-
-    @property
     def n_unsampled(self) -> int:
         return sum(not each.is_sampled for each in self.hypotheses)
 
