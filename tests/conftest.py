@@ -213,6 +213,9 @@ def fake_sampling(monkeypatch, make_posterior):
     round; screening gives ``approximately``, by default the same evidences.
     """
 
+    # Levels and weights of appendages alone.
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
+
     def install(log_evidence, approximately=None):
         levels, install.sampled = [], []
 

@@ -274,9 +274,11 @@ def _error_sizes(model_class: ModelClass) -> set[str]:
     return {p.name for size in sizes for p in size.parameters} - structural
 
 
-POSSIBLE_CAUSES = (
-    "wrong channel order, wrong units, wrong pairing, or a structure nobody wrote down"
-)
+def _possible_causes(adequacy: Adequacy, is_given: bool) -> str:
+    """What a misfit usually comes from; ``is_given`` says whether the pairing is the analyst's."""
+    channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
+    pairing = "wrong pairing, " if is_given else ""
+    return f"{channels}wrong units, {pairing}or a structure nobody wrote down"
 
 
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
@@ -288,7 +290,7 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
     ]
 
 
-def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
+def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = True) -> str:
     """What of the data a class that is not adequate does not explain, and why that may be."""
     what = "the data are not explained"
     if adequacy.is_rough and not adequacy.overall.is_small:
@@ -300,7 +302,7 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
     elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""
     mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
-    causes = "; ".join(mistakes) or POSSIBLE_CAUSES
+    causes = "; ".join(mistakes) or _possible_causes(adequacy, is_given)
     sentences = (f"{what}: {'; '.join(misfits_in_words(adequacy))}", others)
     return ". ".join([*filter(None, sentences), f"Likely cause: {causes}"])
 

@@ -39,7 +39,7 @@ class PairingWeights:
     # spurious and i missed.
     log_ratios: FloatArray
     frequencies_hz: FloatArray  # (J,), of the identified modes
-    # (B, I), ascending; only for the nearest ones where there are more than ``window`` of both.
+    # (B, I); only for the nearest ones where there are more than ``window`` of both.
     model_hz: FloatArray
     # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
@@ -103,6 +103,13 @@ def _log_sum(weights: PairingWeights, gains: Mapping[int, FloatArray]) -> FloatA
         return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
     # (I, J, B): whole rows of the batch are next to each other.
+    if min(weights.log_ratios.shape[1:]) > weights.window:  # windows only move up
+        ascending = np.argsort(weights.model_hz, axis=1)
+        weights = replace(
+            weights,
+            log_ratios=np.take_along_axis(weights.log_ratios, ascending[:, None], axis=2),
+            model_hz=np.take_along_axis(weights.model_hz, ascending, axis=1),
+        )
     log_ratios = np.ascontiguousarray(weights.log_ratios[:, order].transpose(2, 1, 0))
     both = {}
     for i, gain in gains.items():

@@ -272,7 +272,7 @@ def with_hints(
             break
         hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
         if hints and row is not comparison.best:
-            then = f"; then {row.name!r} explains the data"
+            then = f"; {row.name!r} would then explain the data"
             hints = tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
         if hints or posterior.adequacy.is_adequate:
             break
