@@ -230,6 +230,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_as_it_is", sample)
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
+    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.save_scenes", lambda *_: None)
     monkeypatch.setattr(
         "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
