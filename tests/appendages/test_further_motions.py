@@ -28,7 +28,7 @@ def plane():
 def test_a_further_mode_changes_no_other(plane):
     values = np.array([[1.0, 1.1, 0.9], [0.8, 1.0, 1.2]])
     own = plane.modes(values)
-    whole = FurtherMode(plane, (), FREQUENCY, 1)
+    whole = FurtherMode(plane, (), frequency=FREQUENCY, like=1)
     modes = whole.modes(np.c_[values, [1.5, 2.5]])
     assert whole.n_modes == 4
     np.testing.assert_array_equal(modes.frequencies_hz, np.c_[own.frequencies_hz, [1.5, 2.5]])
@@ -47,7 +47,11 @@ def test_its_shape_has_an_error_of_its_own(plane):
 
     def log_shape(number):
         made = bs.ModelClass(
-            "b", FurtherMode(plane, (), FREQUENCY, 0), data, error, pairing={"t": number}
+            "b",
+            FurtherMode(plane, (), frequency=FREQUENCY, like=0),
+            data,
+            error,
+            pairing={"t": number},
         )
         likelihood = made.likelihoods[0]
         return likelihood.terms(values).shape[0, 0]
