@@ -12,6 +12,7 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
+from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
 from bayes_ssi.studies.appendages.search_result import MatchedAppendage, SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.changes.changes_family import moved_alike
@@ -85,6 +86,15 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     yield from unsampled(search)
+    best = search.best_with_features
+    kinds = {type(each.place) for each in (best.features if best else ())}
+    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
+        yield (
+            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
+            "calculated on a rigid foot, is higher."
+        )
+    if not any(isinstance(each.place, InfillPlace) for each in search.places):
+        yield "Infills were not tried: they join two places, and every candidate is one."
     tried = [each for each in search.baselines if each.prior_probability > 0.0]
     if len(tried) > 1:
         shown = [
@@ -92,7 +102,6 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
             for each in tried[:MOST_LISTED]
         ]
         yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
-    best = search.best_with_features
     alike = [n for n in comparison.not_distinguishable if best is None or n != best.name]
     if alike:
         shown = [

@@ -1,20 +1,20 @@
 """A structure and one mode more, of a motion that its model does not have."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.structures.changed_structure import ChangedStructure
+from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.modal import ModalModel, Modes
 
 SHAPES_DIFFER = 0.05  # sd of a component of the unit shape from that of the mode it resembles
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class FurtherMode(ChangedStructure):
     """Another structure and a mode more, the last, which changes none of its modes.
 
@@ -22,6 +22,8 @@ class FurtherMode(ChangedStructure):
     sensors are, the shape is that of mode ``like`` (from 0), but for ``SHAPES_DIFFER``.
     """
 
+    losses: tuple[Loss, ...] = field(default=(), init=False)
+    falls: Mapping[int, Parameter] = field(default_factory=dict, init=False)
     frequency: Parameter
     like: int
 
@@ -37,15 +39,12 @@ class FurtherMode(ChangedStructure):
     def shape_variances(self) -> Mapping[int, float]:
         return {**self.structure.shape_variances, self.structure.n_modes: SHAPES_DIFFER**2}
 
-    def left(self, values: FloatArray) -> FloatArray:
-        return values[:, : len(self.structure.parameters)]
-
     def modes(self, values: FloatArray) -> Modes:
-        return self._with_one_more(self.structure.modes(self.left(values)), values)
+        return self._with_one_more(super().modes(values), values)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """As that of the other structure: the ground's motion does not drive the last mode."""
-        own = self.structure.modal_model(self.left(values))
+        own = super().modal_model(values)
         frequencies, shapes = self._with_one_more(Modes(*own[:2]), values)
         return ModalModel(frequencies, shapes, np.pad(own.participation, ((0, 0), (0, 1))), own[3])
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def plane():
 def test_a_further_mode_changes_no_other(plane):
     values = np.array([[1.0, 1.1, 0.9], [0.8, 1.0, 1.2]])
     own = plane.modes(values)
-    whole = FurtherMode(plane, (), frequency=FREQUENCY, like=1)
+    whole = FurtherMode(plane, FREQUENCY, 1)
     modes = whole.modes(np.c_[values, [1.5, 2.5]])
     assert whole.n_modes == 4
     np.testing.assert_array_equal(modes.frequencies_hz, np.c_[own.frequencies_hz, [1.5, 2.5]])
@@ -47,11 +48,7 @@ def test_its_shape_has_an_error_of_its_own(plane):
 
     def log_shape(number):
         made = bs.ModelClass(
-            "b",
-            FurtherMode(plane, (), frequency=FREQUENCY, like=0),
-            data,
-            error,
-            pairing={"t": number},
+            "b", FurtherMode(plane, FREQUENCY, 0), data, error, pairing={"t": number}
         )
         likelihood = made.likelihoods[0]
         return likelihood.terms(values).shape[0, 0]
@@ -115,17 +112,25 @@ def test_an_appendage_moves_its_partner(plane):
     assert of_any > 0.95
 
 
-def test_a_motion_like_each_mode_is_as_probable_as_an_appendage_anywhere(plane):
+def test_motions_and_appendages_share_a_prior(plane):
+    """Half of one feature's weight each, whatever their numbers: six places and two modes here."""
     shapes = ((1.0, 2.0, 3.0), (1.0, 2.0, -3.0))
     modes = [bs.IdentifiedMode(str(i), 1.8 * i, shape) for i, shape in enumerate(shapes, 1)]
     data = bs.ModalData(tuple(modes), (0.0, 6.0), SENSORS)
-    family = choose_baselines(bs.Study("s", [bs.ModelClass("b", plane, data, pairing={})]))
-    motions = [each for each in family.features["b"] if each.is_common]
+    options = bs.SearchSettings(number_weights=(1.0, 0.7, 0.2, 0.1))
+    bare = bs.Study("s", [bs.ModelClass("b", plane, data, pairing={})])
+    family = choose_baselines(bare, options=options)
+    features = family.features["b"]
+    motions = [each for each in features if each.is_common]
     assert [each.name for each in motions] == ["motion like mode 1", "motion like mode 2"]
-    assert family.prior_weight("b", 0) == 1.0
-    assert family.prior_weight("b", 1) == pytest.approx(1.0 / 6.0)
-    assert family.prior_weight("b", 1, 1) == 1.0
-    assert family.prior_weight("b", 2, 1) == pytest.approx(0.2 / 6.0)
+    assert family.prior_weight("b", 1, 0) == pytest.approx(0.7 / 12.0)
+    assert family.prior_weight("b", 1, 1) == pytest.approx(0.7 / 4.0)
+    for number, weight in enumerate(options.number_weights):
+        total = sum(
+            family.prior_weight("b", number, sum(each.is_common for each in chosen))
+            for chosen in combinations(features, number)
+        )
+        assert total == pytest.approx(weight)
 
 
 def test_the_answer_names_the_motion_and_the_sensor_that_would_tell(found_in_case_c):

@@ -77,9 +77,10 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
     ordered = sorted(probabilities.values(), reverse=True)
     assert [probabilities[name] for name in shown] == ordered[:8]
     priors = dict(zip(shown, map(str, table.columns[1].cells), strict=True))
-    # A fifth, as that of each of three motions, and of an appendage at any of six places.
-    assert priors["no appendage"] == priors["motion like mode 2"] == "0.2000"
-    assert priors["infill 1-2"] == "0.0333"
+    # A half; of the other, three motions and appendages at six places have half each.
+    assert priors["no appendage"] == "0.5000"
+    assert priors["motion like mode 2"] == "0.0833"
+    assert priors["infill 1-2"] == "0.0417"
 
 
 def test_masses_have_the_unit_of_the_study(of_a_tall_building):

@@ -112,7 +112,7 @@ def hypothesis(
             structure = structure.with_element(element)
         for motion in motions:
             frequency = Parameter(frequency_name(motion), prior, unit="Hz")
-            structure = FurtherMode(structure, (), frequency=frequency, like=motion.mode - 1)
+            structure = FurtherMode(structure, frequency, motion.mode - 1)
         return structure
 
     return changed.with_structures(carrying)
@@ -232,11 +232,18 @@ class Baselines(Family[Feature]):
         mass = self.scales[baseline].mass * ratio
         return {"mass": mass, "mass_ratio": ratio, "frequency_hz": hz, "in_model": in_model}
 
-    def n_ways(self, baseline: str, number: int, n_common: int) -> int:
-        """Places of appendages share a weight. A structure twists in as many modes as it sways, so
-        that a motion like each mode is as probable as an appendage anywhere.
+    def n_ways(self, baseline: str, number: int, n_common: int) -> float:
+        """Every feature is as probably a motion, like any of the modes, as an appendage, anywhere.
+
+        So neither the number of places nor that of modes takes from what has no feature.
         """
-        return max(math.comb(len(self.appendages(baseline)), number - n_common), 1)
+        n_all, n_places = len(self.features[baseline]), len(self.appendages(baseline))
+
+        def n_choices(n: int) -> int:
+            return math.comb(n_all - n_places, n) * math.comb(n_places, number - n)
+
+        splits = sum(math.comb(number, n) for n in range(number + 1) if n_choices(n))
+        return max(n_choices(n_common), 1) * splits / math.comb(number, n_common)
 
     def appendages(self, baseline: str) -> list[AppendagePlace]:
         """Where appendages may be on a baseline."""

@@ -229,8 +229,8 @@ class Family(ABC, Generic[Feature]):
         share = self.options.number_weights[number] / self.n_ways(baseline, number, n_common)
         return weights[baseline] / sum(weights.values()) * share
 
-    def n_ways(self, baseline: str, number: int, n_common: int) -> int:  # noqa: ARG002
-        """To choose that many features, which share a weight."""
+    def n_ways(self, baseline: str, number: int, n_common: int) -> float:  # noqa: ARG002
+        """Equally probable ones to choose that many features, which share a weight."""
         return math.comb(len(self.features[baseline]), number)
 
     def projected(self, baseline: str, draws: Draws) -> ModelClass:
