@@ -92,7 +92,7 @@ class RunOptions:
                 terminal.say(each)
             else:
                 terminal.show(each)
-        n_figures = len(list((result.directory / FIGURES).glob("*")))
+        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
         terminal.say(*_notes(result), f"Saved in {result.directory}, with {n_figures} figures.")
         terminal.say_in_paragraphs(*answered.paragraphs)
         terminal.say(*(line for command in answered.commands for line in ("", command)))

@@ -31,7 +31,8 @@ from scipy.special import log_ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.criticism.misfit import (
-    CRITICISM,
+    INADEQUATE,
+    ROUGH,
     Misfit,
     log_chi_square,
     log_combined,
@@ -45,6 +46,8 @@ from bayes_ssi.inference.likelihood.likelihood import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product
+
+MOST_NAMED = 3  # the largest misfits say what is wrong; a list of all would hide it
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class PValue:
     @property
     def is_small(self) -> bool:
         """Whether a right class would be this far from the data one time in a hundred."""
-        return not self.p_value >= CRITICISM.limit
+        return not self.p_value >= INADEQUATE
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class Adequacy:
     @property
     def is_rough(self) -> bool:
         """Whether the class infers an error of its frequencies with which any model would fit."""
-        return self.frequency_error is not None and self.frequency_error > CRITICISM.rough
+        return self.frequency_error is not None and self.frequency_error > ROUGH
 
 
 def adequacy(
@@ -199,7 +202,7 @@ def adequacy(
 
 def _inferred_error(model_class: ModelClass, values: FloatArray) -> float | None:
     size = as_product(model_class.error.frequency_cov)
-    if not size.parameters or size.median > CRITICISM.rough:
+    if not size.parameters or size.median > ROUGH:
         return None
     columns = [model_class.parameter_names.index(p.name) for p in size.parameters]
     powers = np.array([power for _, power in size.powers])
@@ -284,7 +287,7 @@ def _possible_causes(adequacy: Adequacy, is_given: bool) -> str:
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
     named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
-    large = [words for misfit, words in named[: CRITICISM.most_named] if misfit.is_small]
+    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
     return large or [
         f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
     ]
@@ -297,7 +300,7 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = T
         error = _percent(adequacy.frequency_error or 0.0)
         what = (
             f"the model does not fit: it infers an error of {error} for its frequencies, more than "
-            f"{_percent(CRITICISM.rough)}"
+            f"{_percent(ROUGH)}"
         )
     elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""

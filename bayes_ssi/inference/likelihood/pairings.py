@@ -172,20 +172,9 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
     return chosen
 
 
-@dataclass(frozen=True)
-class Listed:
-    """Which pairings are listed with their probability."""
-
-    most_draws: int = 1000  # at which probabilities are computed
-    most: int = 10  # pairings in the list
-
-    @property
-    def least_probability(self) -> float:
-        """A tenth of one draw; less probable ones are not listed."""
-        return 0.1 / self.most_draws
-
-
-LISTED = Listed()
+MOST_DRAWS = 1000  # at which probabilities of pairings are computed
+MOST_LISTED = 10  # pairings with their probability
+LEAST_PROBABILITY = 0.1 / MOST_DRAWS  # a tenth of one draw; less probable ones are not listed
 
 
 @dataclass(frozen=True)
@@ -215,9 +204,9 @@ class InferredPairing:
 
 def thinned(values: FloatArray) -> FloatArray:
     """Some of many equally weighted draws (n, n_parameters)."""
-    if len(values) <= LISTED.most_draws:
+    if len(values) <= MOST_DRAWS:
         return values
-    return values[np.linspace(0, len(values) - 1, LISTED.most_draws).astype(np.intp)]
+    return values[np.linspace(0, len(values) - 1, MOST_DRAWS).astype(np.intp)]
 
 
 def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> InferredPairing:
@@ -232,9 +221,7 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
         numbers = {labels[j]: int(pairing[j]) + 1 for j in paired.tolist()}
         shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
     shares.sort(key=lambda share: -share.probability)
-    kept = [share for share in shares if share.probability >= LISTED.least_probability][
-        : LISTED.most
-    ]
+    kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:MOST_LISTED]
     of_pairs = pair_probabilities(weights).mean(axis=0)
     with_spurious = np.column_stack([1.0 - of_pairs.sum(axis=1), of_pairs])
     return InferredPairing(
@@ -243,7 +230,7 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
             label: {
                 number: float(probability)
                 for number, probability in enumerate(row)
-                if probability >= LISTED.least_probability
+                if probability >= LEAST_PROBABILITY
             }
             for label, row in zip(labels, with_spurious, strict=True)
         },
