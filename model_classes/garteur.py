@@ -1,18 +1,19 @@
 """The GARTEUR SM-AG19 test bed: an aluminium aeroplane that twelve laboratories tested.
 
-Wing span 2 m, 44 kg, hung on bungees. A viscoelastic tape under an aluminium strip, the constraining
-layer, lies on the wing to damp it: a non-structural element. Does the strip act with the wing, does
-it act in part, or is it mass only?
+Wing span 2 m, 44 kg, hung on bungees. A viscoelastic tape under an aluminium strip, the
+constraining layer, lies on the wing to damp it: a non-structural element. Does the strip act with
+the wing, does it act in part, or is it mass only?
 
 Dimensions and material: PetrKryslUCSD/pystran, tutorials on the GARTEUR air frame (2025), after
 Gravelle (GARTEUR TP-115, 1999). Frequencies: participant C of Balmès and Wright (15th IMAC, 1997,
-pp. 1346-1352). Shapes are published as pictures only, but they say which modes are symmetric; as the
-air frame is symmetric about its middle plane, each test is one configuration of the symmetric modes
-and one of the others, of half of the model. Beams after Przemieniecki (1968), with consistent mass.
+pp. 1346-1352). Shapes are published as pictures only, but they say which modes are symmetric. The
+air frame is symmetric about its middle plane, so that the test is one configuration of the
+symmetric modes and one of the others, of half of the model. Beams after Przemieniecki (1968), with consistent mass.
 Millimetres, tonnes, newtons.
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -126,7 +127,7 @@ def half_model(symmetric):
         matrix[np.ix_(rows, rows)] += share * of_joints
 
     for section, joints in MEMBERS:
-        for ends in zip(joints, joints[1:], strict=False):
+        for ends in pairwise(joints):
             stiffness, of_beam = beam(section, *ends)
             add(parts[section], ends, stiffness)
             add(mass, ends, of_beam)

@@ -4,9 +4,9 @@
 
 Every identified mode of every measured study in model_classes/ is left out in turn, the classes are
 ranked on the other modes, and the frequency that they predict, averaged by their probabilities and
-with their errors, is compared with the measured one; the shape's MAC is printed, too, where there is one. Prints a
-line for each mode, then a table of all structures: how far the best class fitted to all modes is off
-in the mean, how many of the left-out modes lie in the central 90 % interval, and how wide this is.
+with their errors, is compared with the measured one; the shape's MAC is printed where there is one.
+A line for each mode, then a table of all structures: how far the best class, given all modes, is
+off in the mean, how many left-out modes lie in the central 90 % interval, and how wide this is.
 
 A mode that is left out was not looked for, so that it must not count as one that was missed. The
 detection probability is a thousandth for this reason, and the expected number of spurious modes, in
@@ -131,7 +131,7 @@ def predicted(classes, name, label, seed=0, settings=None):
 
 
 def error_with_all_modes(classes):
-    """Name of the best class, and the root mean square of its relative errors at the draws' mean."""
+    """Name of the best class, and the root mean square of its relative errors."""
     ranking = bs.rank(bs.Study("all modes", classes))
     best = ranking.comparison.best.name
     posterior = next(each for each in ranking.posteriors if each.name == best)
