@@ -8,8 +8,8 @@ Dimensions and material: PetrKryslUCSD/pystran, tutorials on the GARTEUR air fra
 Gravelle (GARTEUR TP-115, 1999). Frequencies: participant C of Balmès and Wright (15th IMAC, 1997,
 pp. 1346-1352). Shapes are published as pictures only, but they say which modes are symmetric. The
 air frame is symmetric about its middle plane, so that the test is one configuration of the
-symmetric modes and one of the others, of half of the model. Beams after Przemieniecki (1968), with consistent mass.
-Millimetres, tonnes, newtons.
+symmetric modes and one of the others, of half of the model. Beams after Przemieniecki (1968), with
+consistent mass. Millimetres, tonnes, newtons.
 """
 
 import math
