@@ -43,7 +43,7 @@ CASES = {
     "Liverpool, bare": Case("liverpool_frame", "none", "bare"),
     "Liverpool, with blade": Case("liverpool_frame", "none", left_out_of="with blade"),
     "Los Alamos, nine states": Case("los_alamos_frame", "0.2 %, state 1"),
-    "GARTEUR SM-AG19": Case("garteur", "1 to 2 %"),
+    "GARTEUR SM-AG19": Case("garteur", "none here"),
 }
 
 
