@@ -213,6 +213,11 @@ def fake_sampling(monkeypatch, make_posterior):
     round; screening gives ``approximately``, by default the same evidences.
     """
 
+    # Levels and weights of appendages alone.
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
+    # Posteriors that were not sampled have no modes to move in.
+    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.save_scenes", lambda *_: None)
+
     def install(log_evidence, approximately=None):
         levels, install.sampled = [], []
 

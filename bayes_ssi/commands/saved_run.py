@@ -85,19 +85,17 @@ class RunOptions:
             result = self._save(ranking, records, study_file, directory, overwrite, run)
         # Also what an earlier run sampled and this one did not.
         checkpoint.remove()
-        for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
-            if text:
-                terminal.say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
+        answered = say_answer(result)
+        terminal.say_warnings(answered.warnings)
         for each in screen(result):
             if isinstance(each, str):
                 terminal.say(each)
             else:
                 terminal.show(each)
-        n_figures = len(list((result.directory / FIGURES).glob("*")))
+        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
         terminal.say(*_notes(result), f"Saved in {result.directory}, with {n_figures} figures.")
-        answered = say_answer(result)
-        terminal.say_warnings(answered.warnings)
         terminal.say_in_paragraphs(*answered.paragraphs)
+        terminal.say(*(line for command in answered.commands for line in ("", command)))
         failed = () if self.accept_failed_checks else result.comparison.failed_checks
         terminal.conclude(_json_record(result, answered.paragraphs, records), failed)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE_SDS
 from bayes_ssi.inference.model_class.class_record import ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
@@ -117,7 +117,7 @@ def page_content(
         "answer": answer(stored),
         # A search has a table of its own.
         "averages": averaged_parameters(stored.posteriors, comparison) if not stored.search else (),
-        "limit_sds": CRITICISM.limit_sds,
+        "limit_sds": INADEQUATE_SDS,
         "tests": stored.tests,
         "auto_macs": {name: auto_mac(data) for name, data in stored.tests.items()},
         "several": len(stored.tests) > 1,

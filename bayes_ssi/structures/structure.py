@@ -117,6 +117,11 @@ class Structure(ABC):
             TypeError: they are not numbers.
         """
 
+    @property
+    def shape_variances(self) -> Mapping[int, float]:
+        """Mode, from 0 → squared sd of its unit shape, of modes whose shapes are not computed."""
+        return {}
+
     def modes_or_nan(self, values: FloatArray) -> Modes:
         """:meth:`modes` at ``values`` (B, n_parameters); NaN in rows at which they raise."""
 
@@ -401,6 +406,7 @@ class SubstituteStructure(Structure):
     heights = _as_substituted("heights")
     description = _as_substituted("description")
     labelled_modes = _as_substituted("labelled_modes")
+    shape_variances = _as_substituted("shape_variances")
     location_of = _as_substituted("location_of")
     drawing = _as_substituted("drawing")
     sensor_location = _as_substituted("sensor_location")

@@ -35,7 +35,7 @@ def baseline(structure, sensors=LABELS, name="b"):
 
 
 def test_sensors_are_the_places_of_a_structure_without_floors():
-    (places,) = choose_baselines(bs.Study("s", [baseline(matrices())])).features.values()
+    places = choose_baselines(bs.Study("s", [baseline(matrices())])).appendages("b")
     assert [place.name for place in places] == [f"pendulum {label}" for label in LABELS]
     assert places[2].coordinates == (4.0, 0.0, 3.0)
     assert places[2].direction == (0.0, 1.0, 0.0)

@@ -67,6 +67,7 @@ def baseline_notes(record: SearchRecord) -> list[str]:
         f"(!) {each.name!r}: without any appendage, {best.name!r} beats it by "
         f"{best.log_evidence - each.log_evidence:.1f} nats."
         for each in record.beaten
+        if each.probability < PROBABLE  # others are a warning ahead of the answer
     ]
     return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
 
@@ -91,12 +92,11 @@ def search_table(record: FamilyRecord, comparison: Comparison, title: str) -> Ta
 def appendage_place_table(record: SearchRecord) -> Table:
     """The most probable places, and the sum over the others: medians and 90 % intervals.
 
-    Of several appendages, one after the other, each over all hypotheses with as many.
+    Of one appendage after the other, each over all hypotheses with as many.
     """
-    several = len(record.matched) > 1
     table = new_table(
-        "Appendages by place, averaged over all hypotheses"
-        f"{f' with {len(record.matched)}' if several else ''}: medians and 90 % intervals",
+        f"Appendages by place, averaged over all hypotheses with {len(record.matched) or 'any'}: "
+        "medians and 90 % intervals",
         ["place"],
         ["probability", record.mass_heading, "frequency (Hz)"],
     )
@@ -107,12 +107,16 @@ def appendage_place_table(record: SearchRecord) -> Table:
         if others := group[MOST_PLACES:]:
             together = sum(each.probability for each in others)
             add_row(table, f"{len(others)} others", probability_text(together), "", "")
+    for each in record.motions:
+        if each.probability >= PROBABLE:
+            frequency = quantity(*each.amounts["frequency_hz"])
+            add_row(table, each.place.name, probability_text(each.probability), "-", frequency)
     return table
 
 
 def several_table(record: SearchRecord) -> Iterator[Table]:
     """The appendages of the probable hypotheses with several of them, if there are any."""
-    rows = [row for row in _shown(record) if len(row.features) > 1]
+    rows = [row for row in _shown(record) if len(row.claimed) > 1]
     rows = [row for row in rows if row.probability >= PROBABLE]
     if not rows:
         return
@@ -124,7 +128,7 @@ def several_table(record: SearchRecord) -> Iterator[Table]:
             quantity(*each.amounts["frequency_hz"]),
         )
         for row in rows
-        for i, each in enumerate(row.features)
+        for i, each in enumerate(row.claimed)
     ]
     numbers = [record.mass_heading, "frequency (Hz)"]
     title = "Appendages of hypotheses with several: medians and 90 % intervals"

@@ -20,7 +20,7 @@ from bayes_ssi.inference.criticism.adequacy import (
     misfit_text,
     misfits_in_words,
 )
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
@@ -329,12 +329,12 @@ def judged_tests(class_name: str, tests: Sequence[SingleTest]) -> tuple[list[str
     for test in tests:
         what, fit = f"test {test.name!r}, {class_name!r}", test.adequacy
         # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
-        if fit and (len(tests) * fit.overall.p_value < CRITICISM.limit or fit.hints):
+        if fit and (len(tests) * fit.overall.p_value < INADEQUATE or fit.hints):
             failed.append(f"{what}: {inadequacy_in_words(fit)}")
         elif fit and fit.overall.is_small:
             unusual.append(
                 f"{what}: the data are as unusual as in one right test of "
-                f"{1.0 / CRITICISM.limit:.0f}, {misfit_text(fit.overall.sds)}: "
+                f"{1.0 / INADEQUATE:.0f}, {misfit_text(fit.overall.sds)}: "
                 f"{'; '.join(misfits_in_words(fit))}"
             )
     return failed, unusual
