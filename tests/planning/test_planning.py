@@ -299,10 +299,10 @@ def test_what_cannot_be_planned_is_refused(two_classes):
         bs.plan(bs.Study("one", [own]), 2, aim="k")
 
 
-def test_layouts_are_drawn_by_height_and_in_space(whole, two_classes):
+def test_layouts_are_drawn_in_space(whole, two_classes):
     with figures_for_files():
         drawn = plot_layout(whole)
-        assert {text.get_text() for text in drawn.texts} == set(FLOORS)
+        assert {text.get_text().strip() for text in drawn.texts} == {*FLOORS, *"xyz"}
         assert [tick.get_text() for tick in plot_gains(whole).get_xticklabels()] == ["1", "2"]
         places = [
             bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))

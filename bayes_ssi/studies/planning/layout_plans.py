@@ -183,14 +183,20 @@ def _with_candidates(
     for planned in classes:
         of_class = f"model class {planned.model_class.name!r}: candidate"
         planned.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
-    heights: dict[str, float] = {}
-    for each in classes:
-        heights |= each.structure.heights()
-    places = [
-        replace(located(place, classes[0].structure), height=heights.get(place.name, place.height))
-        for place in places
-    ]
-    return [replace(each, candidates=tuple(places)).made_accurate() for each in classes]
+    structures = [each.structure for each in classes]
+    drawn = tuple(_drawn(located(place, structures[0]), structures) for place in places)
+    return [replace(each, candidates=drawn).made_accurate() for each in classes]
+
+
+def _drawn(place: Candidate, structures: Sequence[Structure]) -> Candidate:
+    """A candidate with its coordinates and direction on the first drawing that has it."""
+    if place.coordinates is not None or not isinstance(place.place, str):
+        return place
+    known = (structure.sensor_location(place.place) for structure in structures)
+    at = next(filter(None, known), None)
+    if at is None:
+        return place
+    return replace(place, coordinates=at.position, direction=place.direction or at.direction)
 
 
 def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
@@ -399,7 +405,7 @@ class _Planning:
             bias=bias,
             failed_checks=tuple(_failed_checks(worth.draws, bias)),
             candidates=first.candidates,
-            geometry=first.structure.geometry,
+            geometry=first.structure.drawing()[0],
         )
 
     def _changes(self, best: Sensors) -> Iterator[Change]:

@@ -108,7 +108,7 @@ class Plan(Displayed):
     bias: float
     failed_checks: tuple[str, ...]
     candidates: tuple[Candidate, ...]
-    geometry: Geometry | None
+    geometry: Geometry
 
     @property
     def best(self) -> Layout:
