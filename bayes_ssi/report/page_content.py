@@ -21,7 +21,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST_DECAYS
 from bayes_ssi.plots.moving_shapes import asset, box, saved_scenes
 from bayes_ssi.plots.record_plots import CAPTIONS
-from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
+from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, embedded_file
 from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
@@ -33,7 +33,6 @@ from bayes_ssi.report.tables.search_tables import (
     unseen_note,
 )
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.stored_what_if import recorded_class
 from bayes_ssi.results.wording import listed
@@ -102,9 +101,9 @@ FILTERS = {form.__name__: form for form in FORMATS} | {
 
 def page_content(
     stored: StoredResult,
-    predictions: SavedPredictions | None,
+    predictions: Mapping[str, Any],
     sensitivity: Sensitivity | None,
-    figures: ReportFigures,
+    figures: Mapping[str, Sequence[EmbeddedFigure]],
     plan: Plan | None = None,
 ) -> dict[str, Any]:
     record, comparison = stored.record, stored.comparison

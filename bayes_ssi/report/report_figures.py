@@ -6,10 +6,13 @@ To add one, state its caption and draw it in the section that shows it.
 import base64
 import io
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -32,7 +35,6 @@ from bayes_ssi.plots.ranking_plots import (
     plot_sensitivity,
 )
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
-from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -43,24 +45,20 @@ from bayes_ssi.studies.search.findings import FamilyRecord
 Plot = tuple[str, Axes | Figure]
 
 
-@dataclass(frozen=True)
-class ReportLimits:
-    """Most items of each kind that a report shows; the result directory holds the others."""
-
-    classes: int = 8
-    hypotheses: int = 12
-    places: int = 12
-    sensors: int = 8
-    classes_with_modes: int = 2
-    classes_in_frequencies: int = 5
-    parameters_in_corner: int = 6
-    column_width: int = 448  # pixels of one of two columns of figures on the page
+# Most items of each kind that a report shows; the result directory holds the others.
+LIMITS = SimpleNamespace(
+    classes=8,
+    hypotheses=12,
+    places=12,
+    sensors=8,
+    classes_with_modes=2,
+    classes_in_frequencies=5,
+    parameters_in_corner=6,
+    column_width=448,  # pixels of one of two columns of figures on the page
     # Smallest probability of a class that is drawn, unless it is the first, or the second of one
     # test, or cannot be distinguished from the first.
-    least_probability: float = 0.01
-
-
-LIMITS = ReportLimits()
+    least_probability=0.01,
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ class EmbeddedFigure:
 
     @property
     def is_wide(self) -> bool:
-        return self.width > LIMITS.column_width
+        return bool(self.width > LIMITS.column_width)
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
@@ -110,59 +108,45 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
     return EmbeddedFigure(caption, html, width)
 
 
-@dataclass(frozen=True)
-class ReportFigures:
-    """The figures of a report by section, and within tests and model classes by name."""
-
-    ranking: list[EmbeddedFigure] = field(default_factory=list)
-    search: list[EmbeddedFigure] = field(default_factory=list)
-    tests: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
-    classes: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
-    sensitivity: list[EmbeddedFigure] = field(default_factory=list)
-    predictions: list[EmbeddedFigure] = field(default_factory=list)
-    plan: list[EmbeddedFigure] = field(default_factory=list)
-
-
 def draw_figures(
     stored: StoredResult,
-    predictions: SavedPredictions | None,
+    predictions: Mapping[str, Any],
     sensitivity: Sensitivity | None = None,
     plan: Plan | None = None,
-) -> ReportFigures:
-    figures = ReportFigures()
+) -> dict[str, list[EmbeddedFigure]]:
+    """The figures of a report by section: ``"test NAME"`` and ``"class NAME"`` are of one each."""
+    figures: dict[str, list[EmbeddedFigure]] = defaultdict(list)
     with figures_for_files():
-        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan, figures), 1):
-            section.append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
-    for path in predictions.figures if predictions else ():
+        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan), 1):
+            drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
+            figures[section].append(drawn)
+    for path in predictions.get("figures", ()):
         name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
         caption = f"Predictions: {name.replace('_', ' ')}"
-        figures.predictions.append(embedded_file(path, caption))
+        figures["predictions"].append(embedded_file(path, caption))
     return figures
 
 
 def _drawn(
-    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None, figures: ReportFigures
-) -> Iterator[tuple[list[EmbeddedFigure], str, Axes | Figure]]:
+    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None
+) -> Iterator[tuple[str, str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
     evidence = plot_evidence(stored.comparison, most=MOST_CLASSES)
-    yield figures.ranking, "Log evidence of every model class", evidence
+    yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"
-        yield figures.search, caption, plot_places(stored.search)
+        yield "search", caption, plot_places(stored.search)
     if sensitivity is not None:
-        caption = "How the ranking changes with settings"
-        yield figures.sensitivity, caption, plot_sensitivity(sensitivity)
+        yield "sensitivity", "How the ranking changes with settings", plot_sensitivity(sensitivity)
     if plan is not None:
-        yield figures.plan, "Sensors of the next test", plot_layout(plan)
-        yield figures.plan, "What they are worth", plot_gains(plan)
+        yield "plan", "Sensors of the next test", plot_layout(plan)
+        yield "plan", "What they are worth", plot_gains(plan)
     for name, data in stored.tests.items():
-        section = figures.tests.setdefault(name, [])
         for caption, plot in _of_test(name, data, stored.ranked_posteriors):
-            yield section, caption, plot
+            yield f"test {name}", caption, plot
     for name, with_corner in _drawn_classes(stored):
-        section = figures.classes.setdefault(name, [])
         for caption, plot in _of_class(stored, stored.posterior(name), with_corner):
-            yield section, caption, plot
+            yield f"class {name}", caption, plot
 
 
 def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
