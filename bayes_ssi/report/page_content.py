@@ -23,15 +23,10 @@ from bayes_ssi.plots.moving_shapes import asset, box, saved_scenes
 from bayes_ssi.plots.record_plots import CAPTIONS
 from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, embedded_file
 from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
+from bayes_ssi.report.tables import search_tables
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
-from bayes_ssi.report.tables.search_tables import (
-    baseline_notes,
-    mass_scales,
-    unsampled_notes,
-    unseen_note,
-)
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.stored_what_if import recorded_class
@@ -129,10 +124,12 @@ def page_content(
         "search": stored.search,
         "of_appendages": appendages is not None,
         "places": stored.search.places_by_probability if stored.search else (),
-        "mass_scales": mass_scales(appendages) if appendages else (),
-        "baseline_notes": baseline_notes(appendages) if appendages else (),
-        "unseen": unseen_note(stored.search) if stored.search else "",
-        "unsampled": " ".join(unsampled_notes(stored.search)) if stored.search else "",
+        "mass_scales": search_tables.mass_scales(appendages) if appendages else (),
+        "baseline_notes": search_tables.baseline_notes(appendages) if appendages else (),
+        "unseen": search_tables.unseen_note(stored.search) if stored.search else "",
+        "unsampled": " ".join(search_tables.unsampled_notes(stored.search))
+        if stored.search
+        else "",
         "sensitivity": sensitivity,
         "sensitivity_notes": sensitivity_notes(sensitivity) if sensitivity else (),
         "predictions": predictions,

@@ -17,24 +17,11 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_ssi import plots
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
 from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_files, whole_figure
-from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
-from bayes_ssi.plots.ranking_plots import (
-    plot_evidence,
-    plot_frequencies,
-    plot_sensitivity,
-)
-from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -131,16 +118,20 @@ def _drawn(
     stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None
 ) -> Iterator[tuple[str, str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
-    evidence = plot_evidence(stored.comparison, most=MOST_CLASSES)
+    evidence = plots.plot_evidence(stored.comparison, most=MOST_CLASSES)
     yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"
-        yield "search", caption, plot_places(stored.search)
+        yield "search", caption, plots.plot_places(stored.search)
     if sensitivity is not None:
-        yield "sensitivity", "How the ranking changes with settings", plot_sensitivity(sensitivity)
+        yield (
+            "sensitivity",
+            "How the ranking changes with settings",
+            plots.plot_sensitivity(sensitivity),
+        )
     if plan is not None:
-        yield "plan", "Sensors of the next test", plot_layout(plan)
-        yield "plan", "What they are worth", plot_gains(plan)
+        yield "plan", "Sensors of the next test", plots.plot_layout(plan)
+        yield "plan", "What they are worth", plots.plot_gains(plan)
     for name, data in stored.tests.items():
         for caption, plot in _of_test(name, data, stored.ranked_posteriors):
             yield f"test {name}", caption, plot
@@ -166,10 +157,10 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
     where = label_in(name, "")
     best = ranked[: LIMITS.classes_in_frequencies]
     scale = "; shapes are scaled to a largest component of ±1" if data.sensors else ""
-    yield f"{where}Identified modes{scale}", plot_identified_modes(data, configuration=name)
+    yield f"{where}Identified modes{scale}", plots.plot_identified_modes(data, configuration=name)
     yield (
         f"{where}Model frequencies relative to the identified ones",
-        plot_frequencies(data, best, configuration=name),
+        plots.plot_frequencies(data, best, configuration=name),
     )
 
 
@@ -179,24 +170,27 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     for modes in posterior.configurations:
         if modes.updated.modes and modes.updated.places:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
-            yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", plot_mode_shapes(modes.updated, data)
+            yield (
+                f"{where}Mode shapes {of}, {SHAPE_SCALE}",
+                plots.plot_mode_shapes(modes.updated, data),
+            )
     for modes in posterior.configurations:
         where, updated = label_in(modes.name, ""), modes.updated.modes
         if updated:
             yield (
                 f"{where}Frequencies {of} before and after updating",
-                plot_frequency_change(updated, stored.tests[modes.name]),
+                plots.plot_frequency_change(updated, stored.tests[modes.name]),
             )
         if any(mode.mac_after is not None for mode in updated):
-            yield f"{where}MACs {of} before and after updating", plot_mac_change(updated)
+            yield f"{where}MACs {of} before and after updating", plots.plot_mac_change(updated)
         if modes.inferred_pairing is not None:
             yield (
                 f"{where}Probabilities of pairings {of}",
-                plot_pairing(modes.inferred_pairing, modes.n_modes),
+                plots.plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
     parameters = stored.record.model_class(posterior.name).parameters
     units = {each.name: each.unit for each in parameters if each.unit}
-    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior, units=units)
+    yield f"Parameters {of}, prior and posterior", plots.plot_parameters(posterior, units=units)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
@@ -205,7 +199,7 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         note = f": {len(names)} parameters, {which}" if few else ""
         yield (
             f"Joint posterior densities {of}{note}",
-            plot_corner(posterior, parameters=names, units=units),
+            plots.plot_corner(posterior, parameters=names, units=units),
         )
 
 
