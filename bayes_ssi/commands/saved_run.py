@@ -138,7 +138,7 @@ class RunOptions:
                 yield Run(workers, checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {terminal.command_line()}", err=True)
-            sys.exit(terminal.ExitCode.INTERRUPTED)
+            sys.exit(terminal.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
