@@ -10,7 +10,7 @@ places share what these do to the modes. Draw by draw, the appendage of the lowe
 first: places may change hands, even between the draws of one hypothesis.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -45,21 +45,11 @@ from bayes_ssi.studies.search.findings import (
     findings,
 )
 
-
-class RankedDraws(NamedTuple):
-    """Draws of the appendage of one rank by frequency, of several hypotheses in turn: (n,) each."""
-
-    hypothesis: NDArray[np.intp]  # numbers of the hypotheses, which do not fall
-    place: NDArray[np.intp]  # numbers of the places
-    mass: FloatArray
-    frequency_hz: FloatArray
-    in_model: FloatArray
-    weights: FloatArray
-    by_data: FloatArray  # weights under a prior that is uniform in the logarithm of mass
-
-    def where(self, chosen: NDArray[np.bool_]) -> "RankedDraws":
-        columns: Iterable[Any] = (column[chosen] for column in self)
-        return RankedDraws(*columns)
+# Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
+# numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
+# weight under a prior that is uniform in the logarithm of mass.
+RankedDraws = np.recarray[Any, Any]
+COLUMNS = ("hypothesis", "place", "mass", "frequency_hz", "in_model", "weights", "by_data")
 
 
 class Motions(NamedTuple):
@@ -132,7 +122,7 @@ def ranked_draws(
         sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
         blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
     joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
-    return [RankedDraws(*of_rank) for of_rank in zip(*joined, strict=True)]
+    return [np.rec.fromarrays(ranks, names=COLUMNS) for ranks in zip(*joined, strict=True)]
 
 
 def matched(
@@ -190,7 +180,7 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
             ends.append(float(hz[i]))
             begin = i + 1
     numbers = np.searchsorted(ends, draws.frequency_hz)
-    groups = [draws.where(numbers == number) for number in range(len(ends) + 1)]
+    groups = [draws[numbers == number] for number in range(len(ends) + 1)]
     return sorted(groups, key=lambda group: -group.weights.sum())
 
 
@@ -198,7 +188,7 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Findi
     """Where an appendage may be, the most probable place first."""
     found = []
     for number in np.unique(draws.place).tolist():
-        there = draws.where(draws.place == number)
+        there = draws[draws.place == number]
         if there.weights.sum() > 0.0:
             found.append(
                 Finding(
