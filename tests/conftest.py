@@ -223,7 +223,7 @@ def fake_sampling(monkeypatch, make_posterior):
 
         def screen_all(hypotheses, seed, run, effort=None):
             del seed, run, effort
-            classes = [each.model_class for each in hypotheses]
+            classes = [made for made, _ in hypotheses]
             # Of those with several appendages, the best are screened once more.
             known = {name for level in levels for name in level}
             if new := [each.name for each in classes if each.name not in known]:

@@ -58,7 +58,7 @@ from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, smallest_losses
 from bayes_ssi.studies.ranking.study import load_study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, ToScreen, screen
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]
@@ -149,7 +149,7 @@ def losses_found(study, finer):
     model_class, losses = pair(study, None, finer)
     family = family_of(study, model_class)
     places = [p for p in family.features[model_class.name] if losses.keys() & set(p.parameters)]
-    found = screen(ToScreen(family.hypothesis(family.classes[0], places, "true"), None), 0)
+    found = screen((family.hypothesis(family.classes[0], places, "true"), None), 0)
     values = family.hypothesis(family.classes[0], places, "true").values(found.z)
     return {
         name.removeprefix("loss, "): weighted_quantiles(values[:, i], found.weights)[1]

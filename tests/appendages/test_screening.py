@@ -13,7 +13,7 @@ from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, ToScreen, screen, screen_all
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, screen, screen_all
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 
@@ -57,9 +57,9 @@ def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
     """Within the few tenths of a nat that decide what is sampled; sampling is right to 0.1."""
     simpler = None
     if place:
-        simpler = screen(ToScreen(hypothesis(bare, ()), None), 5)
+        simpler = screen((hypothesis(bare, ()), None), 5)
     candidate = hypothesis(bare, [replace(each, in_model=None) for each in place])
-    result = screen(ToScreen(candidate, simpler), 5)
+    result = screen((candidate, simpler), 5)
     (posterior,) = [
         p for p in found_in_case_c.ranking.posteriors if p.name == candidate.name
     ]  # fmt: skip
@@ -72,14 +72,14 @@ def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
 
 def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare):
     """The scan leaves out no part of the band: the same evidence with other draws."""
-    parent = screen(ToScreen(hypothesis(bare, ()), None), 0)
+    parent = screen((hypothesis(bare, ()), None), 0)
     candidate = hypothesis(bare, (INFILL_12,))
-    evidences = [screen(ToScreen(candidate, parent), seed).log_evidence for seed in range(4)]
+    evidences = [screen((candidate, parent), seed).log_evidence for seed in range(4)]
     assert np.ptp(evidences) < 0.3
 
 
 def test_workers_do_not_change_screening(bare, two_workers):
-    items = [ToScreen(hypothesis(bare, places), None) for places in ((), (INFILL_12,))]
+    items = [(hypothesis(bare, places), None) for places in ((), (INFILL_12,))]
     here = screen_all(items, 3, bs.Run())
     with two_workers:
         there = screen_all(items, 3, bs.Run(two_workers))
@@ -189,8 +189,8 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
 
 @pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
 def test_quick_screening_agrees_with_full_screening(bare, place):
-    parent = screen(ToScreen(hypothesis(bare, ()), None), 0)
-    candidate = ToScreen(hypothesis(bare, (place,)), parent)
+    parent = screen((hypothesis(bare, ()), None), 0)
+    candidate = (hypothesis(bare, (place,)), parent)
     full, quick = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.quick))
     assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert quick.n_evaluations < 0.3 * full.n_evaluations
@@ -206,8 +206,8 @@ def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
     made = replace(
         bare, data=bs.ModalData(identified, (0.0, 6.0), bare.data.sensors), pairing="any"
     )
-    parent = screen(ToScreen(hypothesis(made, ()), None), 0)
-    candidate = ToScreen(hypothesis(made, (PENDULUM_1,)), parent)
+    parent = screen((hypothesis(made, ()), None), 0)
+    candidate = (hypothesis(made, (PENDULUM_1,)), parent)
     full, scan = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.scan))
     assert full.log_evidence < parent.log_evidence
     assert scan.log_evidence == pytest.approx(full.log_evidence, abs=0.5)

@@ -12,7 +12,6 @@ from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 from bayes_ssi.studies.search.family import Key
-from bayes_ssi.studies.search.family_search import Level
 
 ONE_K = ("--class", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command")
@@ -240,7 +239,8 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
         del n
         one, other = family.features["one k"]
         levels = {1: [(one,), (other,)], 3: [(one, other)]}
-        return Level([Key("one k", places) for places in levels.get(len(hypotheses), [])])
+        keys = [Key("one k", places) for places in levels.get(len(hypotheses), [])]
+        return keys, 0, -math.inf
 
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.studies.search.family_search._next_level", one_with_both)

@@ -34,7 +34,7 @@ from bayes_ssi.studies.appendages.search_result import (
     MatchedAppendage,
     SearchRecord,
 )
-from bayes_ssi.studies.search.approximate_evidence import ToScreen, screen_all
+from bayes_ssi.studies.search.approximate_evidence import screen_all
 from bayes_ssi.studies.search.family import Hypothesis
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch
 from bayes_ssi.studies.search.findings import (
@@ -49,7 +49,10 @@ from bayes_ssi.studies.search.findings import (
 # numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
 # weight under a prior that is uniform in the logarithm of mass.
 RankedDraws = np.recarray[Any, Any]
-COLUMNS = ("hypothesis", "place", "mass", "frequency_hz", "in_model", "weights", "by_data")
+COLUMNS = [
+    *((name, np.intp) for name in ("hypothesis", "place")),
+    *((name, float) for name in ("mass", "frequency_hz", "in_model", "weights", "by_data")),
+]
 
 
 class Motions(NamedTuple):
@@ -122,7 +125,7 @@ def ranked_draws(
         sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
         blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
     joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
-    return [np.rec.fromarrays(ranks, names=COLUMNS) for ranks in zip(*joined, strict=True)]
+    return [np.rec.fromarrays(ranks, dtype=COLUMNS) for ranks in zip(*joined, strict=True)]
 
 
 def matched(
@@ -234,7 +237,7 @@ def appendage_findings(
     baselines: Baselines, found: FamilySearch[Feature], seed: int, run: Run
 ) -> SearchRecord:
     """What was found on the baselines, and the classes compared with them without appendages."""
-    rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)
+    rivals = screen_all([(rival, None) for rival in baselines.rivals], seed, run)
     draws = feature_draws(baselines, found)
     common = findings(found, draws)
     rows: tuple[HypothesisRecord, ...] = common["hypotheses"]

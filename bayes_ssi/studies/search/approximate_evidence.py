@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import ndtri
@@ -141,11 +141,8 @@ class Screened:
         return np.clip(z[:, [self.parameter_names.index(name) for name in names]], -3.0, 3.0)
 
 
-class ToScreen(NamedTuple):
-    """A hypothesis, and a screened one of the same baseline with one feature less, if any."""
-
-    model_class: ModelClass
-    simpler: Screened | None
+# A hypothesis, and a screened one of the same baseline with one feature less, if any.
+ToScreen = tuple[ModelClass, Screened | None]
 
 
 def screen_all(

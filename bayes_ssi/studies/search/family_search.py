@@ -26,18 +26,13 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import AveragedParameter, Ranking, Study, averaged_parameter
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Screened, ToScreen
+from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Screened
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
-
-class Level(NamedTuple, Generic[Feature]):
-    """Hypotheses with one number of features to try, and those with as many that are not."""
-
-    keys: list[Key[Feature]]
-    n_not_tried: int = 0
-    # Log of their expected evidences times prior weights, summed.
-    log_mass_not_tried: float = -math.inf
+# Hypotheses with one number of features to try; how many with as many are not; and the log of the
+# expected evidences times prior weights of these, summed.
+Level = tuple[list[Key[Feature]], int, float]
 
 
 class Draws(NamedTuple):
@@ -100,11 +95,11 @@ class FamilySearch(Generic[Feature]):
         approximate = {each.model_class.name: each.approximate_log_mass for each in self.hypotheses}
         sampled = {name: self.log_masses[name] for name in approximate if name in self.posteriors}
         log_total = float(logsumexp(list(self.log_masses.values())))
-        not_tried = float(logsumexp([level.log_mass_not_tried for level in self.levels]))
+        not_tried = float(logsumexp([log_mass for *_, log_mass in self.levels]))
         return {
             "most_probability_unsampled": most_probability_unsampled(approximate, sampled),
             "averaged_parameters": tuple(self.averaged_parameters()),
-            "n_not_tried": sum(level.n_not_tried for level in self.levels),
+            "n_not_tried": sum(n for _, n, _ in self.levels),
             "expected_not_tried": float(expit(not_tried - log_total)),
         }
 
@@ -145,15 +140,14 @@ def screened_hypotheses(
     names = family.study.names
     carriers = {name: family.projected(name, prior_draws) for name in names}
     hypotheses: dict[Key[Feature], Hypothesis[Feature]] = {}
-    levels: list[Level[Feature]] = [Level([Key(name, ()) for name in names])]
-    while keys := levels[-1].keys:
+    levels: list[Level[Feature]] = [([Key(name, ()) for name in names], 0, -math.inf)]
+    while keys := levels[-1][0]:
         classes = [
             family.hypothesis(carriers[key.baseline], key.features, family.full_name(key))
             for key in keys
         ]
         wanted = [
-            ToScreen(made, _simpler(key, hypotheses))
-            for key, made in zip(keys, classes, strict=True)
+            (made, _simpler(key, hypotheses)) for key, made in zip(keys, classes, strict=True)
         ]
         weights = [
             family.prior_weight(key.baseline, len(key.features), n_common(key)) for key in keys
@@ -199,16 +193,15 @@ def _next_level(
 ) -> Level[Feature]:
     """Hypotheses with ``n`` features; none where so many are not considered, or do not help."""
     if n == len(family.options.number_weights):
-        return Level([])
+        return [], 0, -math.inf
     if n == 1:
-        return Level(
-            [Key(name, (one,)) for name, all_of in family.features.items() for one in all_of]
-        )
+        all_ones = [Key(name, (one,)) for name, own in family.features.items() for one in own]
+        return all_ones, 0, -math.inf
     heights = {key: each.screened.log_evidence for key, each in hypotheses.items()}
     ranked = sorted(hypotheses, key=lambda key: -heights[key])
     best, before = ([key for key in ranked if len(key.features) == k] for k in (n - 1, n - 2))
     if heights[best[0]] <= heights[before[0]]:
-        return Level([])
+        return [], 0, -math.inf
     masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
     known = float(logsumexp(masses))
     extended = {
@@ -229,12 +222,12 @@ def _next_level(
         chosen[key] = likely[key]
     n_all = sum(math.comb(len(family.features[name]), n) for name in extended)
     if n_all == len(chosen):
-        return Level(list(chosen))
+        return list(chosen), 0, -math.inf
     rows = [row for expected in extended.values() for row in expected.values()]
     # Each hypothesis extends as many as it has features.
     left = float(np.exp(rows).sum()) / n - sum(map(math.exp, chosen.values()))
     log_left = known + math.log(left) if left > 0.0 else -math.inf
-    return Level(list(chosen), n_all - len(chosen), log_left)
+    return list(chosen), n_all - len(chosen), log_left
 
 
 def _expected_log_masses(

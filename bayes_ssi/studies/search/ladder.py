@@ -11,9 +11,10 @@ batches: a seventh of the time of a quick effort.
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -47,38 +48,10 @@ LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
 ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 
-class Look(NamedTuple):
-    z: FloatArray  # (m, d), where ascents ended, in standard-normal coordinates, the highest first
-    log_likelihoods: FloatArray  # (m,), there
-    n_evaluations: int  # evaluations of the log-likelihood
-
-    @property
-    def greatest(self) -> float:
-        return float(self.log_likelihoods.max())
-
-    def as_screened(self, parameter_names: Sequence[str], gap: float) -> Screened:
-        """Screened by the look alone, of which the evidence may be as great as the likelihood.
-
-        ``gap`` is that from a log evidence up to the greatest log-likelihood, as others have it.
-        """
-        d = self.z.shape[1]
-        return Screened(
-            parameter_names=tuple(parameter_names),
-            log_evidence=self.greatest - gap,
-            error=gap / EFFORTS.errors_too_low,
-            laplace=math.nan,
-            n_evaluations=self.n_evaluations,
-            maxima=self.z,
-            z=self.z,
-            weights=softmax(self.log_likelihoods + log_standard_normal(self.z)),
-            mixture=StudentMixture(
-                np.ones(1), self.z[:1], np.eye(d)[None], np.array([HEAVY_TAILS])
-            ),
-        )
-
-
-def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, Look]:
+def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, Screened]:
     """Look at those hypotheses that can be computed together, by number.
+
+    The greatest log-likelihood, which the evidence may reach, takes the log evidence's place.
 
     Others are not on finite-element models in a small basis, or the likelihood is zero wherever
     they were looked at.
@@ -118,9 +91,9 @@ def _in_common(hypothesis: ToScreen) -> Hashable:
     return id(simpler), kinds, positions
 
 
-def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Look | None]:
+def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Screened | None]:
     """A look at hypotheses that differ in nothing but places; None where it shows nothing."""
-    classes = [hypothesis.model_class for hypothesis in hypotheses]
+    classes = [made for made, _ in hypotheses]
     target = _AllPlaces(_joint_log_likelihood(classes), len(classes[0].parameters) + 1)
     with threadpool_limits(limits=1, user_api="blas"):
         starts = np.concatenate([_starts(target, i, h, seed) for i, h in enumerate(hypotheses)])
@@ -129,11 +102,28 @@ def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Look | Non
     z, which = ends[:, :-1], _numbers(ends)
     log_likelihoods = log_posteriors - log_standard_normal(z)
     n_evaluations = target.n_evaluations // len(hypotheses)
-    looks: list[Look | None] = []
-    for i in range(len(hypotheses)):
+    looks: list[Screened | None] = []
+    for i, made in enumerate(classes):
         own = np.flatnonzero(which == i)
         own = own[np.argsort(-log_posteriors[own], kind="stable")]
-        looks.append(Look(z[own], log_likelihoods[own], n_evaluations) if len(own) else None)
+        if not len(own):
+            looks.append(None)
+            continue
+        looks.append(
+            Screened(
+                parameter_names=made.parameter_names,
+                log_evidence=float(log_likelihoods[own].max()),
+                error=0.0,
+                laplace=math.nan,
+                n_evaluations=n_evaluations,
+                maxima=z[own],
+                z=z[own],
+                weights=softmax(log_posteriors[own]),
+                mixture=StudentMixture(
+                    np.ones(1), z[own[:1]], np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
+                ),
+            )
+        )
     return looks
 
 
@@ -235,12 +225,17 @@ def screen_best(
     most = n if n_features == 1 else efforts.most_several
     results: dict[int, Screened]
     if looks := looks_at(hypotheses, seed, run):
-        bounds = log_weights + [looks[i].greatest if i in looks else math.inf for i in range(n)]
+        bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
         results = going_on(bounds, efforts.quick, most, efforts.most_full)
-        gaps = [looks[i].greatest - each.log_evidence for i, each in results.items() if i in looks]
+        gaps = [
+            looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
+        ]
         gap = float(np.median(gaps)) if gaps else 0.0
-        names = [each.model_class.parameter_names for each in hypotheses]
-        results = {i: look.as_screened(names[i], gap) for i, look in looks.items()} | results
+        error = gap / EFFORTS.errors_too_low
+        results = {
+            i: replace(look, log_evidence=look.log_evidence - gap, error=error)
+            for i, look in looks.items()
+        } | results
     elif n > most:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.scan)))
         results |= going_on(log_masses(results), efforts.quick, most)
