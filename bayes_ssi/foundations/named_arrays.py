@@ -24,7 +24,9 @@ def array_names(path: Path) -> tuple[str, ...]:
             import h5py
 
             with h5py.File(path, "r") as opened:
-                return tuple(name for name, _ in _items(opened))
+                # Cells hold texts, or arrays of which each has a size of its own.
+                is_cell = {name: hasattr(i, "dtype") and i.dtype == "O" for name, i in _items(opened)}
+                return tuple(name for name in is_cell if not is_cell[name])
         return tuple(name for name, *_ in whosmat(path))
 
 
@@ -107,8 +109,6 @@ def _read_hdf5(
         arrays: dict[str, Any] = {}
         arrays |= {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
         for name, item in _items(file):
-            is_matlab = path.suffix.lower() == ".mat"
-            name = name.replace("/", ".") if is_matlab else name
             if names is not None and name not in names:
                 continue
             if isinstance(item, h5py.Group):
@@ -122,7 +122,7 @@ def _read_hdf5(
                 continue
             array = np.asarray(item.asstr()[()] if item.dtype.kind == "O" else item[()])
             # MATLAB's order of dimensions is the other one.
-            arrays[name] = array.T if is_matlab else array
+            arrays[name] = array.T if path.suffix.lower() == ".mat" else array
             arrays |= {key: np.asarray(item.attrs[key]) for key in attributes if key in item.attrs}
     return arrays
 
