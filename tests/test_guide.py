@@ -137,7 +137,7 @@ def test_first_steps_print_what_they_show(tmp_path, monkeypatch):
         assert done.exit_code == 0, done.output
         printed = " ".join(done.stdout.split())
         if command.startswith("rank"):
-            for sentence in ("The most probable of the 2 model classes", "It explains all 3"):
+            for sentence in ("The most probable of the 2 model classes", "It pairs all 3"):
                 words = re.search(rf"{sentence}.*?\. (?=[A-Z])", printed)[0]
                 assert words in shown
             assert re.search(r"k2 = 0\.81", printed)

@@ -85,19 +85,17 @@ class RunOptions:
             result = self._save(ranking, records, study_file, directory, overwrite, run)
         # Also what an earlier run sampled and this one did not.
         checkpoint.remove()
-        for text in (result.comparison.unmodelled_appendage, result.comparison.misfit):
-            if text:
-                terminal.say_in_paragraphs(f"(!) {text[0].upper()}{text[1:]}.")
+        answered = say_answer(result)
+        terminal.say_warnings(answered.warnings)
         for each in screen(result):
             if isinstance(each, str):
                 terminal.say(each)
             else:
                 terminal.show(each)
-        n_figures = len(list((result.directory / FIGURES).glob("*")))
+        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
         terminal.say(*_notes(result), f"Saved in {result.directory}, with {n_figures} figures.")
-        answered = say_answer(result)
-        terminal.say_warnings(answered.warnings)
         terminal.say_in_paragraphs(*answered.paragraphs)
+        terminal.say(*(line for command in answered.commands for line in ("", command)))
         failed = () if self.accept_failed_checks else result.comparison.failed_checks
         terminal.conclude(_json_record(result, answered.paragraphs, records), failed)
 
@@ -140,7 +138,7 @@ class RunOptions:
                 yield Run(workers, checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {terminal.command_line()}", err=True)
-            sys.exit(terminal.ExitCode.INTERRUPTED)
+            sys.exit(terminal.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
@@ -303,6 +301,8 @@ def _notes(result: StoredResult) -> list[str]:
 
     of_search = result.search is not None
     notes = comparison_notes(result.comparison, with_scales=not of_search)
+    for data in result.tests.values():
+        notes += [f"(!) {text}." for each in data.identifications for text in each.said_of_sensors]
     for posterior in result.ranked_posteriors[: 1 if of_search else None]:
         for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
             notes += [heading, *(f"  {item}" for item in items)]

@@ -5,6 +5,7 @@ throughout.
 """
 
 import math
+import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -49,6 +50,7 @@ class Answer:
     verdict: str
     reasons: tuple[str, ...]
     figures: tuple[str, ...]  # Bayes factors and nats
+    commands: tuple[str, ...]  # to ask next, each whole, on a line of its own
 
     @property
     def paragraphs(self) -> tuple[str, ...]:
@@ -57,7 +59,8 @@ class Answer:
 
 def answer(result: StoredResult) -> Answer:
     warnings, reasons, figures = _warnings(result), _reasons(result), _figures(result)
-    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(figures))
+    commands = tuple(_commands(result))
+    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(figures), commands)
 
 
 def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:
@@ -66,7 +69,7 @@ def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:
         result = replace(as_stored(result.ranking), search=result.record)
     words = answer(as_stored(result))
     warnings = ["\n".join([f"(!) {text}", *items]) for text, items in words.warnings]
-    return "\n\n".join([*warnings, *words.paragraphs])
+    return "\n\n".join([*warnings, *words.paragraphs, *words.commands])
 
 
 for _kind in (StoredResult, Ranking, SearchResult):
@@ -103,6 +106,15 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             f"the ranking until {'they are' if several else 'it is'} understood.",
             failed,
         )
+
+
+def _commands(result: StoredResult) -> Iterator[str]:
+    """The search for the appendage that is missing, or may be hidden."""
+    comparison, file = result.comparison, result.record.study_file
+    if file and (comparison.unmodelled_appendage or comparison.hidden_appendage):
+        name = comparison.best.name
+        several = f" --class {shlex.quote(name)}" if len(comparison.classes) > 1 else ""
+        yield f"bayes-ssi search {shlex.quote(file)}{several}"
 
 
 def _verdict(result: StoredResult) -> str:
@@ -307,7 +319,7 @@ def differing(one: Posterior, other: Posterior) -> tuple[list[str], list[str]]:
 
 
 def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:
-    """Which identified modes a class explains, and how closely: "explains …"."""
+    """Which identified modes are modes of a class, and how closely: "pairs …"."""
     labels: list[str] = []
     missed: list[str] = []
     errors: list[float] = []
@@ -320,16 +332,16 @@ def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:
             errors.append(abs(mode.after_hz[1] / data.mode(mode.label).frequency_hz - 1.0))
             macs += [mode.mac_after[1]] if mode.mac_after is not None else []
     if not labels:
-        return "explains none of the identified modes and takes all for spurious"
+        return "pairs none of the identified modes and takes all for spurious"
     closeness = [f"frequencies within {100.0 * max(errors):.2g} %"] if errors else []
     # Rounded down, and below the 1 that no MAC exceeds.
     closeness += [f"MAC above {min(math.floor(1e3 * min(macs)), 999) / 1e3:.3f}"] if macs else []
     how = f" ({', '.join(closeness)})" if closeness else ""
     if not missed:
-        return f"explains all {len(labels)} identified modes{how}"
+        return f"pairs all {len(labels)} identified modes{how}"
     n = len(labels) + len(missed)
     spurious = f"takes {listed(map(repr, missed))} for spurious"
-    return f"explains {len(labels)} of {n} identified modes{how} and {spurious}"
+    return f"pairs {len(labels)} of {n} identified modes{how} and {spurious}"
 
 
 def why_it_loses(row: RankedClass, best: RankedClass) -> str:

@@ -13,13 +13,14 @@ from bayes_ssi.results.wording import (
     shortened,
 )
 from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
-from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.search_result import MatchedAppendage, SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.changes.changes_family import moved_alike
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison
-from bayes_ssi.studies.search.findings import CREDIBLE, FamilyRecord, Finding
+from bayes_ssi.studies.search.findings import FamilyRecord, Finding
 
+SAID_OF_A_MOTION = 0.1  # least probability of one; tables have less probable ones
 ORDINALS = ("first", "second", "third", *(f"{n}th" for n in range(4, 21)))
 
 
@@ -79,9 +80,21 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
 
 def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
-    yield _appendages(search)
-    yield from _determined(search)
-    yield from _further(search)
+    yield from _appendages(search)
+    yield from _motions(search)
+    if search.present_in is not None:
+        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
+        yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
+    yield from unsampled(search)
+    best = search.best_with_features
+    kinds = {type(each.place) for each in (best.features if best else ())}
+    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
+        yield (
+            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
+            "calculated on a rigid foot, is higher."
+        )
+    if not any(isinstance(each.place, InfillPlace) for each in search.places):
+        yield "Infills were not tried: they join two places, and every candidate is one."
     tried = [each for each in search.baselines if each.prior_probability > 0.0]
     if len(tried) > 1:
         shown = [
@@ -89,7 +102,6 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
             for each in tried[:MOST_LISTED]
         ]
         yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
-    best = search.best_with_features
     alike = [n for n in comparison.not_distinguishable if best is None or n != best.name]
     if alike:
         shown = [
@@ -113,33 +125,6 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
         )
 
 
-def _further(search: SearchRecord) -> Iterator[str]:
-    """Which places share the probability, in which tests they count, and what is approximate."""
-    credible = search.credible_places
-    if len(credible) > 1 and len(search.matched) < 2:
-        shown = [
-            f"{each.place.name} ({probability_in_words(each.probability)})" for each in credible
-        ]
-        yield (
-            f"{100 * CREDIBLE:g} % of the probability of an appendage, summed over all "
-            f"{len(search.places)} places, rests on {len(credible)} of them: "
-            f"{shortened(shown)}."
-        )
-    if search.present_in is not None:
-        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
-        yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
-    yield from unsampled(search)
-    best = search.best_with_features
-    pendulums = [e for e in (best.features if best else ()) if isinstance(e.place, PendulumPlace)]
-    if pendulums and search.probability_of_any >= PROBABLE:
-        yield (
-            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
-            "calculated on a rigid foot, is higher."
-        )
-    if not any(isinstance(each.place, InfillPlace) for each in search.places):
-        yield "Infills were not tried: they join two places, and every candidate is one."
-
-
 def unsampled(record: FamilyRecord) -> Iterator[str]:
     """How much of the answer is approximate, if that is not negligible."""
     if record.most_probability_unsampled > NEGLIGIBLE_UNSAMPLED:
@@ -150,71 +135,81 @@ def unsampled(record: FamilyRecord) -> Iterator[str]:
         )
 
 
-def _appendages(search: SearchRecord) -> str:
-    """The appendages, medians and 90 % intervals: of the most probable number if it is known."""
-    best = search.best_with_features
-    assert best is not None
-    (scale,) = (
-        each.mass_scale
-        for each in search.baselines
-        if each.mass_scale and each.name == best.baseline
-    )
-    alone = [(each, each.amounts["frequency_hz"], ()) for each in best.features]
-    matched = [
-        (places[0], one.frequency_hz, one.other_frequencies_hz)
-        # Of several frequencies that are apart, the most probable.
-        if one.other_frequencies_hz
-        else (places[0], places[0].amounts["frequency_hz"], ())
-        for one, places in zip(search.matched, search.shown, strict=False)
-    ]
-    several = "it" if len(search.matched) > 1 else "one"
-    items = []
-    for finding, frequency, others in matched or alone:
-        place, mass = finding.place, finding.amounts["mass"]
-        low, middle, high = (100.0 * one / scale.mass for one in mass)
-        probability = probability_in_words(finding.probability)
-        items.append(
-            f"{place.description} (probability of {several} there: {probability}) with a vibrating "
-            f"mass of {quantity(*mass, unit=search.mass_unit)}, which is "
-            f"{quantity(low, middle, high, '%')} of the {scale.name}, "
-            f"and a frequency of {quantity(*frequency, unit='Hz')}"
-            + "".join(
-                f" or, with probability {probability_in_words(share)}, of "
-                f"{quantity(*other, unit='Hz')}"
-                for share, other in others
-            )
-        )
-    subject = "They are" if len(items) > 1 else "It is"
-    if search.probability_of_any < 0.5:
-        subject = "If there are any, they are" if len(items) > 1 else "If there is one, it is"
-    return f"{subject} most probably {'; and '.join(items)}: medians and 90 % intervals."
-
-
-def _determined(search: SearchRecord) -> Iterator[str]:
-    """What the data determine of every appendage: its effective mass, and the places they leave."""
+def _appendages(search: SearchRecord) -> Iterator[str]:
+    """What the data determine of each appendage, then where it is and how much of it vibrates."""
     several = len(search.matched) > 1
     for ordinal, each in zip(ORDINALS, search.matched, strict=False):
         whose = f"the {ordinal}" if several else "the appendage"
+        at = [(each.probability, each.frequency_hz), *each.other_frequencies_hz]
+        shown = [quantity(*hz, unit="Hz") for _, hz in at]
+        if len(at) > 1:
+            shown = [
+                f"{one} (probability {probability_in_words(share)})"
+                for one, (share, _) in zip(shown, at, strict=True)
+            ]
+        if_any = "" if search.probability_of_any >= 0.5 else "if there is any, "
+        words = f"{if_any}{whose} vibrates at {' or '.join(shown)}"
         if each.effective_mass is not None and each.effective_ratio is not None:
             low, middle, high = (100.0 * one for one in each.effective_ratio)
-            which = ", the vibrating mass times the squared motion of its place in that mode,"
-            yield (
-                f"The data determine the effective mass of {whose} in mode {each.mode} of the main "
-                f"structure{'' if ordinal != ORDINALS[0] else which} to be "
-                f"{quantity(*each.effective_mass, unit=search.mass_unit)} where a sensor moves "
-                f"most, or {quantity(low, middle, high, '%')} of the modal mass."
+            words += (
+                f", {'at the first ' * (len(at) > 1)}with an effective mass of "
+                f"{quantity(*each.effective_mass, unit=search.mass_unit)}, or "
+                f"{quantity(low, middle, high, '%')} of the modal mass, in mode {each.mode} of the "
+                "main structure"
             )
-        left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
-        against = [place.place.name for place in each.against_by_prior]
-        if several or against:
-            shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
-            yield (
-                f"Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with "
-                "a prior that is uniform in the logarithm of mass: "
-                f"{shortened(shown)}."
-            )
-        if against:
-            yield f"Only the prior of the mass speaks against {shortened(against)}."
+            if ordinal == ORDINALS[0]:
+                words += ": the vibrating mass times the squared motion of its place, over that of"
+                words += " the sensor that moves most"
+        yield f"{words[0].upper()}{words[1:]}."
+        yield _where(search, each, whose)
+    if search.matched:
+        number = f"{len(search.matched)} appendages" if several else "one appendage"
+        yield (
+            f"This holds for the hypotheses with {number}, whose probability together is "
+            f"{probability_in_words(search.probability_of_number)}: medians and 90 % intervals."
+        )
+
+
+def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
+    first, *others = each.places
+    mass = quantity(*first.amounts["mass"], unit=search.mass_unit)
+    share = first.amounts["in_model"]
+    already = (
+        f", of which a share of {quantity(*share)} is in the model already"
+        if share[0] < 1.0
+        else ""
+    )
+    words = (
+        f"It is most probably {first.place.description} (probability "
+        f"{probability_in_words(first.probability)}), where {mass} vibrates"
+        f"{already * (share[2] > 0.0)}."
+    )
+    left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
+    if others and (len(left) > 1 or each.against_by_prior):
+        shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
+        words += (
+            f" Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with a "
+            f"prior that is uniform in the logarithm of mass: {shortened(shown)}."
+        )
+    if against := [place.place.name for place in each.against_by_prior]:
+        words += f" Only the prior of the mass speaks against {shortened(against)}."
+    return words
+
+
+def _motions(search: SearchRecord) -> Iterator[str]:
+    """Motions that the model does not have, in place of an appendage, and what would tell."""
+    probable = [each for each in search.motions if each.probability >= SAID_OF_A_MOTION]
+    for each in sorted(probable, key=lambda one: -one.probability):
+        yield (
+            f"A mode at {quantity(*each.amounts['frequency_hz'], unit='Hz')} is, with probability "
+            f"{probability_in_words(each.probability)}, no appendage but {each.place.description}:"
+            " torsion, the other direction, the ground or a neighbour, which changes no other mode."
+        )
+    if probable:
+        yield (
+            "A sensor at another edge of a floor, in the other direction or on the ground would "
+            "tell it from an appendage."
+        )
 
 
 def lost(change: Finding) -> str:

@@ -117,6 +117,11 @@ class Structure(ABC):
             TypeError: they are not numbers.
         """
 
+    @property
+    def shape_variances(self) -> Mapping[int, float]:
+        """Mode, from 0 → squared sd of its unit shape, of modes whose shapes are not computed."""
+        return {}
+
     def modes_or_nan(self, values: FloatArray) -> Modes:
         """:meth:`modes` at ``values`` (B, n_parameters); NaN in rows at which they raise."""
 
@@ -338,10 +343,6 @@ class Structure(ABC):
         """Degree of freedom → its height in a drawing, in storeys above the ground."""
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
-    def height_of(self, parameter: str) -> float | None:
-        """Where it stiffens the structure, in storeys above the ground; None if not known."""
-        return None
-
     @property
     def geometry(self) -> Geometry | None:
         """Where its nodes are, for drawings in space; None if not known."""
@@ -401,6 +402,7 @@ class SubstituteStructure(Structure):
     heights = _as_substituted("heights")
     description = _as_substituted("description")
     labelled_modes = _as_substituted("labelled_modes")
+    shape_variances = _as_substituted("shape_variances")
     location_of = _as_substituted("location_of")
     drawing = _as_substituted("drawing")
     sensor_location = _as_substituted("sensor_location")

@@ -25,7 +25,7 @@ from simulated import simulate_tests
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE
 
 STUDIES = Path(__file__).parents[2] / "model_classes"
 SETTINGS = bs.SamplingSettings(log_evidence_error=0.1, economical=True)
@@ -75,8 +75,8 @@ def report(kind: str, results: list[Adequacy]) -> None:
     p = np.array([result.overall.p_value for result in results])
     shares = ", ".join(f"{(p < limit).mean():.3f} below {limit:g}" for limit in (0.5, 0.1, 0.05))
     print(
-        f"{kind}: {failed} of {len(p)} right classes fail, {(p < CRITICISM.limit).sum()} with p "
-        f"below {CRITICISM.limit:g}, {hinted} with a hint at a mistake; p-values: {shares}",
+        f"{kind}: {failed} of {len(p)} right classes fail, {(p < INADEQUATE).sum()} with p "
+        f"below {INADEQUATE:g}, {hinted} with a hint at a mistake; p-values: {shares}",
         flush=True,
     )
     for hint in (hint for result in results for hint in result.hints):

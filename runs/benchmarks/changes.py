@@ -56,7 +56,7 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.summaries import weighted_quantiles
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, visibilities
+from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, smallest_losses
 from bayes_ssi.studies.ranking.study import load_study
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, ToScreen, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
@@ -396,9 +396,11 @@ def print_visible(finer):
     family = family_of("none", model_class)
     hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), QUICK)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
-    found = {place.name: each for place, each in visibilities(family, nothing, 0, bs.Run()).items()}
+    found = {
+        place.name: each for place, each in smallest_losses(family, nothing, 0, bs.Run()).items()
+    }
     for name, each in found.items():
-        smallest = "none" if each.smallest is None else f"{each.smallest:.1%}"
+        smallest = "none" if each is None else f"{each:.1%}"
         print(f"{name}: smallest visible loss {smallest}")
     for name, loss in asce.of_faces(asce.braces_left("pattern 6")).items():
         if loss > 0.0:

@@ -3,16 +3,15 @@
     python runs/benchmarks/hidden_appendages.py search [--sets 30] [--first 0]
     python runs/benchmarks/hidden_appendages.py hidden [--sets 30] [--first 0]
 
-``search``: buildings of three to eight storeys, every second one with a pendulum or an infill of 1
-to 5 % of the building's mass beside a mode; of these the class has its mass as an element given as
-mass, in a floor, or not at all, in turn. Of those without, two in five have one more mode in the
-table, which is torsion seen by sensors on one edge. Storeys are 2 to 6 % off the nominal ones, and
-data have errors of 0.2 % and 0.02. Is an appendage found as one, and do 90 % intervals of its
-effective mass and frequency hold the true ones?
+``search``: three to eight storeys, every second building with a pendulum or infill of 1 to 5 % of
+its mass beside a mode, which the class has as an element given as mass, in its floors, or not at
+all. Of those without, two in five have torsion in the table, seen by sensors on one edge. Storeys
+are 2 to 6 % off; data have errors of 0.2 % and 0.02. Is an appendage found as one, and do 90 %
+intervals of its effective mass and frequency hold the true ones?
 
-``hidden``: buildings of three to ten storeys, first with an appendage of which one mode of the pair
-is left out of the table, then without one. Does the ranking speak where a stiffness is off by more
-than 10 %, and is it silent elsewhere?
+``hidden``: three to ten storeys, every second building with an appendage of which one mode of the
+pair is not in the table. Does the ranking speak where a stiffness is off by more than 10 %, and is
+it silent elsewhere?
 """
 
 import argparse
@@ -52,12 +51,11 @@ class Drawn(NamedTuple):
         """The appendage's mass as it stands on the floors."""
         added = np.zeros(len(self.masses))
         for floor, share in self.element.as_mass().shares:
-            if floor:
-                added[floor - 1] += share * self.element.mass
+            added[floor - 1] += share * self.element.mass
         return added
 
 
-def drawn(rng: np.random.Generator, storeys: int) -> Drawn:
+def drawn(rng, storeys):
     masses = rng.uniform(0.8, 1.2, storeys)
     factors = 1.0 + rng.uniform(0.02, 0.06) * rng.standard_normal(storeys)
     bare = Drawn(factors, masses, 400.0, bs.Pendulum(1, 1.0, 1.0), 0)
@@ -66,13 +64,11 @@ def drawn(rng: np.random.Generator, storeys: int) -> Drawn:
     moved = np.abs(shapes[:, mode - 1])
     mass = rng.uniform(0.01, 0.05) * masses.sum()
     frequency = hz[mode - 1] * rng.uniform(0.95, 1.05)
-    # Where the mode moves, as a pendulum or as an infill of which half vibrates.
-    floors = np.flatnonzero(moved > 0.5 * moved.max()) + 1
-    floor = int(rng.choice(floors))
+    floor = int(rng.choice(np.flatnonzero(moved > 0.5 * moved.max()) + 1))
     element = bs.Pendulum(floor, mass, frequency, label="hidden")
     if floor > 1 and rng.random() < 0.4:
-        between = (floor - 1, floor)
-        element = bs.OutOfPlaneInfill(between, 2.0 * mass, frequency, label="hidden")
+        ends = (floor - 1, floor)
+        element = bs.OutOfPlaneInfill(ends, 2.0 * mass, frequency, label="hidden")
     return bare._replace(element=element, mode=mode)
 
 
@@ -84,7 +80,6 @@ def modes_of(structure):
 
 
 def identified(rng, hz, shapes, labels, band_hz):
-    """Modes with errors, of the given labels."""
     made = []
     for label, f, shape in sorted(zip(labels, hz, shapes, strict=True), key=lambda one: one[1]):
         unit = shape / np.linalg.norm(shape)
@@ -125,15 +120,11 @@ def search_one(seed: int) -> dict:
         given = building.element.as_mass()
     elif has_one and kind % 3 == 1:
         masses = masses + building.standing()
-    result = bs.search(baseline(building, masses, data, given), None, seed, QUICK)
+    few = bs.SearchSettings(most_sampled=2)
+    result = bs.search(baseline(building, masses, data, given), few, seed, QUICK)
     record = result.record
-    out = {
-        "seed": seed,
-        "one": has_one,
-        "torsion": "torsion" in labels,
-        "any": record.probability_of_any,
-        "failed": len(result.ranking.comparison.failed_checks),
-    }
+    out = {"seed": seed, "one": has_one, "torsion": "torsion" in labels}
+    out["any"] = record.probability_of_any
     if has_one and record.matched:
         place = building.element
         ends = [place.on] if isinstance(place, bs.Pendulum) else list(place.between)
@@ -164,13 +155,8 @@ def hidden_one(seed: int) -> dict:
         if not (pair < n).all():
             return {"seed": seed, "skipped": True}
         kept.remove(int(rng.choice(pair)))
-    data = identified(
-        rng,
-        hz[kept],
-        shapes.T[kept],
-        [str(i + 1) for i in kept],
-        (0.3 * hz[0], 1.02 * hz[kept[-1]]),
-    )
+    labels, band = [str(i + 1) for i in kept], (0.3 * hz[0], 1.02 * hz[kept[-1]])
+    data = identified(rng, hz[kept], shapes.T[kept], labels, band)
     masses = building.masses + (building.standing() if has_one else 0.0)
     made = baseline(building, masses, data)
     pairing = {mode.label: i for i, mode in enumerate(data.modes, 1)}

@@ -14,7 +14,7 @@ from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
 from bayes_ssi.studies.search.findings import feature_draws, hypotheses_by_probability
 
-AMOUNTS = ("mass", "mass_ratio", "frequency_hz")
+AMOUNTS = ("mass", "mass_ratio", "frequency_hz", "in_model")
 FLOORS, MASS, FLOOR = 5, 0.01, 4
 SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
 
@@ -53,7 +53,7 @@ def baseline(main_structure):
 def found(baseline, **settings):
     options = SearchSettings(number_weights=(1.0, 1.0), **settings)
     baselines = choose_baselines(bs.Study("frame", [baseline]), options=options)
-    pendulums = tuple(p for p in baselines.features["frame"] if p.word == "pendulum")
+    pendulums = tuple(p for p in baselines.appendages("frame") if p.word == "pendulum")
     baselines.features["frame"] = pendulums
     tried = tuple(screened_hypotheses(baselines, 0, bs.Run())[0].values())
     nothing_sampled = FamilySearch(SimpleNamespace(posteriors=()), tried, ())
@@ -115,7 +115,7 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     low, high = np.array([1.0, 1.1, 1.2, 1.3]), np.array([4.0, 4.1, 4.2, 4.3])
 
     def draws(hz, ratio):
-        columns = np.column_stack([10.0 * ratio, ratio, hz])
+        columns = np.column_stack([10.0 * ratio, ratio, hz, 0.0 * hz])
         return Draws(AMOUNTS, columns, np.full(4, 0.25))
 
     of_first = draws(np.where(swapped, high, low), np.where(swapped, 0.2, 0.1))
@@ -141,7 +141,7 @@ def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
     def of_two(share_of_first):
         third, tenth = np.full(3, 1.0 / 3.0), np.full(3, 0.1)
         low, high = (
-            Draws(AMOUNTS, np.column_stack([np.ones(3), tenth, hz]), third)
+            Draws(AMOUNTS, np.column_stack([np.ones(3), tenth, hz, np.zeros(3)]), third)
             for hz in ((3.7, 3.8, 3.9), (17.0, 17.5, 18.0))
         )
         shares = [share_of_first, 1.0 - share_of_first]
@@ -167,6 +167,7 @@ def test_a_heaviest_mass_is_in_the_unit_of_the_structure():
 
 def test_the_answer_states_the_effective_mass(found_in_case_c):
     sentences = list(search_sentences(found_in_case_c.record, found_in_case_c.ranking.comparison))
-    (said,) = [one for one in sentences if "effective mass" in one]
-    assert said.startswith("The data determine the effective mass of the appendage in mode ")
-    assert said.endswith("of the modal mass.")
+    said = sentences[0]
+    assert said.startswith("The appendage vibrates at 2.7")
+    assert "with an effective mass of" in said
+    assert "of the modal mass, in mode 2 of the main structure" in said

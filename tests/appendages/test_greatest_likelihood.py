@@ -61,6 +61,7 @@ def chain():
     candidates = [bs.Candidate(str(i), str(i)) for i in PLACES]
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates, options=settings)
+    chosen.features["chain"] = tuple(chosen.appendages("chain"))  # no other motion
     without, *ones = screened_hypotheses(chosen, 0, bs.Run())[0].values()
     wanted = [ToScreen(each.model_class, without.screened) for each in ones]
     return Chain(chosen, wanted, [each.screened for each in ones])

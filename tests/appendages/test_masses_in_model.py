@@ -89,7 +89,7 @@ def test_where_a_search_finds_the_mass(building, case_c):
     heavy = replace(building, masses=(1.0, 2.0, 0.25))
     given = heavy.with_element(bs.Pendulum(2, 0.2, 1.5, label="tank").as_mass())
     family = baselines_of(given, case_c)
-    places = {place.name: place for place in family.features["b"]}
+    places = {place.name: place for place in family.appendages("b")}
     assert {name: place.in_model for name, place in places.items()} == {
         "pendulum 1": None, "pendulum 2": 1.0, "pendulum 3": 0.0,
         "infill 0-1": None, "infill 1-2": None, "infill 2-3": None,
@@ -106,9 +106,9 @@ def test_where_a_search_finds_the_mass(building, case_c):
 def test_an_element_given_as_mass_is_a_place_of_its_own(building, case_c):
     mast = bs.Pendulum({"floor 1": 0.6, "floor 3": 0.8}, 0.2, 1.5, label="mast").as_mass()
     family = baselines_of(building.with_element(mast), case_c)
-    (place,) = [each for each in family.features["b"] if each.given_as == "mast"]
+    (place,) = [each for each in family.appendages("b") if each.given_as == "mast"]
     assert place.name == "pendulum 0.6 floor 1 + 0.8 floor 3"
     named = [bs.Candidate("roof", 3)]
-    assert [each.name for each in baselines_of(building, case_c, named).features["b"]] == [
+    assert [each.name for each in baselines_of(building, case_c, named).appendages("b")] == [
         "pendulum roof"
     ]

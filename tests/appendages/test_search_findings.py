@@ -22,7 +22,10 @@ def test_the_hidden_infill_has_its_mass_and_frequency(found_in_case_c):
     low, _, high = infill.amounts["mass"]
     assert low < 0.075 < high
     assert infill.amounts["mass"][1] == pytest.approx(0.075, abs=0.01)
-    assert infill.amounts["frequency_hz"][1] == pytest.approx(2.80, abs=0.03)
+    # How much of its mass leaves the floors is not known, which widens the interval.
+    low, middle, high = infill.amounts["frequency_hz"]
+    assert low < 2.8019 < high
+    assert middle == pytest.approx(2.8019, abs=(high - low) / 3.29)  # a standard deviation
 
 
 def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):

@@ -74,7 +74,7 @@ def test_the_warning_comes_first_and_fails(tmp_path):
     arguments = ["rank", str(MODEL_CLASSES / "bare_building.py"), "--error", "0.1"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
     assert result.exit_code == 3
-    warning = result.stdout.index("(!) Modes '2a' and '2b'")
+    warning = result.stdout.index("(!) The data look as if an appendage split a mode")
     assert warning < result.stdout.index("log evidence")
     assert "The answer is among wrong" in " ".join(result.stdout.split())
     again = CliRunner().invoke(main, ["report", str(tmp_path / "out")])

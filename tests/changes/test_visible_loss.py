@@ -9,10 +9,10 @@ from test_changes import BUILDING, ERROR, model_class
 import bayes_ssi as bs
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.changes.visible_loss import (
-    Visibility,
     log_bayes_factor,
     simulated_tests,
-    visibilities,
+    smallest_loss,
+    smallest_losses,
 )
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.family_search import screened_hypotheses
@@ -25,16 +25,13 @@ def test_nine_in_ten_are_above_where_the_normal_distribution_has_them():
     s, rng = 0.05, np.random.default_rng(0)
     losses = np.geomspace(0.15, 0.5, 4000)
     log_odds = 0.5 * (losses / s + rng.standard_normal(4000)) ** 2 - 8.0
-    found = Visibility.fitted(losses, log_odds, 2.0, -8.0)
-    assert found.smallest == pytest.approx(s * (np.sqrt(20.0) + 1.2816), rel=0.01)
-    assert found.probability(s * np.sqrt(20.0)) == pytest.approx(0.5, abs=0.03)
-    assert found.probability(s * (np.sqrt(20.0) + 1.2816)) == pytest.approx(0.9, abs=0.01)
+    smallest = smallest_loss(losses, log_odds, 2.0, -8.0)
+    assert smallest == pytest.approx(s * (np.sqrt(20.0) + 1.2816), rel=0.01)
 
 
 def test_a_loss_that_no_test_would_show_has_no_smallest():
     losses, rng = np.linspace(0.1, 0.9, 50), np.random.default_rng(0)
-    found = Visibility.fitted(losses, rng.normal(-3.0, 0.5, 50), 2.0, -5.0)
-    assert found.smallest is None
+    assert smallest_loss(losses, rng.normal(-3.0, 0.5, 50), 2.0, -5.0) is None
 
 
 def test_simulated_tests_share_the_errors_that_the_class_says():
@@ -80,11 +77,11 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     quick = replace(EFFORTS, most_full=0)
     hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), quick)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
-    visible = visibilities(family, nothing, 0, bs.Run())
+    visible = smallest_losses(family, nothing, 0, bs.Run())
     assert len(visible) == 3
-    assert all(0.01 < each.smallest < 0.2 for each in visible.values())
+    assert all(0.01 < each < 0.2 for each in visible.values())
 
-    place, found = next(iter(visible.items()))
+    place, smallest = next(iter(visible.items()))
     unchanged, screened, baseline = nothing.model_class, nothing.screened, nothing.key.baseline
     changed = family.hypothesis(unchanged, (place,), place.name)
     odds = 9.0 * family.prior_weight(baseline, 0) / family.prior_weight(baseline, 1)
@@ -95,5 +92,5 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
         factors = [log_bayes_factor(changed, unchanged, z, loss, rng, {}) for z in draws]
         return np.mean(np.array(factors) > np.log(odds))
 
-    assert share_shown(found.smallest) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))
-    assert share_shown(0.5 * found.smallest) < 0.35
+    assert share_shown(smallest) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))
+    assert share_shown(0.5 * smallest) < 0.35

@@ -200,7 +200,7 @@ class Command:
         for name in ("comparison.json", "comparison.csv", "data.csv"):
             assert (self.result / name).read_bytes() == (other / name).read_bytes()
         figures = sorted(path.name for path in (self.result / "figures").iterdir())
-        assert figures == ["corner.png", "evidence.png", "frequencies.png"]
+        assert figures == ["corner.png", "evidence.png", "frequencies.png", "moving_shapes.json"]
         saved, expected = load_result(self.result), load_result(other)
         for a, b in zip(saved.posteriors, expected.posteriors, strict=True):
             assert a.name == b.name

@@ -10,7 +10,12 @@ from scipy.special import logsumexp
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
-from bayes_ssi.inference.likelihood.pairings import LISTED, InferredPairing, PairingShare
+from bayes_ssi.inference.likelihood.pairings import (
+    LEAST_PROBABILITY,
+    MOST_DRAWS,
+    InferredPairing,
+    PairingShare,
+)
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.report.tables.ranking_tables import pairing_notes
 from bayes_ssi.results.stored_result import load_result, save_result
@@ -252,9 +257,9 @@ def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
     inferred = likelihood.inferred_pairing(values)
     assert tuple(inferred.of_modes) == ("1", "2a", "2b", "3")
     for probabilities in inferred.of_modes.values():
-        assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LISTED.least_probability)
+        assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LEAST_PROBABILITY)
         assert set(probabilities) <= {0, 1, 2, 3}
-        assert min(probabilities.values()) >= LISTED.least_probability
+        assert min(probabilities.values()) >= LEAST_PROBABILITY
 
 
 def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fit):
@@ -270,7 +275,7 @@ def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fi
     assert probabilities == sorted(probabilities, reverse=True)
     assert inferred.best == inferred.pairings[0].pairing
     assert sum(probabilities) <= 1.0 + 1e-12
-    many = np.tile(values, (2 * LISTED.most_draws // len(values), 1))
+    many = np.tile(values, (2 * MOST_DRAWS // len(values), 1))
     computed = likelihood.inferred_pairing(many)
     assert computed.best == likelihood.inferred_pairing(values).best
 

@@ -10,7 +10,8 @@ from scipy.special import ive, modstruve
 
 from bayes_ssi.inference.likelihood import shape_density
 from bayes_ssi.inference.likelihood.shape_density import (
-    NORMALISER,
+    DEGREE,
+    N_INTERVALS,
     _by_quadrature,
     _polynomials,
     _series,
@@ -160,9 +161,9 @@ def test_coefficients_that_are_exactly_zero_are_kept(monkeypatch, degree):
 
     monkeypatch.setattr(shape_density, "_by_quadrature", zero_or_power)
     coefficients = _polynomials.__wrapped__(4)
-    assert coefficients.shape[0] == NORMALISER.degree + 1
+    assert coefficients.shape[0] == DEGREE + 1
     t = 0.3
-    place = (np.arange(coefficients.shape[1]) + 0.5 * (t + 1.0)) / NORMALISER.n_intervals
+    place = (np.arange(coefficients.shape[1]) + 0.5 * (t + 1.0)) / N_INTERVALS
     values = np.polynomial.polynomial.polyval(t, coefficients)
     np.testing.assert_array_equal(values[::2], 0.0)
     np.testing.assert_allclose(values[1::2], place[1::2] ** degree, rtol=1e-9)

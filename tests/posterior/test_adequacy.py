@@ -13,7 +13,7 @@ from scipy.stats import binom, norm, vonmises_fisher
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import adequacy
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.studies.ranking.diagnosis import _log_maximum, repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
@@ -69,9 +69,7 @@ def test_p_values_of_right_classes_are_uniform(frame, case_c, pairing):
             assert 1e-5 < binom.cdf(n, n_sets, limit) < 1.0 - 1e-5
     overall = np.array([row.overall.p_value for row in found])
     # The harmonic mean of few p-values exceeds its level by a tenth.
-    assert (
-        binom.sf(int((overall < CRITICISM.limit).sum()) - 1, n_sets, 1.1 * CRITICISM.limit) > 1e-3
-    )
+    assert binom.sf(int((overall < INADEQUATE).sum()) - 1, n_sets, 1.1 * INADEQUATE) > 1e-3
 
 
 def test_the_parts_by_hand(frame, case_c, fixed_error):
@@ -198,7 +196,7 @@ def test_the_paper_s_approaches(model_classes):
     comparison = bs.rank(bs.Study("four", list(model_classes.values())), settings=COARSE).comparison
     rows = {row.name: row for row in comparison.classes}
     assert rows["3"].misfit_p_value > 0.5
-    assert rows["1-b"].misfit_p_value < CRITICISM.limit < rows["2"].misfit_p_value
+    assert rows["1-b"].misfit_p_value < INADEQUATE < rows["2"].misfit_p_value
     assert rows["1-b"].misfit_sds > 2.5758
     assert not any(row.misfit for row in comparison.classes)
 
@@ -251,7 +249,7 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     anything = replace(model_classes["3"], error=bs.ErrorModel()).with_any_pairing("any")
     study = bs.Study("absorbed", [with_data(anything, exchanged_in_mode_3)])
     ranking = bs.rank(study, settings=COARSE)
-    assert ranking.posteriors[0].adequacy.overall.p_value > CRITICISM.limit
+    assert ranking.posteriors[0].adequacy.overall.p_value > INADEQUATE
     words = "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3' (gain "
     misfit = ranking.comparison.best.misfit
     assert misfit.startswith("the data are explained far better without a mistake in them: ")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.misfit import CRITICISM
 from bayes_ssi.studies.ranking.checks import BAND_MOVED
 
 COARSE = bs.SamplingSettings(log_evidence_error=0.03)
@@ -111,8 +110,7 @@ def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
 
 def test_the_size_of_an_error_is_no_answer(monkeypatch):
     """Frequencies off by 2.25 times the error that is expected: a wider prior moves its size."""
-    sooner = replace(CRITICISM, prior_edge=1.0)
-    monkeypatch.setattr("bayes_ssi.inference.criticism.misfit.CRITICISM", sooner)
+    monkeypatch.setattr("bayes_ssi.inference.criticism.misfit.PRIOR_EDGE", 1.0)
     # Weights for a prior wider by a factor of f have a tail of Pareto k near 1 - 1/f²: 0.75 for two
     # (0.755 by rejection), more than reweighting trusts, so that the class is sampled again.
     size = bs.Parameter("size", bs.LogNormal(0.004, 0.2))

@@ -24,8 +24,12 @@ def building(left):
     return bs.ShearBuilding((1.0,) * 3, [K * factor * share for share in left])
 
 
+class Storey(int):
+    is_common = False
+
+
 @dataclass(frozen=True, eq=False)
-class Losses(Family[int]):
+class Losses(Family[Storey]):
     """Storeys, from 1, whose stiffness is anything between none and all of what it was."""
 
     title = "Losses of stiffness"
@@ -56,7 +60,7 @@ def found():
     data = bs.ModalData(identified, (0.0, 3.0), SENSORS)
     whole = bs.ModelClass("whole", building((1.0,) * 3), data, ERROR, pairing={})
     limits = SearchLimits(branches=1)
-    losses = Losses(bs.Study("losses", [whole]), {"whole": (1, 2, 3)}, limits)
+    losses = Losses(bs.Study("losses", [whole]), {"whole": tuple(map(Storey, (1, 2, 3)))}, limits)
     return search_family(losses, 0, COARSE, bs.Run())
 
 

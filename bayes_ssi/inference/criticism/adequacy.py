@@ -31,7 +31,8 @@ from scipy.special import log_ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.criticism.misfit import (
-    CRITICISM,
+    INADEQUATE,
+    ROUGH,
     Misfit,
     log_chi_square,
     log_combined,
@@ -45,6 +46,8 @@ from bayes_ssi.inference.likelihood.likelihood import ComparedModes
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import as_product
+
+MOST_NAMED = 3  # the largest misfits say what is wrong; a list of all would hide it
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class PValue:
     @property
     def is_small(self) -> bool:
         """Whether a right class would be this far from the data one time in a hundred."""
-        return not self.p_value >= CRITICISM.limit
+        return not self.p_value >= INADEQUATE
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class Adequacy:
     @property
     def is_rough(self) -> bool:
         """Whether the class infers an error of its frequencies with which any model would fit."""
-        return self.frequency_error is not None and self.frequency_error > CRITICISM.rough
+        return self.frequency_error is not None and self.frequency_error > ROUGH
 
 
 def adequacy(
@@ -199,7 +202,7 @@ def adequacy(
 
 def _inferred_error(model_class: ModelClass, values: FloatArray) -> float | None:
     size = as_product(model_class.error.frequency_cov)
-    if not size.parameters or size.median > CRITICISM.rough:
+    if not size.parameters or size.median > ROUGH:
         return None
     columns = [model_class.parameter_names.index(p.name) for p in size.parameters]
     powers = np.array([power for _, power in size.powers])
@@ -274,33 +277,35 @@ def _error_sizes(model_class: ModelClass) -> set[str]:
     return {p.name for size in sizes for p in size.parameters} - structural
 
 
-POSSIBLE_CAUSES = (
-    "wrong channel order, wrong units, wrong pairing, or a structure nobody wrote down"
-)
+def _possible_causes(adequacy: Adequacy, is_given: bool) -> str:
+    """What a misfit usually comes from; ``is_given`` says whether the pairing is the analyst's."""
+    channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
+    pairing = "wrong pairing, " if is_given else ""
+    return f"{channels}wrong units, {pairing}or a structure nobody wrote down"
 
 
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
     named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
-    large = [words for misfit, words in named[: CRITICISM.most_named] if misfit.is_small]
+    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
     return large or [
         f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
     ]
 
 
-def inadequacy_in_words(adequacy: Adequacy, others: str = "") -> str:
+def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = True) -> str:
     """What of the data a class that is not adequate does not explain, and why that may be."""
     what = "the data are not explained"
     if adequacy.is_rough and not adequacy.overall.is_small:
         error = _percent(adequacy.frequency_error or 0.0)
         what = (
             f"the model does not fit: it infers an error of {error} for its frequencies, more than "
-            f"{_percent(CRITICISM.rough)}"
+            f"{_percent(ROUGH)}"
         )
     elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""
     mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
-    causes = "; ".join(mistakes) or POSSIBLE_CAUSES
+    causes = "; ".join(mistakes) or _possible_causes(adequacy, is_given)
     sentences = (f"{what}: {'; '.join(misfits_in_words(adequacy))}", others)
     return ". ".join([*filter(None, sentences), f"Likely cause: {causes}"])
 

@@ -25,25 +25,13 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
 
 
-@dataclass(frozen=True)
-class CriticismSettings:
-    """When a class is called inadequate, and a posterior at an edge."""
-
-    limit: float = 0.01  # p-value below which a class is inadequate; right ones are this often
-    rough: float = 0.05  # with a larger error of frequencies, wrong stiffnesses fit as well
-    n_draws: int = 400  # a quantile of 0.01 needs no more; each takes the shapes' quadrature
-    expected_share: float = 0.95  # of a right model's shapes that have the MAC called expected
-    prior_edge: float = 3.09  # in prior sds: one prior draw in a thousand lies beyond, each side
-    edge_share: float = 0.5  # of the posterior, that may lie at an edge, of a prior or the band
-    most_named: int = 3  # the largest misfits say what is wrong; a list of all would hide it
-
-    @property
-    def limit_sds(self) -> float:
-        """The limit as a distance from the mean of a normal variable, in standard deviations."""
-        return standard_deviations(math.log(self.limit))
-
-
-CRITICISM = CriticismSettings()
+# P-value below which a class is inadequate; right ones are this often.
+INADEQUATE = 0.01
+ROUGH = 0.05  # with a larger error of frequencies, wrong stiffnesses fit as well
+N_DRAWS = 400  # a quantile of 0.01 needs no more; each takes the shapes' quadrature
+EXPECTED_SHARE = 0.95  # of a right model's shapes that have the MAC called expected
+PRIOR_EDGE = 3.09  # in prior sds: one prior draw in a thousand lies beyond, each side
+EDGE_SHARE = 0.5  # of the posterior, that may lie at an edge, of a prior or the band
 
 
 def log_two_sided(residuals: FloatArray) -> FloatArray:
@@ -98,6 +86,10 @@ def standard_deviations(log_p: float) -> float:
     return max(0.0, -float(ndtri_exp(log_p - math.log(2.0))))
 
 
+# The p-value of an inadequate class as a distance from the mean of a normal variable.
+INADEQUATE_SDS = standard_deviations(math.log(INADEQUATE))
+
+
 class Misfit(NamedTuple):
     """The misfit of J identified modes at B draws; NaN where a mode is spurious at a draw."""
 
@@ -147,7 +139,7 @@ def misfit(
         # The sum of squares with these variances, as a multiple of chi-square of the same mean and
         # variance (Satterthwaite 1946).
         with np.errstate(invalid="ignore"):
-            quantile = chdtri(variances**2 / squared_variances, 1.0 - CRITICISM.expected_share)
+            quantile = chdtri(variances**2 / squared_variances, 1.0 - EXPECTED_SHARE)
             expected_distances = 0.5 * squared_variances / variances * quantile
         expected_distances = np.minimum(expected_distances, 1.0)
     identification = likelihood.identification
@@ -191,7 +183,7 @@ def _shape_misfit(
             distance, sd, d = distances[rows, j], sds[rows, j], mode.n_measured
             log_p[rows, j] = log_shape_survival(distance, sd, d)
             # On a plane in place of the sphere the distance is half a sum of d - 1 squares.
-            flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - CRITICISM.expected_share)
+            flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - EXPECTED_SHARE)
             expected[rows, j] = np.minimum(flat, 1.0)
     return log_p, expected
 
@@ -232,10 +224,10 @@ def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) ->
 
 
 def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[AtEdge]:
-    edge = CRITICISM.prior_edge
+    edge = PRIOR_EDGE
     for column, parameter in enumerate(model_class.parameters):
         for end, beyond in enumerate((z[:, column] < -edge, z[:, column] > edge)):
-            if beyond.mean() > CRITICISM.edge_share:
+            if beyond.mean() > EDGE_SHARE:
                 statement = (
                     f"parameter {parameter.name!r}: {100 * beyond.mean():.0f} % of the posterior "
                     f"lies at the {('lower', 'upper')[end]} edge of its prior, "
@@ -258,7 +250,7 @@ def _band_edges(
         frequencies, remaining = remaining[:, :n_modes], remaining[:, n_modes:]
         shares = times @ likelihood.at_band_edge(values, frequencies) / len(chosen)
         for mode, share in enumerate(shares, start=1):
-            if share > CRITICISM.edge_share:
+            if share > EDGE_SHARE:
                 middle = float(np.median(frequencies[:, mode - 1]))
                 statement = (
                     f"{where}model mode {mode} is paired with nothing and lies at the edge of the "

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, folded, row_sums
 
 # Beyond this κ' a turn has a standard deviation of less than 5e-4: nothing turns.
 MOST_CONCENTRATION = 1e6
@@ -42,6 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
+LEAST_WIDTH = 1e-6  # cosines of smaller turns are 1 by rounding
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
 
@@ -218,7 +219,7 @@ class Turned(NamedTuple):
         pulls = np.concatenate([together, alone], axis=1)
         strength = np.maximum(np.hypot(*pulls), TINY)
         centres = np.where(strength > TINY, pulls / strength, [[[1.0]], [[0.0]]])
-        widths = np.minimum(0.5 * SPREAD / np.sqrt(strength), 1.0)
+        widths = np.clip(0.5 * SPREAD / np.sqrt(strength), LEAST_WIDTH, 1.0)
         heights = shapes.exponents(kappa, *centres)
         best = heights.argmax(axis=0), np.arange(len(kappa))
         centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
@@ -272,8 +273,8 @@ def _mean_over_turns(
         terms[k::n_sets] *= density[k::n_sets]
         total += density * density
     terms /= total
-    mean = (row_sums((terms * turn).T) for turn in (sin2, cos2))
-    by_node = row_sums(terms.reshape(n, n_sets, n_cases).swapaxes(0, 1)[None])[0]
-    even, odd = (row_sums(each.T) for each in (by_node[::2], by_node[1::2]))
+    mean = (folded(terms * turn) for turn in (sin2, cos2))
+    by_node = row_sums(terms.reshape(n, n_sets, n_cases))
+    even, odd = folded(by_node[::2]), folded(by_node[1::2])
     log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
     return log_means, 0.5 * np.arctan2(*mean), np.abs(even - odd) < DISAGREE * (even + odd)

@@ -118,7 +118,7 @@ class ModalLikelihood:
 
     @cached_property
     def pairs(self) -> PairedModes:
-        return PairedModes.of(self.data, self.pairing.items())
+        return PairedModes.of(self.data, self.pairing.items(), self.structure.shape_variances)
 
     def inferred_pairing(self, values: FloatArray) -> InferredPairing | None:  # noqa: ARG002
         """Pairings by their probability over draws (n, n_parameters); None where one is given."""
@@ -532,9 +532,8 @@ class AnyPairing(ModalLikelihood):
     def pairs(self) -> PairedModes:
         """Every pair of an identified mode and a model mode, grouped by identified mode."""
         numbers = range(1, self.structure.n_modes + 1)
-        return PairedModes.of(
-            self.data, [(label, i) for label in self.data.labels for i in numbers]
-        )
+        pairs = [(label, i) for label in self.data.labels for i in numbers]
+        return PairedModes.of(self.data, pairs, self.structure.shape_variances)
 
     def _is_unpaired(self, values: FloatArray) -> NDArray[np.bool_]:
         return pair_probabilities(self.pairing_weights(values)).sum(axis=1) < 0.5

@@ -31,10 +31,20 @@ class PairedModes:
     shape_var: FloatArray  # (S,), identification error squared; 0 if not given
 
     @classmethod
-    def of(cls, data: ModalData, pairs: Iterable[tuple[str, int]]) -> "PairedModes":
-        """Pairs of a label of an identified mode and a number of a model mode, from 1."""
+    def of(
+        cls,
+        data: ModalData,
+        pairs: Iterable[tuple[str, int]],
+        shape_variances: Mapping[int, float] | None = None,
+    ) -> "PairedModes":
+        """Pairs of a label of an identified mode and a number of a model mode, from 1.
+
+        ``shape_variances`` are those that model modes have of their own, by numbers from 0.
+        """
+        own = shape_variances or {}
         pairs = tuple(pairs)
         modes = tuple(data.mode(label) for label, _ in pairs)
+        sds = [mode.shape_sd or 0.0 for mode in modes]
         with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
         shapes = data.unit_shapes[:, [data.labels.index(modes[i].label) for i in with_shape]]
         return cls(
@@ -46,7 +56,7 @@ class PairedModes:
             unit_shapes=np.nan_to_num(shapes),
             measured=np.isfinite(shapes).astype(float),
             n_measured=tuple(modes[i].n_measured for i in with_shape),
-            shape_var=np.array([modes[i].shape_sd or 0.0 for i in with_shape]) ** 2,
+            shape_var=np.array([sds[i] ** 2 + own.get(pairs[i][1] - 1, 0.0) for i in with_shape]),
         )
 
     @classmethod

@@ -39,7 +39,7 @@ class PairingWeights:
     # spurious and i missed.
     log_ratios: FloatArray
     frequencies_hz: FloatArray  # (J,), of the identified modes
-    # (B, I), ascending; only for the nearest ones where there are more than ``window`` of both.
+    # (B, I); only for the nearest ones where there are more than ``window`` of both.
     model_hz: FloatArray
     # Number of identified modes that a model mode may then be; time and memory double with each.
     window: int = 10
@@ -103,6 +103,13 @@ def _log_sum(weights: PairingWeights, gains: Mapping[int, FloatArray]) -> FloatA
         return np.zeros(len(weights.log_ratios))
     order = np.argsort(weights.frequencies_hz, kind="stable")
     # (I, J, B): whole rows of the batch are next to each other.
+    if min(weights.log_ratios.shape[1:]) > weights.window:  # windows only move up
+        ascending = np.argsort(weights.model_hz, axis=1)
+        weights = replace(
+            weights,
+            log_ratios=np.take_along_axis(weights.log_ratios, ascending[:, None], axis=2),
+            model_hz=np.take_along_axis(weights.model_hz, ascending, axis=1),
+        )
     log_ratios = np.ascontiguousarray(weights.log_ratios[:, order].transpose(2, 1, 0))
     both = {}
     for i, gain in gains.items():
@@ -165,20 +172,9 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
     return chosen
 
 
-@dataclass(frozen=True)
-class Listed:
-    """Which pairings are listed with their probability."""
-
-    most_draws: int = 1000  # at which probabilities are computed
-    most: int = 10  # pairings in the list
-
-    @property
-    def least_probability(self) -> float:
-        """A tenth of one draw; less probable ones are not listed."""
-        return 0.1 / self.most_draws
-
-
-LISTED = Listed()
+MOST_DRAWS = 1000  # at which probabilities of pairings are computed
+MOST_LISTED = 10  # pairings with their probability
+LEAST_PROBABILITY = 0.1 / MOST_DRAWS  # a tenth of one draw; less probable ones are not listed
 
 
 @dataclass(frozen=True)
@@ -208,9 +204,9 @@ class InferredPairing:
 
 def thinned(values: FloatArray) -> FloatArray:
     """Some of many equally weighted draws (n, n_parameters)."""
-    if len(values) <= LISTED.most_draws:
+    if len(values) <= MOST_DRAWS:
         return values
-    return values[np.linspace(0, len(values) - 1, LISTED.most_draws).astype(np.intp)]
+    return values[np.linspace(0, len(values) - 1, MOST_DRAWS).astype(np.intp)]
 
 
 def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> InferredPairing:
@@ -225,9 +221,7 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
         numbers = {labels[j]: int(pairing[j]) + 1 for j in paired.tolist()}
         shares.append(PairingShare(numbers, float(np.exp(log_weight - total).mean())))
     shares.sort(key=lambda share: -share.probability)
-    kept = [share for share in shares if share.probability >= LISTED.least_probability][
-        : LISTED.most
-    ]
+    kept = [share for share in shares if share.probability >= LEAST_PROBABILITY][:MOST_LISTED]
     of_pairs = pair_probabilities(weights).mean(axis=0)
     with_spurious = np.column_stack([1.0 - of_pairs.sum(axis=1), of_pairs])
     return InferredPairing(
@@ -236,7 +230,7 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
             label: {
                 number: float(probability)
                 for number, probability in enumerate(row)
-                if probability >= LISTED.least_probability
+                if probability >= LEAST_PROBABILITY
             }
             for label, row in zip(labels, with_spurious, strict=True)
         },

@@ -1,7 +1,6 @@
 """The density of a unit mode shape of unknown sign, ``exp(-(1 - |φ_e·φ|)/σ²) / Z_d(σ)``."""
 
 import math
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -9,26 +8,19 @@ from scipy.special import gammaln
 
 from bayes_ssi.foundations.arrays import FloatArray
 
-
-@dataclass(frozen=True)
-class NormaliserSettings:
-    """How normalisers are computed, to the accuracy of the numbers that hold them."""
-
-    # Standard deviations within which integrals are taken; beyond, the integrand is below e^(-40)
-    # of its largest value.
-    reach: float = 9.0
-    n_nodes: int = 64  # of the quadrature
-    n_terms: int = 12  # of the series for small errors
-    # The last term of the series at the largest error for which it is used.
-    negligible: float = np.finfo(float).eps / 16.0
-    # Of other errors, in a unit of log(1 + κ/√d); in each a polynomial has the values of log Z,
-    # which has no zero within about 0.8 of the real axis.
-    n_intervals: int = 8
-    degree: int = 10  # of these polynomials, each term a 25th of the one before
-
-
-NORMALISER = NormaliserSettings()
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NORMALISER.n_nodes)
+# Normalisers are computed to the accuracy of the numbers that hold them.
+# Standard deviations within which integrals are taken; beyond, the integrand is below e^(-40) of
+# its largest value.
+REACH = 9.0
+N_NODES = 64  # of the quadrature
+N_TERMS = 12  # of the series for small errors
+# The last term of the series at the largest error for which it is used.
+NEGLIGIBLE = np.finfo(float).eps / 16.0
+# Of other errors, in a unit of log(1 + κ/√d); in each a polynomial has the values of log Z, which
+# has no zero within about 0.8 of the real axis.
+N_INTERVALS = 8
+DEGREE = 10  # of these polynomials, each term a 25th of the one before
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(N_NODES)
 
 
 def log_sphere_area(d: int) -> float:
@@ -77,7 +69,7 @@ def log_shape_survival(distances: FloatArray, shape_sd: FloatArray, d: int) -> F
     a = (d - 2) * variance
     highest = 2.0 / (a + np.sqrt(a * a + 4.0))  # cos t of the maximum, as in the normaliser
     top = np.arcsin(np.sqrt(np.minimum(a * highest, 1.0)))
-    reach = NORMALISER.reach * np.sqrt(variance / (highest + (1.0 / highest if d > 2 else 0.0)))
+    reach = REACH * np.sqrt(variance / (highest + (1.0 / highest if d > 2 else 0.0)))
     begin = np.maximum(start, top - reach)
     # Beyond its maximum the logarithm of the integrand falls by its slope and its curvature.
     first = np.maximum(begin, top)
@@ -87,7 +79,7 @@ def log_shape_survival(distances: FloatArray, shape_sd: FloatArray, d: int) -> F
     if d > 2:
         slope = slope - (d - 2) * cosine / sine
         curvature = curvature + (d - 2) / sine**2
-    length = NORMALISER.reach**2 / (slope + np.sqrt(slope**2 + NORMALISER.reach**2 * curvature))
+    length = REACH**2 / (slope + np.sqrt(slope**2 + REACH**2 * curvature))
     half = 0.5 * np.maximum(np.minimum(0.5 * math.pi, first + length) - begin, 0.0)
     t = begin + half * (_NODES + 1.0)
     log_integrand = -2.0 * np.sin(0.5 * t) ** 2 / variance
@@ -109,14 +101,14 @@ def _series(d: int) -> tuple[FloatArray, float]:
     e^(-κ) I_(d/2-1)(κ), of which this is the series for a large κ (Abramowitz and Stegun, 9.7.1).
     The caps reach into each other by about e^(-κ).
     """
-    k = np.arange(1, NORMALISER.n_terms + 1)
+    k = np.arange(1, N_TERMS + 1)
     factors = -((d - 2.0) ** 2 - (2.0 * k - 1.0) ** 2) / (8.0 * k)
     coefficients = np.multiply.accumulate(factors, dtype=float)
     # The last term must be negligible; it is zero where the series ends.
-    last = max(abs(float(coefficients[-1])), NORMALISER.negligible)
-    converged = math.pow(NORMALISER.negligible / last, 1.0 / NORMALISER.n_terms)
+    last = max(abs(float(coefficients[-1])), NEGLIGIBLE)
+    converged = math.pow(NEGLIGIBLE / last, 1.0 / N_TERMS)
     kappa = 1.0 / converged
-    while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NORMALISER.negligible):
+    while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NEGLIGIBLE):
         kappa *= 1.05
     return coefficients, 1.0 / kappa
 
@@ -124,7 +116,7 @@ def _series(d: int) -> tuple[FloatArray, float]:
 def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
     """log Z_d(σ) by the polynomial of the interval in which log(1 + κ/√d) lies, κ = 1/σ²."""
     with np.errstate(divide="ignore", over="ignore"):
-        place = np.log1p(1.0 / (math.sqrt(d) * shape_sd * shape_sd)) * NORMALISER.n_intervals
+        place = np.log1p(1.0 / (math.sqrt(d) * shape_sd * shape_sd)) * N_INTERVALS
     polynomials = _polynomials(d)
     interval = np.fmin(place, polynomials.shape[1] - 1).astype(np.intp)  # the last one for NaN
     t = 2.0 * (place - interval) - 1.0
@@ -137,14 +129,14 @@ def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
 @cache
 def _polynomials(d: int) -> FloatArray:
     """Coefficients (degree + 1, n_intervals) of log Z_d from κ = 0 to where the series is used."""
-    last = math.log1p(1.0 / (math.sqrt(d) * _series(d)[1])) * NORMALISER.n_intervals
-    nodes = np.polynomial.chebyshev.chebpts1(NORMALISER.degree + 1)
+    last = math.log1p(1.0 / (math.sqrt(d) * _series(d)[1])) * N_INTERVALS
+    nodes = np.polynomial.chebyshev.chebpts1(DEGREE + 1)
     place = np.arange(int(last) + 1)[:, None] + 0.5 * (nodes + 1.0)
-    kappa = math.sqrt(d) * np.expm1(place / NORMALISER.n_intervals)
+    kappa = math.sqrt(d) * np.expm1(place / N_INTERVALS)
     values = _by_quadrature(1.0 / np.sqrt(kappa), d)
     # numpy's conversions between polynomials drop coefficients that happen to be zero; a fit keeps
     # them, so all intervals have as many.
-    fits = np.polynomial.polynomial.polyfit(nodes, values.T, NORMALISER.degree)
+    fits = np.polynomial.polynomial.polyfit(nodes, values.T, DEGREE)
     return np.asarray(fits, dtype=float)
 
 
@@ -157,7 +149,7 @@ def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
     cosine = 2.0 / (a + np.sqrt(a * a + 4.0))
     top = np.sqrt(np.maximum(a * cosine, 0.0))  # sin t
     curvature = cosine / sd**2 + ((d - 2) / top**2 if d > 2 else 0.0)
-    half = NORMALISER.reach / np.sqrt(curvature)
+    half = REACH / np.sqrt(curvature)
     begin = np.maximum(0.0, np.arcsin(np.minimum(top, 1.0)) - half)
     end = np.minimum(0.5 * math.pi, np.arcsin(np.minimum(top, 1.0)) + half)
     t = begin + 0.5 * (end - begin) * (_NODES + 1.0)

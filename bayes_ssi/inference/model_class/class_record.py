@@ -17,6 +17,10 @@ from bayes_ssi.structures.structure import Structure
 MOST_CHARACTERS = 300
 
 
+# Of an element, because they change nothing.
+LEFT_OUT = [("stiffness_factor", 1.0), ("in_model", 0.0)]
+
+
 def described(structure: Structure) -> list[tuple[str, str]]:
     """Names and texts: what a structure is, and its fields with their numbers and parameters.
 
@@ -49,7 +53,7 @@ def _items(item: Any) -> str:
         + (" = " if isinstance(value, (float, Parameter, Product)) else " ")
         + in_words(value)
         for name, value in values.items()
-        if not (isinstance(value, (int, float)) and value == 1.0 and name.endswith("factor"))
+        if (name, value) not in LEFT_OUT
     ]
     return _cut("; ".join(parts))
 

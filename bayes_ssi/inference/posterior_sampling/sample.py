@@ -20,7 +20,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.calibration.narrow_regions import class_target
 from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
-from bayes_ssi.inference.criticism.misfit import CRITICISM, edges
+from bayes_ssi.inference.criticism.misfit import N_DRAWS, edges
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.model_at_draws import (
     AtDraws,
@@ -296,7 +296,7 @@ def _noise(
 
 def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
     """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
-    chosen = evenly_spaced_indices(len(values), CRITICISM.n_draws)
+    chosen = evenly_spaced_indices(len(values), N_DRAWS)
     modes = model.rows(chosen).modes
     return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from rich.table import Table
 
 from bayes_ssi.inference.criticism.adequacy import misfit_text
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE_SDS
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
@@ -68,7 +68,7 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
         f"Evidence against: scale of {comparison.scale}.",
         "Misfit: how far the data are from what the class itself expects, in standard deviations "
         "of a normal variable; one right class in a hundred is beyond "
-        f"{CRITICISM.limit_sds:.1f} sd.",
+        f"{INADEQUATE_SDS:.1f} sd.",
     ]
     notes = scales if with_scales else []
     notes += [comparison.unseen] if comparison.unseen else []

@@ -10,7 +10,7 @@ places share what these do to the modes. Draw by draw, the appendage of the lowe
 first: places may change hands, even between the draws of one hypothesis.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,12 +21,13 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.prior import Prior
-from bayes_ssi.studies.appendages.baselines import Baselines
+from bayes_ssi.studies.appendages.baselines import Baselines, Feature
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_APART,
     LEAST_SHARE_OF_A_GROUP,
     VISIBLE_SHARE,
     AppendagePlace,
+    appendages_among,
 )
 from bayes_ssi.studies.appendages.search_result import (
     BaselineRecord,
@@ -44,20 +45,11 @@ from bayes_ssi.studies.search.findings import (
     findings,
 )
 
-
-class RankedDraws(NamedTuple):
-    """Draws of the appendage of one rank by frequency, of several hypotheses in turn: (n,) each."""
-
-    hypothesis: NDArray[np.intp]  # numbers of the hypotheses, which do not fall
-    place: NDArray[np.intp]  # numbers of the places
-    mass: FloatArray
-    frequency_hz: FloatArray
-    weights: FloatArray
-    by_data: FloatArray  # weights under a prior that is uniform in the logarithm of mass
-
-    def where(self, chosen: NDArray[np.bool_]) -> "RankedDraws":
-        columns: Iterable[Any] = (column[chosen] for column in self)
-        return RankedDraws(*columns)
+# Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
+# numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
+# weight under a prior that is uniform in the logarithm of mass.
+RankedDraws = np.recarray[Any, Any]
+COLUMNS = ("hypothesis", "place", "mass", "frequency_hz", "in_model", "weights", "by_data")
 
 
 class Motions(NamedTuple):
@@ -70,28 +62,32 @@ class Motions(NamedTuple):
 
 
 def matched_appendages(
-    draws: FeatureDraws[AppendagePlace],
+    draws: FeatureDraws[Feature],
     rows: Sequence[HypothesisRecord],
     baselines: Baselines,
-    hypotheses: Sequence[Hypothesis[AppendagePlace]],
+    hypotheses: Sequence[Hypothesis[Feature]],
 ) -> tuple[MatchedAppendage, ...]:
     """The appendages of the most probable number of them, the lowest frequency first."""
     shares: dict[int, float] = {}
     for row in rows:
-        n = len(row.features)
+        n = len(row.claimed)
         shares[n] = shares.get(n, 0.0) + (row.probability if n else 0.0)
     number = max(shares, key=lambda n: shares[n])
     if not shares[number] > 0.0:
         return ()
-    chosen = [row for row in rows if len(row.features) == number and row.probability > 0.0]
+    chosen = [row for row in rows if len(row.claimed) == number and row.probability > 0.0]
     by_name = {each.model_class.name: each for each in hypotheses}
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
     of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
     motions = {i: known for i, row in enumerate(chosen) if (known := of_baselines[row.baseline])}
     scales = [baselines.scales[row.baseline].mass for row in chosen]
-    places = list(dict.fromkeys(place for row in chosen for place in draws[row.name]))
+    of_rows = [
+        {each: of_one for each, of_one in draws[row.name].items() if not each.is_common}
+        for row in chosen
+    ]
+    places = appendages_among(dict.fromkeys(place for own in of_rows for place in own))
     of_ranks = ranked_draws(
-        [draws[row.name] for row in chosen],
+        of_rows,
         [row.probability / shares[number] for row in chosen],
         [baselines.options.prior_of_mass_ratio(scale) for scale in scales],
         places,
@@ -100,7 +96,7 @@ def matched_appendages(
 
 
 def ranked_draws(
-    draws: Sequence[Mapping[AppendagePlace, Draws]],
+    draws: Sequence[Mapping[Any, Draws]],
     shares: Sequence[float],
     priors: Sequence[Prior],
     places: Sequence[AppendagePlace],
@@ -112,9 +108,9 @@ def ranked_draws(
     """
     blocks = []
     for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):
-        masses, ratios, frequencies = (
+        masses, ratios, frequencies, in_model = (
             np.stack([each.column(name) for each in appendages.values()])
-            for name in ("mass", "mass_ratio", "frequency_hz")
+            for name in ("mass", "mass_ratio", "frequency_hz", "in_model")
         )
         weights = share * np.stack([each.weights for each in appendages.values()])
         # The prior density of the logarithm of a mass, which weighs draws in a uniform one's place.
@@ -122,11 +118,11 @@ def ranked_draws(
         by_data = np.divide(weights, density, out=np.zeros_like(weights), where=density > 0.0)
         numbers = np.array([places.index(place) for place in appendages])
         order = np.argsort(frequencies, axis=0)
-        columns = (masses, frequencies, weights, by_data)
+        columns = (masses, frequencies, in_model, weights, by_data)
         sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
         blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
     joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
-    return [RankedDraws(*of_rank) for of_rank in zip(*joined, strict=True)]
+    return [np.rec.fromarrays(ranks, names=COLUMNS) for ranks in zip(*joined, strict=True)]
 
 
 def matched(
@@ -184,7 +180,7 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
             ends.append(float(hz[i]))
             begin = i + 1
     numbers = np.searchsorted(ends, draws.frequency_hz)
-    groups = [draws.where(numbers == number) for number in range(len(ends) + 1)]
+    groups = [draws[numbers == number] for number in range(len(ends) + 1)]
     return sorted(groups, key=lambda group: -group.weights.sum())
 
 
@@ -192,26 +188,29 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Findi
     """Where an appendage may be, the most probable place first."""
     found = []
     for number in np.unique(draws.place).tolist():
-        there = draws.where(draws.place == number)
+        there = draws[draws.place == number]
         if there.weights.sum() > 0.0:
             found.append(
                 Finding(
                     places[number],
                     float(there.weights.sum() / draws.weights.sum()),
-                    {"mass": weighted_quantiles(there.mass, there.weights)},
+                    {
+                        name: weighted_quantiles(getattr(there, name), there.weights)
+                        for name in ("mass", "frequency_hz", "in_model")
+                    },
                     by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
     return tuple(sorted(found, key=lambda place: -place.probability))
 
 
-def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Motions | None:
+def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | None:
     """Motions at the means of the parameters of the most probable hypothesis on a baseline."""
     name, model_class = hypothesis.key.baseline, hypothesis.model_class
     mean_values = hypothesis.screened.weights @ model_class.values(hypothesis.screened.z)
     means = dict(zip(model_class.parameter_names, mean_values, strict=True))
     test = baselines.tests(baselines[name])[0]
-    structure, places = test.structure, baselines.features[name]
+    structure, places = test.structure, baselines.appendages(name)
     at = np.array([[means[parameter.name] for parameter in structure.parameters]])
     moved = structure.place_shapes([end for place in places for end in place.candidate.ends], at)
     if moved is None:
@@ -232,16 +231,18 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[AppendagePlace]) -> Mo
 
 
 def appendage_findings(
-    baselines: Baselines, found: FamilySearch[AppendagePlace], seed: int, run: Run
+    baselines: Baselines, found: FamilySearch[Feature], seed: int, run: Run
 ) -> SearchRecord:
     """What was found on the baselines, and the classes compared with them without appendages."""
     rivals = screen_all([ToScreen(rival, None) for rival in baselines.rivals], seed, run)
     draws = feature_draws(baselines, found)
     common = findings(found, draws)
     rows: tuple[HypothesisRecord, ...] = common["hypotheses"]
+    findings_of_all: tuple[Finding, ...] = common.pop("places")
     common["places"] = tuple(
         replace(each, is_observed=each.place not in baselines.unobserved)
-        for each in common["places"]
+        for each in findings_of_all
+        if not each.place.is_common
     )
     return SearchRecord(
         baselines=(
@@ -257,6 +258,7 @@ def appendage_findings(
         geometry=baselines.geometry,
         matched=matched_appendages(draws, rows, baselines, found.hypotheses),
         mass_unit=baselines.study.mass_unit,
+        motions=tuple(each for each in findings_of_all if each.place.is_common),
         **common,
     )
 

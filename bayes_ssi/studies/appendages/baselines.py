@@ -1,5 +1,6 @@
 """The hypotheses of a search: the baselines, which are a question, too, and what hangs on them."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.families import LogUniform, Uniform
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.structures.further_mode import FurtherMode
 from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
@@ -22,7 +24,9 @@ from bayes_ssi.studies.appendages.candidates import (
     LEAST_IN_BAND,
     AppendagePlace,
     Candidate,
+    FurtherMotion,
     SearchSettings,
+    appendages_among,
     are_observed,
     located,
     places_of,
@@ -34,6 +38,8 @@ from bayes_ssi.studies.appendages.candidates import (
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import Family
+
+Feature = AppendagePlace | FurtherMotion
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ def scale_of(baseline: ModelClass, present_in: Sequence[str] | None = None) -> M
 
 def hypothesis(
     baseline: ModelClass,
-    places: Sequence[AppendagePlace],
+    places: Sequence[Feature],
     search_settings: SearchSettings | None = None,
     name: str | None = None,
     *,
@@ -90,7 +96,8 @@ def hypothesis(
     mass = (scale or scale_of(baseline, present_in)).mass
     mass_prior = options.prior_of_mass_ratio(mass)
     elements = []
-    for place in places:
+    motions = [each for each in places if isinstance(each, FurtherMotion)]
+    for place in appendages_among(places):
         vibrating = mass * Parameter(mass_name(place), mass_prior)
         element: Any = place.element(vibrating, Parameter(frequency_name(place), prior, unit="Hz"))
         if (share := place.in_model) != 0.0:
@@ -103,6 +110,9 @@ def hypothesis(
             return structure
         for element in elements:
             structure = structure.with_element(element)
+        for motion in motions:
+            frequency = Parameter(frequency_name(motion), prior, unit="Hz")
+            structure = FurtherMode(structure, frequency, motion.mode - 1)
         return structure
 
     return changed.with_structures(carrying)
@@ -166,7 +176,7 @@ def mass_name(place: AppendagePlace) -> str:
     return f"mass ratio, {place.name}"
 
 
-def frequency_name(place: AppendagePlace) -> str:
+def frequency_name(place: Feature) -> str:
     return f"frequency, {place.name}"
 
 
@@ -175,14 +185,16 @@ def in_model_name(place: AppendagePlace) -> str:
     return f"share in the model, {place.name}"
 
 
-def parameters_of(place: AppendagePlace) -> list[str]:
-    """Names of the parameters of an appendage."""
+def parameters_of(place: Feature) -> list[str]:
+    """Names of the parameters of an appendage, or of another motion."""
+    if isinstance(place, FurtherMotion):
+        return [frequency_name(place)]
     inferred = [in_model_name(place)] if place.in_model is None else []
     return [mass_name(place), frequency_name(place), *inferred]
 
 
 @dataclass(frozen=True, eq=False)
-class Baselines(Family[AppendagePlace]):
+class Baselines(Family[Feature]):
     """The classes that a search hangs appendages on, and what it compares them with."""
 
     nothing = "no appendage"
@@ -199,7 +211,7 @@ class Baselines(Family[AppendagePlace]):
         return f"Appendages hidden in {self.name!r}"
 
     def hypothesis(
-        self, baseline: ModelClass, features: Sequence[AppendagePlace], name: str
+        self, baseline: ModelClass, features: Sequence[Feature], name: str
     ) -> ModelClass:
         scale = self.scales[baseline.name] if features else None
         return hypothesis(
@@ -207,19 +219,38 @@ class Baselines(Family[AppendagePlace]):
         )
 
     def quantities(
-        self, baseline: str, feature: AppendagePlace, column: Callable[[str], FloatArray]
+        self, baseline: str, feature: Feature, column: Callable[[str], FloatArray]
     ) -> dict[str, FloatArray]:
         """The vibrating mass in the structure's unit and over the mass scale, the frequency, and
         the share of the mass that the model has already.
         """
+        if isinstance(feature, FurtherMotion):
+            return {"frequency_hz": column(frequency_name(feature))}
         ratio, hz = column(mass_name(feature)), column(frequency_name(feature))
         share = feature.in_model
         in_model = column(in_model_name(feature)) if share is None else np.full(len(ratio), share)
         mass = self.scales[baseline].mass * ratio
         return {"mass": mass, "mass_ratio": ratio, "frequency_hz": hz, "in_model": in_model}
 
+    def n_ways(self, baseline: str, number: int, n_common: int) -> float:
+        """Every feature is as probably a motion, like any of the modes, as an appendage, anywhere.
+
+        So neither the number of places nor that of modes takes from what has no feature.
+        """
+        n_all, n_places = len(self.features[baseline]), len(self.appendages(baseline))
+
+        def n_choices(n: int) -> int:
+            return math.comb(n_all - n_places, n) * math.comb(n_places, number - n)
+
+        splits = sum(math.comb(number, n) for n in range(number + 1) if n_choices(n))
+        return max(n_choices(n_common), 1) * splits / math.comb(number, n_common)
+
+    def appendages(self, baseline: str) -> list[AppendagePlace]:
+        """Where appendages may be on a baseline."""
+        return appendages_among(self.features[baseline])
+
     def places(self, baseline: str) -> Iterator[SinglePlace]:
-        for place in self.features[baseline]:
+        for place in self.appendages(baseline):
             for end in place.candidate.ends:
                 yield from (single for single, _ in motion_of(end) if single != 0)
 
@@ -237,7 +268,7 @@ class Baselines(Family[AppendagePlace]):
         """Places whose motion no sensor sees in a mode of the band, on any baseline."""
         observed: dict[AppendagePlace, bool] = {}
         for each in self.classes:
-            places = self.features[each.name]
+            places = self.appendages(each.name)
             for test in self.tests(each):
                 seen = are_observed(test.structure, [p.candidate for p in places], test.data)
                 for place, one in zip(places, seen, strict=True):
@@ -310,7 +341,10 @@ def choose_baselines(
     ]
     return Baselines(
         chosen,
-        {each.name: _places(each, candidates, present_in, options) for each in classes},
+        {
+            each.name: (*_places(each, candidates, present_in, options), *_motions_of(each))
+            for each in classes
+        },
         options,
         None if present_in is None else tuple(present_in),
         tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else (),
@@ -340,6 +374,16 @@ def _places(
     places = places_of(located(each, tests[0].structure) for each in candidates)
     heaviest = scale.mass * options.prior_of_mass_ratio(scale.mass).quantile(HEAVIEST)
     return with_masses_in_model(places, tests[0].structure, heaviest)
+
+
+def _motions_of(baseline: ModelClass) -> tuple[FurtherMotion, ...]:
+    """One like each mode in the band, no more than were identified, of a single test's shapes."""
+    test = baseline.configurations[0]
+    if len(baseline.configurations) > 1 or not baseline.has_shapes:
+        return ()
+    modes = test.structure.modes(test.structure.prior_medians())
+    n = int((modes.frequencies_hz[0] <= test.data.band_hz[1]).sum())
+    return tuple(FurtherMotion(i) for i in range(1, min(n, len(test.data.modes)) + 1))
 
 
 def _appendages_of(model_class: ModelClass) -> list[str]:

@@ -268,10 +268,6 @@ class AppendagePlace(FeaturePlace, ABC):
         return f"{self.word} {self.candidate.name}"
 
     @property
-    def height(self) -> float | None:
-        return self.candidate.height
-
-    @property
     def coordinates(self) -> Point | None:
         return self.candidate.coordinates
 
@@ -299,7 +295,6 @@ class PendulumPlace(AppendagePlace):
 
     word, title = "pendulum", "pendulum"
     marker = "o"
-    is_outside = True
 
     @classmethod
     def fits(cls, candidate: Candidate) -> bool:
@@ -338,10 +333,35 @@ class InfillPlace(AppendagePlace):
         return OutOfPlaneInfill((low, high), 2.0 * vibrating_mass, frequency, label=self.label)
 
 
+@dataclass(frozen=True)
+class FurtherMotion(FeaturePlace):
+    """A motion that the model does not have, and which competes with appendages.
+
+    The structure twists, moves in the other direction or on its soil, or a neighbour moves it: one
+    more mode, which changes no other.
+    """
+
+    mode: int  # of the structure, from 1, whose shape the motion has at the sensors
+    title = "motion that the model does not have"
+    is_common = True
+
+    @property
+    def name(self) -> str:
+        return f"motion like mode {self.mode}"
+
+    @property
+    def description(self) -> str:
+        return f"a motion that the model does not have, like mode {self.mode} at the sensors"
+
+
 def _in_words(place: Place) -> str:
     if place == 0:
         return "the ground"
     return f"floor {place}" if isinstance(place, int) else place_name(place)
+
+
+def appendages_among(features: Iterable[Any]) -> list[AppendagePlace]:
+    return [each for each in features if isinstance(each, AppendagePlace)]
 
 
 # Kinds of appendages of a search; add a class to search for another kind.
@@ -358,14 +378,14 @@ def with_given_masses(
     candidates: Sequence[Candidate], structure: Structure
 ) -> tuple[Candidate, ...]:
     """The candidates, and the elements given as mass that stand where none of them is."""
-    known = {frozenset(each.ends) for each in candidates}
-    added = []
-    for element in structure.given_as_mass:
-        ends = [place for place, _ in element.shares]
-        if len(ends) <= 2 and frozenset(ends) not in known:
-            known.add(frozenset(ends))
-            to = ends[1] if len(ends) == 2 else None
-            added.append(Candidate("-".join(map(place_name, ends)), ends[0], to=to))
+    shares = [[place for place, _ in each.shares] for each in structure.given_as_mass]
+    given = {frozenset(ends): ends for ends in shares if len(ends) <= 2}
+    for each in candidates:
+        given.pop(frozenset(each.ends), None)
+    added = (
+        Candidate("-".join(map(place_name, (on, *to))), on, to=next(iter(to), None))
+        for on, *to in given.values()
+    )
     return (*candidates, *added)
 
 
@@ -378,10 +398,9 @@ def with_masses_in_model(
     masses = iter(structure.place_masses([end for own in ends for end in own]).tolist())
     known = []
     for place, own in zip(places, ends, strict=True):
-        n = len(place.candidate.ends)
-        least = min(n * next(masses) for _ in own)
-        element = given.get(frozenset(place.candidate.ends))
-        if element is not None:
-            place = replace(place, in_model=1.0, given_as=element.stands_for)
-        known.append(place if element or least < heaviest else replace(place, in_model=None))
+        least = len(place.candidate.ends) * min(next(masses) for _ in own)
+        if (element := given.get(frozenset(place.candidate.ends))) is not None:
+            known.append(replace(place, in_model=1.0, given_as=element.stands_for))
+        else:
+            known.append(place if least < heaviest else replace(place, in_model=None))
     return tuple(known)

@@ -1,7 +1,7 @@
 """The findings of a search: places, appendages, baselines and averaged parameters."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -75,6 +75,8 @@ class SearchRecord(FamilyRecord):
     # Those of the most probable number of them, matched by frequency over all hypotheses with that
     # number; none where all of these have probability zero.
     matched: tuple[MatchedAppendage, ...] = ()
+    # Motions that the model does not have, which compete with appendages.
+    motions: tuple[Finding, ...] = ()
     mass_unit: str = ""  # the structure's; empty where the study states none
 
     @property
@@ -100,16 +102,15 @@ class SearchRecord(FamilyRecord):
 
     @property
     def shown(self) -> tuple[tuple[Finding, ...], ...]:
-        """Of several appendages, those of the most probable number; else of all hypotheses."""
-        if len(self.matched) < 2:
-            return super().shown
-        return tuple(
-            tuple(
-                replace(place, amounts={**place.amounts, "frequency_hz": each.frequency_hz})
-                for place in each.places
-            )
-            for each in self.matched
-        )
+        """Those of the most probable number of appendages, one after the other."""
+        return tuple(each.places for each in self.matched) or super().shown
+
+    @property
+    def probability_of_number(self) -> float:
+        """Of the hypotheses with as many appendages as are matched, which these are of."""
+        number = len(self.matched)
+        of_number = (row for row in self.hypotheses if len(row.claimed) == number)
+        return min(1.0, sum(row.probability for row in of_number))
 
     def parameters_of_features(self, name: str) -> list[str]:
         places: list[Any] = [each.place for each in self.hypothesis(name).features]

@@ -13,7 +13,7 @@ said of the modes near which a parameter would leave its own interval.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp, softmax
@@ -25,11 +25,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.families import LogUniform
-from bayes_ssi.studies.appendages.baselines import (
-    Baselines,
-    choose_baselines,
-    frequency_prior,
-)
+from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, frequency_prior
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_NEAR,
     MOST_PLACES_FOR_A_WARNING,
@@ -59,8 +55,7 @@ class Hidden(NamedTuple):
     """An appendage near an identified mode, whose other mode was not identified."""
 
     label: str  # of the mode
-    log_odds: float  # against no appendage near any mode, with the usual priors
-    probability: float
+    probability: float  # with the usual priors, beside one near any other mode, and none
     # Parameter → its median in the answer, and 5, 50 and 95 % quantiles with the appendage, of
     # those that would leave their own 90 % intervals, the largest change first.
     changed: Mapping[str, tuple[float, Quantiles]]
@@ -78,43 +73,35 @@ class Hidden(NamedTuple):
 
 def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
     """Those that would change the best class's parameters, the largest change first."""
-    name = ranking.comparison.best.name
-    best = next(each for each in ranking.study.model_classes if each.name == name)
-    posterior = next(each for each in ranking.posteriors if each.name == name)
+    best, posterior = _best(ranking)
     try:
-        baselines = choose_baselines(Study(name, [best]))
+        baselines = choose_baselines(Study(best.name, [best]))
         prior = frequency_prior(best, baselines.tests(best), baselines.options)
     except ValueError:  # nothing can be hung on it
         return []
     if not is_cheap(best):
         return []
     alone, carrier = _alone(baselines, best, ranking.seed, run)
-    bounds: dict[str, list[float]] = {}
-    for test in baselines.tests(best):
-        for mode in test.data.modes:
-            bounds.setdefault(mode.label, []).append(mode.frequency_hz)
-    found = []
-    for label, places in _places_near(baselines, best, posterior).items():
-        low, high = min(bounds[label]) / NEAR_A_MODE, max(bounds[label]) * NEAR_A_MODE
-        low, high = max(low, prior.support[0]), min(high, prior.support[1])
-        near = replace(
-            baselines, options=replace(baselines.options, frequency=LogUniform(low, high))
-        )
+    log_odds, changed = [0.0], {}
+    for label, (hz, places) in _places_near(baselines, best, posterior).items():
+        low, high = max(hz / NEAR_A_MODE, prior.support[0]), min(hz * NEAR_A_MODE, prior.support[1])
+        options = replace(baselines.options, frequency=LogUniform(low, high))
+        near = replace(baselines, options=options)
         classes = [near.hypothesis(carrier, (place,), f"{place.name}, {label}") for place in places]
-        tried = [ToScreen(each, alone) for each in classes]
-        screened = screen_all(tried, ranking.seed, run, EFFORTS.quick)
-        heights = np.array([each.log_evidence for each in screened])
+        screened = _screened(classes, alone, ranking.seed, run)
         share = prior.probability_below(high) - prior.probability_below(low)
-        log_odds = float(logsumexp(heights)) - math.log(len(heights) / share) - alone.log_evidence
-        changed = dict(_changed(posterior, best, classes, screened, softmax(heights)))
-        found.append(Hidden(label, log_odds, 0.0, changed))
-    total = float(logsumexp([0.0, *(each.log_odds for each in found)]))
-    said = [each._replace(probability=math.exp(each.log_odds - total)) for each in found]
-    return sorted((each for each in said if each.changed), key=lambda each: -_largest(each))
+        log_odds.append(_nats(screened, alone) + math.log(share))
+        changed[label] = _changed(posterior, best, classes, screened)
+    found = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())
+    return sorted(
+        (each for each in found if each.changed),
+        key=lambda each: -max(map(_change, each.changed.values())),
+    )
 
 
-def _largest(hidden: Hidden) -> float:
-    return max(abs(after[1] / before - 1.0) for before, after in hidden.changed.values())
+def _change(of: tuple[float, Quantiles]) -> float:
+    before, (_, after, _) = of
+    return abs(after / before - 1.0)
 
 
 def _changed(
@@ -122,44 +109,55 @@ def _changed(
     best: ModelClass,
     classes: Sequence[ModelClass],
     screened: Sequence[Screened],
-    shares: Any,
-) -> list[tuple[str, tuple[float, Quantiles]]]:
+) -> dict[str, tuple[float, Quantiles]]:
     """The parameters of the structure whose medians would leave their own 90 % intervals."""
+    pairs = list(zip(classes, screened, strict=True))
+    shares = softmax([each.log_evidence for each in screened])
     weights = np.concatenate([s * each.weights for s, each in zip(shares, screened, strict=True)])
-    values = [made.values(each.z) for made, each in zip(classes, screened, strict=True)]
     own = {parameter.name for parameter in best.structural_parameters}
     changed = []
     for row in posterior.summary:
         if row.name in own:
-            columns = [made.parameter_names.index(row.name) for made in classes]
-            draws = np.concatenate([v[:, i] for v, i in zip(values, columns, strict=True)])
-            after = weighted_quantiles(draws, weights)
+            draws = [
+                made.values(one.z)[:, made.parameter_names.index(row.name)] for made, one in pairs
+            ]
+            after = weighted_quantiles(np.concatenate(draws), weights)
             if not row.quantile_05 <= after[1] <= row.quantile_95:
                 changed.append((row.name, (row.median, after)))
-    return sorted(changed, key=lambda one: -abs(one[1][1][1] / one[1][0] - 1.0))
+    return dict(sorted(changed, key=lambda one: -_change(one[1])))
 
 
 def _places_near(
     baselines: Baselines, best: ModelClass, posterior: Posterior
-) -> dict[str, list[AppendagePlace]]:
-    """Label of an explained mode → the places that move most in it, the given masses first."""
-    places = baselines.features[best.name]
+) -> dict[str, tuple[float, list[AppendagePlace]]]:
+    """Label of an explained mode → its frequency, and the places that move most in it."""
+    places = baselines.appendages(best.name)
     ends = [end for place in places for end in place.candidate.ends]
-    first = np.cumsum([0, *(len(place.candidate.ends) for place in places)])[:-1]
-    near: dict[str, list[AppendagePlace]] = {}
+    n_ends = [len(place.candidate.ends) for place in places]
+    near: dict[str, tuple[float, list[AppendagePlace]]] = {}
     medians = {row.name: row.median for row in posterior.summary}
-    for test in baselines.tests(best):
+    for test, modes in zip(best.configurations, posterior.configurations, strict=True):
         values = np.array([[medians[p.name] for p in test.structure.parameters]])
         moved = test.structure.place_shapes(ends, values)
         if moved is None:
             continue
-        (modes,) = (each for each in posterior.configurations if each.name == test.name)
         for label, number in modes.pairing.items():
-            motions = np.abs(np.add.reduceat(moved[:, number - 1], first))
-            motions /= [len(place.candidate.ends) for place in places]
-            order = sorted(range(len(places)), key=lambda i: -motions[i])
-            near.setdefault(label, [places[i] for i in order[:PLACES_NEAR_A_MODE]])
+            sums = np.add.reduceat(moved[:, number - 1], np.cumsum([0, *n_ends[:-1]]))
+            most = np.argsort(-np.abs(sums / n_ends), kind="stable")[:PLACES_NEAR_A_MODE]
+            near.setdefault(label, (test.data.mode(label).frequency_hz, [places[i] for i in most]))
     return near
+
+
+def _best(ranking: Ranking) -> tuple[ModelClass, Posterior]:
+    name = ranking.comparison.best.name
+    best = next(each for each in ranking.study.model_classes if each.name == name)
+    return best, next(each for each in ranking.posteriors if each.name == name)
+
+
+def _screened(
+    classes: Sequence[ModelClass], simpler: Screened | None, seed: int, run: Run
+) -> list[Screened]:
+    return screen_all([ToScreen(each, simpler) for each in classes], seed, run, EFFORTS.quick)
 
 
 def _alone(
@@ -167,16 +165,19 @@ def _alone(
 ) -> tuple[Screened, ModelClass]:
     """The class without an appendage, screened, and what appendages are hung on."""
     carrier = baselines.projected(best.name, prior_draws)
-    none = ToScreen(baselines.hypothesis(carrier, (), best.name), None)
-    (alone,) = screen_all([none], seed, run, EFFORTS.quick)
+    (alone,) = _screened([baselines.hypothesis(carrier, (), best.name)], None, seed, run)
     return alone, baselines.projected(best.name, alone.wide_draws)
+
+
+def _nats(ones: Sequence[Screened], alone: Screened) -> float:
+    """By which one appendage, at any of several places, is more probable than none."""
+    heights = [each.log_evidence for each in ones]
+    return float(logsumexp(heights)) - math.log(len(heights)) - alone.log_evidence
 
 
 def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
     """Why a mode that the best class takes for spurious looks like one of a pair."""
-    study = ranking.study
-    best = next(each for each in study.model_classes if each.name == ranking.comparison.best.name)
-    posterior = next(each for each in ranking.posteriors if each.name == best.name)
+    best, posterior = _best(ranking)
     spurious = [
         (test.data, modes.name, [each for each in test.data.labels if each not in modes.pairing])
         for test, modes in zip(best.configurations, posterior.configurations, strict=True)
@@ -191,14 +192,19 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
         else ""
     )
     try:
-        baselines = choose_baselines(Study(study.name, [best]))
+        baselines = choose_baselines(Study(best.name, [best]))
     except ValueError:  # nothing can be hung on it
         return looks
-    if not is_cheap(best) or len(baselines.features[best.name]) > MOST_PLACES_FOR_A_WARNING:
+    places = baselines.appendages(best.name)
+    if not is_cheap(best) or len(places) > MOST_PLACES_FOR_A_WARNING:
         return looks and f"{looks}{ASK}"
-    nats, where = _screened(baselines, best, ranking.seed, run)
+    alone, carrier = _alone(baselines, best, ranking.seed, run)
+    classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
+    screened = _screened(classes, alone, ranking.seed, run)
+    nats = _nats(screened, alone)
     if nats <= 0.0:
         return ""
+    where = places[int(np.argmax([each.log_evidence for each in screened]))].description
     left = ", ".join(label_in(name, repr(one)) for _, name, labels in spurious for one in labels)
     looks = looks or f"{best.name!r} takes {left} for spurious"
     return (
@@ -222,17 +228,6 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
         two = f"{low.label!r} and {high.label!r} ({100.0 * gap:.0f} % apart{shapes})"
         pairs.append(label_in(name, two))
     return pairs
-
-
-def _screened(baselines: Baselines, best: ModelClass, seed: int, run: Run) -> tuple[float, str]:
-    """Nats by which one appendage anywhere is more probable than none, and the best place."""
-    places = baselines.features[best.name]
-    alone, carrier = _alone(baselines, best, seed, run)
-    classes = [baselines.hypothesis(carrier, (place,), place.name) for place in places]
-    ones = [ToScreen(made, alone) for made in classes]
-    evidences = np.array([each.log_evidence for each in screen_all(ones, seed, run, EFFORTS.quick)])
-    nats = float(logsumexp(evidences)) - math.log(len(places)) - alone.log_evidence
-    return nats, places[int(evidences.argmax())].description
 
 
 def _times(nats: float) -> str:

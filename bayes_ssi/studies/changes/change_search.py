@@ -25,7 +25,7 @@ from bayes_ssi.studies.changes.changes_family import (
     risen,
 )
 from bayes_ssi.studies.changes.kinds_of_change import ElementPlace, KindOfChange
-from bayes_ssi.studies.changes.visible_loss import SHOWN, visibilities
+from bayes_ssi.studies.changes.visible_loss import SHOWN, smallest_losses
 from bayes_ssi.studies.ranking.comparison import BARE_MENTION
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import FeaturePlace
@@ -90,9 +90,9 @@ def change_findings(
         return record
     unchanged = [each for each in found.hypotheses if not each.key.features]
     likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
-    seen = visibilities(family, likeliest, seed, run)
+    seen = smallest_losses(family, likeliest, seed, run)
     places = tuple(
-        replace(each, smallest_visible=seen[each.place].smallest)
+        replace(each, smallest_visible=seen[each.place])
         if each.is_observed and each.place in seen
         else each
         for each in record.places

@@ -9,10 +9,9 @@ line through its root says where nine in ten are above the odds that count as sh
 import math
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
@@ -43,45 +42,32 @@ MOST_LOST = 0.98  # in simulations; what is left still stands
 LARGEST_LOSS = 0.95  # losses beyond are no answer
 
 
-class Visibility(NamedTuple):
-    """How surely a loss at a place would be shown: a line, and the scatter about it.
+def smallest_loss(
+    losses: FloatArray, log_odds: FloatArray, needed: float, floor: float
+) -> float | None:
+    """The smallest loss that would be shown as surely as wanted; None if none would.
 
     Log odds of a change rise with the square of its loss, so that the root of what is above a floor
-    is ``level + slope · loss``, about which it scatters equally everywhere.
+    is a line in the loss, about which it scatters equally everywhere.
+
+    Args:
+        losses: (n,), of simulations, and ``log_odds`` (n,) in them.
+        needed: log odds from which on a change counts as shown.
     """
-
-    slope: float
-    level: float
-    scatter: float
-    needed: float  # the root from which on a change counts as shown
-
-    @classmethod
-    def fitted(
-        cls, losses: FloatArray, log_odds: FloatArray, needed: float, floor: float
-    ) -> "Visibility":
-        """To simulations: ``losses`` and ``log_odds`` (n,), and the log odds that are needed."""
-        roots = np.sqrt(np.maximum(log_odds - floor, 0.0))
-        slope, level = np.polyfit(losses, roots, 1)
-        scatter = float((roots - slope * losses - level).std(ddof=2))
-        return cls(float(slope), float(level), scatter, math.sqrt(needed - floor))
-
-    def probability(self, loss: float) -> float:
-        return float(ndtr((self.level + self.slope * loss - self.needed) / self.scatter))
-
-    @property
-    def smallest(self) -> float | None:
-        """The smallest loss that would be shown as surely as wanted; None if none would."""
-        if self.slope <= 0.0:
-            return None
-        wanted = self.needed + float(ndtri(SHARE_OF_TESTS)) * self.scatter
-        found = (wanted - self.level) / self.slope
-        return found if found <= LARGEST_LOSS else None
+    roots = np.sqrt(np.maximum(log_odds - floor, 0.0))
+    slope, level = np.polyfit(losses, roots, 1)
+    if slope <= 0.0:
+        return None
+    scatter = float((roots - slope * losses - level).std(ddof=2))
+    wanted = math.sqrt(needed - floor) + float(ndtri(SHARE_OF_TESTS)) * scatter
+    smallest = float((wanted - level) / slope)
+    return smallest if smallest <= LARGEST_LOSS else None
 
 
-def visibilities(
+def smallest_losses(
     family: Changes, nothing: Hypothesis[KindOfChange], seed: int, run: Run
-) -> dict[KindOfChange, Visibility]:
-    """Place → how surely a loss of all its parameters would be shown.
+) -> dict[KindOfChange, float | None]:
+    """Place → the smallest loss of all its parameters that would be shown; None if none would.
 
     Args:
         nothing: the hypothesis that nothing changed.
@@ -95,7 +81,7 @@ def visibilities(
     classes = [family.hypothesis(unchanged, (place,), place.name) for place in places]
     one, none = (family.prior_weight(baseline, number) for number in (1, 0))
     needed = math.log(ODDS_SHOWN * none / one)
-    of_place = partial(_visibility, unchanged=unchanged, z=z, needed=needed, seed=seed)
+    of_place = partial(_smallest_loss, unchanged=unchanged, z=z, needed=needed, seed=seed)
     what = f"{n * len(places)} tests simulated"
     run.report("smallest visible losses", what, 0.0)
     found = each_in_workers(of_place, classes, run)
@@ -103,9 +89,9 @@ def visibilities(
     return dict(zip(places, found, strict=True))
 
 
-def _visibility(
+def _smallest_loss(
     changed: ModelClass, unchanged: ModelClass, z: FloatArray, needed: float, seed: int
-) -> Visibility:
+) -> float | None:
     """From losses of all sizes, then about where log odds pass what is needed, then the answer."""
     covariances: dict[str, FloatArray] = {}
 
@@ -129,9 +115,9 @@ def _visibility(
         near = np.minimum(near, MOST_LOST)
         odds = np.append(odds, log_odds(near, len(first) + len(losses)))
         losses = np.append(losses, near)
-        visibility = Visibility.fitted(losses, odds, needed, floor)
-        (low, high), passed = SECOND_ROUND, visibility.smallest or LARGEST_LOSS
-    return visibility
+        smallest = smallest_loss(losses, odds, needed, floor)
+        (low, high), passed = SECOND_ROUND, smallest or LARGEST_LOSS
+    return smallest
 
 
 def log_bayes_factor(

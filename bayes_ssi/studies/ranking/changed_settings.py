@@ -14,7 +14,7 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import systematic_indices
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy, inadequacy_in_words
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import N_DRAWS
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -295,7 +295,7 @@ def _adequacy(answer: Varied) -> Adequacy:
     """The adequacy of the changed class, from draws resampled by their weights."""
     changed = answer.changed
     rng = np.random.default_rng(0)
-    values = answer.values[systematic_indices(answer.weights, CRITICISM.n_draws, rng)]
+    values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
     modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]
     return adequacy(changed, values, modes, rng)
 

@@ -159,10 +159,6 @@ def is_cheap(candidate: ModelClass) -> bool:
 KNOWN_PACKAGES = {"bayes_ssi", "numpy", "scipy", *sys.stdlib_module_names}
 
 
-class _UserCodeError(Exception):
-    """A function or a class is of another package, a study file, or a notebook."""
-
-
 def holds_user_code(what: object) -> bool:
     """Whether ``what`` holds functions, or objects of classes, that a user wrote or imported.
 
@@ -175,7 +171,7 @@ def holds_user_code(what: object) -> bool:
         def reducer_override(self, item: Any) -> Any:
             kind = item if isinstance(item, type | FunctionType) else type(item)
             if kind.__module__.partition(".")[0] not in KNOWN_PACKAGES:
-                raise _UserCodeError
+                raise TypeError(f"{kind.__module__} is a user's own")
             return super().reducer_override(item)
 
     try:

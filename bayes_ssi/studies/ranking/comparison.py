@@ -272,8 +272,8 @@ def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
     """How large a region no search may have seen, and what it can do to the ranking at most."""
     share = 100.0 * max(each.largest_unseen_mass for each in ranked)
     words = (
-        "Unseen: with a probability of 5 %, no prior draw of a class's searches hits a region of "
-        f"{share:.2g} % of its prior; smaller ones are found where slopes or residuals lead there."
+        "Not excluded: another solution that fills less than "
+        f"{share:.2g} % of the prior of a class's parameters, if no search was led to it."
     )
     masses, highest = [], []
     for each in ranked:
@@ -282,11 +282,12 @@ def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
         own, log_weight = each.evidence.log_evidence, math.log(weights[each.name])
         masses.append(log_weight + own)
         highest.append(log_weight + float(np.logaddexp(own, each.most_unseen_evidence)))
+    n_others = len(ranked) - 1
     n_reaching = sum(mass >= masses[0] for mass in highest[1:])
     return (
-        f"{words} If all data agreed exactly there, the log evidence of the best class would rise "
-        f"by {highest[0] - masses[0]:.2g} nats at most; {n_reaching} of {len(ranked) - 1} other "
-        "classes could reach that of the best."
+        f"{words} Even if it fitted all data exactly, the log evidence of the best class would "
+        f"rise by {highest[0] - masses[0]:.2g} nats at most"
+        f"{f', and {n_reaching} of {n_others} other classes would reach it' if n_others else ''}."
     )
 
 
@@ -340,7 +341,9 @@ def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> I
     others = "No other class explains them" if len(ranked) > 1 else ""
     if adequate:
         others = f"Only less probable classes explain them ({', '.join(map(repr, adequate))})"
-    yield Check("misfit", inadequacy_in_words(best, others), model_class=ranked[0])
+    (own,) = (each.configurations for each in posteriors if each.name == ranked[0])
+    is_given = any(test.inferred_pairing is None for test in own)
+    yield Check("misfit", inadequacy_in_words(best, others, is_given), model_class=ranked[0])
 
 
 def failed_sampling(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, joined
 from bayes_ssi.inference.criticism.adequacy import Hint, adequacy
-from bayes_ssi.inference.criticism.misfit import CRITICISM
+from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -234,7 +234,7 @@ def diagnose(
         repairs_of_frequencies(model_class),
         list(repair_of_pairing(model_class)),
     ]
-    least_gain = math.log(sum(map(len, kinds)) / CRITICISM.limit)
+    least_gain = math.log(sum(map(len, kinds)) / INADEQUATE)
 
     def convincing(repairs: Sequence[Repair]) -> list[Hint]:
         scored = [(each, _log_posteriors(each, points)) for each in repairs]
@@ -249,7 +249,7 @@ def diagnose(
     if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
         hints = convincing(list(common_factor(model_class)))
     hints.sort(key=lambda hint: -hint.gain)
-    return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(CRITICISM.limit))
+    return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(INADEQUATE))
 
 
 def with_hints(
@@ -272,7 +272,7 @@ def with_hints(
             break
         hints = diagnose(candidate, posterior, None if is_cheap(candidate) else workers)
         if hints and row is not comparison.best:
-            then = f"; then {row.name!r} explains the data"
+            then = f"; {row.name!r} would then explain the data"
             hints = tuple(replace(hint, mistake=hint.mistake + then) for hint in hints)
         if hints or posterior.adequacy.is_adequate:
             break

@@ -28,10 +28,9 @@ class FeaturePlace:
     """Where a hypothesis puts a feature, and what it is there; its kinds are frozen dataclasses."""
 
     record_tag = "kind"  # where a stored record names the kind
-    # How drawings show it: a legend, a marker, and whether it is outside of the building.
+    # How drawings show it: a legend and a marker.
     title: ClassVar[str]
     marker: ClassVar[str] = "s"
-    is_outside: ClassVar[bool] = False
 
     if TYPE_CHECKING:  # a property or a field, which must not hide one another
 
@@ -46,13 +45,8 @@ class FeaturePlace:
 
     @property
     def is_common(self) -> bool:
-        """Whether it is what all places have in common, which counts as no feature."""
+        """Whether it counts as no feature: what all places have in common, or is beside them."""
         return False
-
-    @property
-    def height(self) -> float | None:
-        """In storeys above the ground, where that is known."""
-        return None
 
     @property
     def coordinates(self) -> Point | None:
@@ -223,12 +217,15 @@ class Family(ABC, Generic[Feature]):
         ]
         return replace(self, study=replace(self.study, model_classes=quick))
 
-    def prior_weight(self, baseline: str, number: int) -> float:
-        """That of a hypothesis with a number of features."""
+    def prior_weight(self, baseline: str, number: int, n_common: int = 0) -> float:
+        """That of a hypothesis with a number of features, some of which are common ones."""
         weights = self.study.prior_weights or dict.fromkeys(self.study.names, 1.0)
-        share = self.options.number_weights[number]
-        share /= math.comb(len(self.features[baseline]), number)
+        share = self.options.number_weights[number] / self.n_ways(baseline, number, n_common)
         return weights[baseline] / sum(weights.values()) * share
+
+    def n_ways(self, baseline: str, number: int, n_common: int) -> float:  # noqa: ARG002
+        """Equally probable ones to choose that many features, which share a weight."""
+        return math.comb(len(self.features[baseline]), number)
 
     def projected(self, baseline: str, draws: Draws) -> ModelClass:
         """A baseline with its reduced structures in a small basis for draws, not certified."""

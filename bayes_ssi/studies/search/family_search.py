@@ -155,7 +155,9 @@ def screened_hypotheses(
             ToScreen(made, _simpler(key, hypotheses))
             for key, made in zip(keys, classes, strict=True)
         ]
-        weights = [family.prior_weight(key.baseline, len(key.features)) for key in keys]
+        weights = [
+            family.prior_weight(key.baseline, len(key.features), n_common(key)) for key in keys
+        ]
         masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
         fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
         n_features = len(keys[0].features)
@@ -169,6 +171,10 @@ def screened_hypotheses(
                 carriers[key.baseline] = family.projected(key.baseline, draws)
         levels.append(_next_level(family, hypotheses, len(levels)))
     return hypotheses, levels
+
+
+def n_common(key: Key[Feature]) -> int:
+    return sum(feature.is_common for feature in key.features)
 
 
 def _simpler(
@@ -236,11 +242,13 @@ def _expected_log_masses(
     features = family.features[name]
     alone = np.array([heights[Key(name, (feature,))] for feature in features])
     gains = alone - heights[Key(name, ())]
-    log_weight = math.log(family.prior_weight(name, n)) - known
+    is_common = np.array([feature.is_common for feature in features], dtype=np.intp)
     expected = {}
     for parent, height in heights.items():
         if parent.baseline == name and len(parent.features) == n - 1:
-            expected[parent] = height + gains + log_weight
+            ways = [n_common(parent) + more for more in range(1 + is_common.max())]
+            log_weights = np.log([family.prior_weight(name, n, each) for each in ways])
+            expected[parent] = height + gains + log_weights[is_common] - known
             expected[parent][[features.index(feature) for feature in parent.features]] = -math.inf
     return expected
 

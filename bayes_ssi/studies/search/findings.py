@@ -64,9 +64,13 @@ class HypothesisRecord:
     features: tuple[Finding, ...]  # what it adds to its baseline
 
     @property
+    def claimed(self) -> tuple[Finding, ...]:
+        """Its features besides common ones."""
+        return tuple(each for each in self.features if not each.place.is_common)
+
+    @property
     def claims_any(self) -> bool:
-        """Whether it has a feature besides what all places have in common."""
-        return any(not each.place.is_common for each in self.features)
+        return bool(self.claimed)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -122,12 +126,6 @@ class FamilyRecord(Displayed):
     def best_with_features(self) -> HypothesisRecord | None:
         """The most probable hypothesis that claims any; None if none was tried."""
         return next((each for each in self.hypotheses if each.claims_any), None)
-
-    @property
-    def credible_places(self) -> tuple[Finding, ...]:
-        """The fewest places with 95 % of the probability, summed over all; the first first."""
-        ordered = self.places_by_probability
-        return credible(ordered, [each.probability for each in ordered])
 
     @property
     def n_unsampled(self) -> int:

@@ -234,13 +234,13 @@ def screen_best(
 
     most = n if n_features == 1 else efforts.most_several
     results: dict[int, Screened]
-    if len(looks := looks_at(hypotheses, seed, run)) == n:
-        bounds = log_weights + [looks[i].greatest for i in range(n)]
+    if looks := looks_at(hypotheses, seed, run):
+        bounds = log_weights + [looks[i].greatest if i in looks else math.inf for i in range(n)]
         results = going_on(bounds, efforts.quick, most, efforts.most_full)
-        gaps = [looks[i].greatest - each.log_evidence for i, each in results.items()]
-        gap = float(np.median(gaps))
+        gaps = [looks[i].greatest - each.log_evidence for i, each in results.items() if i in looks]
+        gap = float(np.median(gaps)) if gaps else 0.0
         names = [each.model_class.parameter_names for each in hypotheses]
-        results = {i: looks[i].as_screened(names[i], gap) for i in range(n)} | results
+        results = {i: look.as_screened(names[i], gap) for i, look in looks.items()} | results
     elif n > most:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.scan)))
         results |= going_on(log_masses(results), efforts.quick, most)
