@@ -9,7 +9,6 @@ import csv
 import io
 import json
 import os
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths
+from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths, next_commands
 from bayes_ssi.commands.options import (
     PATH,
     flag,
@@ -33,11 +32,7 @@ from bayes_ssi.foundations.text_files import file_names
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-    from bayes_ssi.structures.solver_files.parameter_matrices import (
-        MatrixTerm,
-        ParameterMatrices,
-        Powers,
-    )
+    from bayes_ssi.structures.solver_files.parameter_matrices import ParameterMatrices, Powers
 
 
 @click.command("import")
@@ -85,24 +80,12 @@ if TYPE_CHECKING:
     "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
 )
 def import_model(
-    name: Path,
-    nominal: str | None,
-    runs: Path | None,
-    properties: str | None,
-    design: int | None,
-    changed: tuple[str, ...],
-    checks: tuple[str, ...],
-    keys: str | None,
-    labels: Path | None,
-    number_rows: bool,
-    files: tuple[str, ...],
-    sensors: tuple[str, ...],
-    points: Path | None,
-    points_scale: float,
-    band: tuple[float, float] | None,
-    units: str | None,
-    mass_kg: float | None,
-) -> None:
+    name: Path, nominal: str | None, runs: Path | None, properties: str | None,
+    design: int | None, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
+    labels: Path | None, number_rows: bool, files: tuple[str, ...], sensors: tuple[str, ...],
+    points: Path | None, points_scale: float, band: tuple[float, float] | None,
+    units: str | None, mass_kg: float | None,
+) -> None:  # fmt: skip
     """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
 
     Stiffness and mass become sums of matrices times powers of factors of the altered properties,
@@ -165,12 +148,7 @@ def import_model(
         *said,
         f"Wrote {study} and its matrices.{to_come}",
         "Next:",
-        *(
-            f"  {shlex.join(['bayes-ssi', 'check', str(file)])}"
-            for file in data.values()
-            if band is None
-        ),
-        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+        *next_commands(study, *(data.values() if band is None else ())),
     )
 
 
@@ -209,7 +187,7 @@ def _from_runs(
     return [
         f"{n} runs of {', '.join(made['runs'])}: {m} modes at {len(made['sensors'])} sensors.",
         f"Wrote {study}. Next:",
-        f"  {shlex.join(['bayes-ssi', 'rank', str(study)])}",
+        *next_commands(study),
     ]
 
 
@@ -266,20 +244,15 @@ def _formulas(matrices: ParameterMatrices) -> list[str]:
 
 
 def _shown(symbol: str, powers: Powers) -> str:
-    if not powers:
-        return f"{symbol}_0"
-    factors = " ".join(name if e == 1 else f"{name}^{e}" for name, e in powers)
+    factors = "".join(f"{name} " if e == 1 else f"{name}^{e} " for name, e in powers)
     names = "_".join(name if e == 1 else f"{name}{e}" for name, e in powers)
-    return f"{factors} {symbol}_{names}"
+    return f"{factors}{symbol}_{names or 0}"
 
 
 def _sensors(
-    model: ExportedModel,
-    tests: Sequence[ModalData],
-    labels: Mapping[str, str],
-    points_file: Path | None,
-    scale: float,
-) -> tuple[dict[str, str], list[str]]:
+    model: ExportedModel, tests: Sequence[ModalData], labels: Mapping[str, str],
+    points_file: Path | None, scale: float,
+) -> tuple[dict[str, str], list[str]]:  # fmt: skip
     """Sensors of the data, or those given where there are no data yet.
 
     Sensor → label of the degree of freedom that it measures; and what is to be said of them.
@@ -299,23 +272,18 @@ def _sensors(
         )
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
     points = () if points_file is None else read_sensor_points(points_file, measured)
-    names = list(measured or {**{point.name: "" for point in points}, **labels})
+    names = list(measured or dict.fromkeys([*(point.name for point in points), *labels]))
 
     def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
         return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
 
     def places(axes: Axes) -> dict[str, str]:
-        found = {}
-        near = nearest(axes)
+        labelled = {name: label for name, (label, _) in nearest(axes).items()}
         for name in names:
-            label = labels.get(name, name)
-            node, _, direction = label.rpartition(" ")
-            if name in near and name not in labels:
-                label, _ = near[name]
-            elif direction in axes:
-                label = f"{node} {axes[direction]}"
-            found[name] = label
-        return found
+            if name in labels or name not in labelled:
+                node, _, direction = labels.get(name, name).rpartition(" ")
+                labelled[name] = f"{node} {axes.get(direction, direction)}".lstrip()
+        return {name: labelled[name] for name in names}
 
     as_stated = places(SAME_AXES)
     for name, label in as_stated.items():
@@ -338,18 +306,25 @@ LABELS = "labels.txt"
 
 
 def _write_study(
-    study: Path,
-    folder: Path,
-    matrices: ParameterMatrices,
-    tests: Mapping[str, str],
+    study: Path, folder: Path, matrices: ParameterMatrices, tests: Mapping[str, str],
     places: Mapping[str, str],
-) -> None:
+) -> None:  # fmt: skip
     """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
+    import scipy.sparse as sp
+
     from bayes_ssi.results.result_files import new_directory
     from bayes_ssi.structures.modal import BATCHED_UP_TO
 
-    files = file_names(_named(matrices), "npz")
-    terms = (*matrices.stiffness, *matrices.mass)
+    def name(symbol: str, powers: Powers) -> str:
+        return "_".join([symbol, *(name if e == 1 else f"{name}_{e}" for name, e in powers)])
+
+    of_symbols = {"K": matrices.stiffness, "M": matrices.mass}
+    terms = {name(symbol, t.powers): t for symbol, of in of_symbols.items() for t in of}
+    files = file_names(terms, "npz")
+    stated = {
+        symbol: [(term.powers, files[name(symbol, term.powers)]) for term in of]
+        for symbol, of in of_symbols.items()
+    }
     model = matrices.nominal
     in_si = model.units == "N, m, kg"
     text = _rendered(
@@ -358,42 +333,25 @@ def _write_study(
         folder=folder.name,
         tests=tests,
         sensors={name: label for name, label in places.items() if name != label},
-        properties=list(dict.fromkeys(name for term in terms for name, _ in term.powers)),
-        stiffness=[(term.powers, files[_name("K", term)]) for term in matrices.stiffness],
-        mass=[(term.powers, files[_name("M", term)]) for term in matrices.mass],
+        properties=list(dict.fromkeys(n for term in terms.values() for n, _ in term.powers)),
+        stiffness=stated["K"],
+        mass=stated["M"],
         unit="m" if in_si else "",
         mass_unit="kg" if in_si else "",
         is_large=model.size > BATCHED_UP_TO,
     )
     with new_directory(folder, marker=LABELS) as partial:
-        _write_matrices(partial, matrices, files)
+        for one, term in terms.items():
+            sp.save_npz(partial / files[one], term.matrix)
+        labels = "\n".join([*(model.labels or ()), ""])
+        (partial / LABELS).write_text(labels, encoding="utf-8")
+        if (geometry := model.geometry) is not None:
+            nodes = ([node, *map(repr, at)] for node, at in geometry.nodes.items())
+            _write_csv(partial / "nodes.csv", nodes)
+            _write_csv(partial / "lines.csv", geometry.lines)
+            _write_csv(partial / "faces.csv", geometry.faces)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
-
-
-def _named(matrices: ParameterMatrices) -> dict[str, MatrixTerm]:
-    """Every term of stiffness and mass by a name, from which that of its file is made."""
-    terms = [("K", term) for term in matrices.stiffness] + [("M", term) for term in matrices.mass]
-    return {_name(symbol, term): term for symbol, term in terms}
-
-
-def _name(symbol: str, term: MatrixTerm) -> str:
-    parts = (name if exponent == 1 else f"{name}_{exponent}" for name, exponent in term.powers)
-    return "_".join([symbol, *parts])
-
-
-def _write_matrices(folder: Path, matrices: ParameterMatrices, files: Mapping[str, str]) -> None:
-    import scipy.sparse as sp
-
-    for name, term in _named(matrices).items():
-        sp.save_npz(folder / files[name], term.matrix)
-    model = matrices.nominal
-    (folder / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
-    if model.geometry is not None:
-        nodes = ([node, *map(repr, at)] for node, at in model.geometry.nodes.items())
-        _write_csv(folder / "nodes.csv", nodes)
-        _write_csv(folder / "lines.csv", model.geometry.lines)
-        _write_csv(folder / "faces.csv", model.geometry.faces)
 
 
 def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
@@ -406,12 +364,9 @@ def _rendered(template: str, **values: Any) -> str:
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+        loader=jinja2.FileSystemLoader(TEMPLATES), undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     environment.filters |= {"quoted": _quoted, "docstring": in_a_docstring}
     return environment.get_template(template).render(command=command_line(), **values)
 

@@ -24,7 +24,9 @@ def array_names(path: Path) -> tuple[str, ...]:
             import h5py
 
             with h5py.File(path, "r") as opened:
-                return tuple(name for name, _ in _items(opened))
+                # Cells hold texts, or arrays of which each has a size of its own.
+                is_cell = {name: hasattr(i, "dtype") and i.dtype == "O" for name, i in _items(opened)}
+                return tuple(name for name in is_cell if not is_cell[name])
         return tuple(name for name, *_ in whosmat(path))
 
 

@@ -1,26 +1,9 @@
 """Columns of samples in text, as spreadsheets, loggers and other programs write them.
 
-::
-
-    # rate_hz, 50
-    # quantity, acceleration
-    # unit, m/s2
-    floor 1, floor 2, floor 3
-    0.012, -0.003, 0.008
-    0.010, -0.001, 0.011
-
-Lines that start with ``#`` may hold the keys ``rate_hz`` or ``dt_s``, ``quantity`` and ``unit``.
-Rows of numbers begin somewhere below them; other text may stand above, and ``Sampling rate: 20 Hz``
-in it counts. Right above the numbers are the names of the columns, and perhaps a row of units. A
-unit of motion behind a name, ``roof (mg)``, is that of the samples. Columns are separated by
-semicolons, tabs, commas or spaces, or as a first line ``sep=;`` says, with decimal points or
-commas. Empty cells and ``NaN`` were not measured.
-
-No sensor is a column of instants: one of dates and times of day (ISO, ``12.05.2024 10:00:00,05``,
-``05/12/2024 10:00:00.05 AM``; perhaps in two columns); one that is named as time, in s unless the
-name has a unit (``Time [ms]``, ``t_us``), seconds since 1970 and finer units by their size; one
-that is named as a count; and a first column that rises by equal steps. Where instants are missing,
-so are the samples.
+Rows of numbers begin below lines that start with ``#`` and may hold the keys ``rate_hz`` or
+``dt_s``, ``quantity`` and ``unit``; below other text, in which ``Sampling rate: 20 Hz`` counts; and
+right below the names of the columns, and perhaps a row of units. The guide's chapter on vibration
+records says how columns of instants are recognised, and what is refused.
 """
 
 import csv
@@ -181,10 +164,11 @@ def _statements(layout: _Layout) -> dict[str, str]:
     for number, line in enumerate(layout.lines[: layout.first], 1):
         if (match := STATEMENT.match(line) or STATED_RATE.match(line)) is None:
             continue
-        key, value = match.groups() if match.re is STATEMENT else ("rate_hz", match[1])
-        value = value.replace(",", ".") if key in ("rate_hz", "dt_s") else value
-        if stated.setdefault(key, value) != value:
-            raise ValueError(f"line {number}: {key} is {stated[key]}, and now {value}")
+        *key, value = match.groups()
+        name = key[0] if key else "rate_hz"
+        value = value.replace(",", ".") if name in ("rate_hz", "dt_s") else value
+        if stated.setdefault(name, value) != value:
+            raise ValueError(f"line {number}: {name} is {stated[name]}, and now {value}")
     return stated
 
 
