@@ -40,6 +40,8 @@ def compare(case: Case, found: bs.ModalIdentification) -> dict:
         pulls.append(float(np.log(f / case.frequencies_hz[best]) / mode.frequency_cov))
         zeta = mode.damping
         pulls_z.append(float(np.log(zeta / case.dampings[best]) * zeta / mode.damping_sd))
+        if mode.shape_sd is None:  # of one sensor
+            continue
         cosine = shapes[:, i] @ case.shapes[:, best]
         apart = shapes[:, i] * np.sign(cosine) - case.shapes[:, best]
         n = len(apart)
