@@ -10,6 +10,7 @@ import math
 import os
 import pickle
 import signal
+from collections import defaultdict
 from functools import partial
 
 import numpy as np
@@ -24,7 +25,6 @@ from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, Upd
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.executors import LocalWorkers
-from bayes_ssi.report.report_figures import ReportFigures
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
 
@@ -353,11 +353,8 @@ def no_figures(monkeypatch):
 @pytest.fixture
 def no_drawings(monkeypatch):
     """Reports and predictions without their figures, which take longest."""
-
-    def none(stored, *_):
-        return ReportFigures(tests={name: [] for name in stored.tests})
-
-    monkeypatch.setattr("bayes_ssi.report.report_figures.draw_figures", none)
+    none = defaultdict(list)
+    monkeypatch.setattr("bayes_ssi.report.report_figures.draw_figures", lambda *_: none)
     monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", lambda *_: [])
 
 

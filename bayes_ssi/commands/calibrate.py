@@ -101,16 +101,12 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
 
 
 def _show(group: list[Calibration]) -> None:
-    from bayes_ssi.report.tables.calibration_tables import (
-        calibration_modes_table,
-        calibration_table,
-        determination_tables,
-    )
+    from bayes_ssi.report.tables import calibration_tables
 
     calibration, *others = group
-    terminal.show(calibration_table(calibration, [each.name for each in others]))
-    terminal.show(calibration_modes_table(calibration))
-    tables = determination_tables(calibration)
+    terminal.show(calibration_tables.calibration_table(calibration, [each.name for each in others]))
+    terminal.show(calibration_tables.calibration_modes_table(calibration))
+    tables = calibration_tables.determination_tables(calibration)
     terminal.show(*tables)
     if calibration.errors_are_correlated and tables:
         terminal.show(

@@ -43,13 +43,7 @@ def export(
     """
     import numpy as np
 
-    from bayes_ssi.results.predictions.nodal_modes import (
-        NoNodesError,
-        nodal_modes,
-        node_numbers,
-        write_modes_csv,
-        write_universal_file,
-    )
+    from bayes_ssi.results.predictions import nodal_modes
     from bayes_ssi.results.predictions.predictions import load_predictions
     from bayes_ssi.results.result_files import new_directory, require_new, write_csv
 
@@ -61,21 +55,27 @@ def export(
     structure = predicted.model_classes[chosen].configuration(predicted.configuration).structure
     likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0].tolist(), strict=True))
     own = np.array([likeliest[p.name] for p in structure.parameters])
-    modes, without = None, ""
-    try:
-        modes = nodal_modes(structure, own)
-    except NoNodesError as error:
-        without = f"(!) No modes at nodes are written: {error}."
+    modes = nodal_modes.nodal_modes(structure, own)
+    notes = [
+        "(!) No modes at nodes are written: no degree of freedom is labelled 'node direction', "
+        f"such as '12 x'; labels are {', '.join(map(repr, structure.degrees_of_freedom[:3]))}, …."
+    ]
     with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
         summaries = zip(posterior.summary, likeliest.values(), strict=True)
         rows = ([row.name, x, *columns(row, SUMMARY_COLUMNS).values()] for row, x in summaries)
         write_csv(partial / PARAMETERS, ["name", "most_probable", *SUMMARY_COLUMNS], rows)
         if modes is not None:
-            write_modes_csv(partial / "modes.csv", modes)
+            nodal_modes.write_modes_csv(partial / "modes.csv", modes)
             try:
-                write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
+                nodal_modes.write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
             except ValueError as error:
-                without = f"(!) modes.uff is not written: {error}."
+                notes = [f"(!) modes.uff is not written: {error}."]
+            else:
+                named = list(map(str, nodal_modes.node_numbers(modes))) == list(modes.nodes)
+                number = (
+                    "(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
+                )
+                notes = [] if named else [number]
     terminal.say(
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
@@ -83,7 +83,5 @@ def export(
         f"{directory}."
         if modes is not None
         else f"Wrote parameters to {directory}.",
-        *([without] if without else []),
+        *notes,
     )
-    if modes is not None and [str(number) for number in node_numbers(modes)] != list(modes.nodes):
-        terminal.say("(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1.")

@@ -32,7 +32,6 @@ MODE_FIELDS = (
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
-@options.renamed("--at", "--mode")
 @click.option(
     "--ground",
     metavar="SENSOR",
@@ -80,7 +79,7 @@ def identify(
     record = read_record(files, **stated)
     found = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
-    warnings = (record.selected(found.quoted.sensors) if found.ground else record).warnings()
+    warnings = [*found.said_of_sensors, *record.selected(found.quoted.sensors).warnings()]
     by_others: dict[str, ModalData | str] = {}
     if compare:
         by_others = other_methods.compared(record, found.quoted)
@@ -125,6 +124,7 @@ def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
         "method": found.method,
         "band_hz": found.band_hz,
         "sensors": found.quoted.sensors,
+        "sensors_left_out": dict(found.left_out),
         "modes": [columns(mode, MODE_FIELDS) for mode in found.quoted.modes],
         "covariance_of_log_frequencies_and_unit_shapes": found.quoted.covariance,
         "loads": found.loads,

@@ -138,7 +138,7 @@ class RunOptions:
                 yield Run(workers, checkpoint, progress)
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {terminal.command_line()}", err=True)
-            sys.exit(terminal.ExitCode.INTERRUPTED)
+            sys.exit(terminal.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
         from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
@@ -301,6 +301,8 @@ def _notes(result: StoredResult) -> list[str]:
 
     of_search = result.search is not None
     notes = comparison_notes(result.comparison, with_scales=not of_search)
+    for data in result.tests.values():
+        notes += [f"(!) {text}." for each in data.identifications for text in each.said_of_sensors]
     for posterior in result.ranked_posteriors[: 1 if of_search else None]:
         for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
             notes += [heading, *(f"  {item}" for item in items)]

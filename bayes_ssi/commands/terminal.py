@@ -16,7 +16,6 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
-from enum import IntEnum
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -26,14 +25,11 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 
-class ExitCode(IntEnum):
-    """How a command ends that does not succeed."""
-
-    OUTPUT_CLOSED = 1  # as rich has it
-    BAD_INPUT = 2
-    FAILED_CHECK = 3
-    INTERRUPTED = 130  # as shells have it: 128 + SIGINT
-
+# Exit codes of commands that do not succeed.
+OUTPUT_CLOSED = 1  # as rich has it
+BAD_INPUT = 2
+FAILED_CHECK = 3
+INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 
 META = "bayes_ssi"
 COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
@@ -77,20 +73,18 @@ class OneLineErrors(click.Group):
                 click.echo(nl=False)  # what is still in the buffer
         except BrokenPipeError:  # its reader, such as head, has seen enough
             _discard_standard_output()
-            sys.exit(ExitCode.OUTPUT_CLOSED)
+            sys.exit(OUTPUT_CLOSED)
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.format_message(), err=True)
-            sys.exit(ExitCode.BAD_INPUT)
+            sys.exit(BAD_INPUT)
         except click.ClickException as error:
             text = error.format_message()
-            if isinstance(error, click.NoSuchOption) and error.option_name == "--sensitivity":
-                text += " The sensitivity of a saved result: bayes-ssi what-if RESULT."
             # Options may not have been parsed.
             as_json = "--json" in (sys.argv[1:] if args is None else args)
             _fail(text, as_json)
         except click.Abort:
             click.echo("Interrupted.", err=True)
-            sys.exit(ExitCode.INTERRUPTED)
+            sys.exit(INTERRUPTED)
         sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -147,7 +141,7 @@ def _fail(text: str, as_json: bool) -> NoReturn:
     click.echo(f"Error: {line}", err=True)
     if as_json:
         click.echo(json_text({"error": line}))
-    sys.exit(ExitCode.BAD_INPUT)
+    sys.exit(BAD_INPUT)
 
 
 def command_line() -> str:
@@ -220,7 +214,7 @@ def conclude(record: Mapping[str, Any], failed: Sequence[str] = ()) -> None:
         several = "s" if len(failed) > 1 else ""
         click.echo(f"(!) {len(failed)} failed check{several}: {'; '.join(failed)}", err=True)
     if failed:
-        sys.exit(ExitCode.FAILED_CHECK)
+        sys.exit(FAILED_CHECK)
 
 
 def show(*shown: RenderableType) -> None:

@@ -59,11 +59,7 @@ def what_if(
     after the change, and where a failed check of the data was not accepted when RESULT was saved.
     """
     from bayes_ssi.parameters.families import prior_from_text
-    from bayes_ssi.report.tables.ranking_tables import (
-        changed_parameters_table,
-        what_if_notes,
-        what_if_table,
-    )
+    from bayes_ssi.report.tables import ranking_tables
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.results.wording import data_warnings
@@ -99,7 +95,7 @@ def what_if(
     terminal.say_warnings(data_warnings(answer.failed_data_checks, accepted))
     if answer.misfit:
         terminal.say_in_paragraphs(f"(!) {answer.misfit}.")
-    terminal.show(what_if_table(answer))
+    terminal.show(ranking_tables.what_if_table(answer))
     if stored.search is not None and stored.search.n_unsampled:
         terminal.say(
             f"{stored.search.n_unsampled} hypotheses that were not sampled are left out. Before, "
@@ -108,8 +104,8 @@ def what_if(
         )
     for row in dict.fromkeys((answer.best_before, answer.best_after)):
         if row is not None:
-            terminal.show(changed_parameters_table(row))
-    terminal.say(*what_if_notes(answer, _how_to_sample_again(stored)))
+            terminal.show(ranking_tables.changed_parameters_table(row))
+    terminal.say(*ranking_tables.what_if_notes(answer, _how_to_sample_again(stored)))
     of_data = () if accepted else answer.failed_data_checks
     failed = [text for text in (*of_data, answer.misfit, *answer.problems) if text]
     terminal.conclude({"directory": str(result), "answer": answer}, failed)

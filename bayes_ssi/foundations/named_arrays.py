@@ -107,8 +107,6 @@ def _read_hdf5(
         arrays: dict[str, Any] = {}
         arrays |= {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
         for name, item in _items(file):
-            is_matlab = path.suffix.lower() == ".mat"
-            name = name.replace("/", ".") if is_matlab else name
             if names is not None and name not in names:
                 continue
             if isinstance(item, h5py.Group):
@@ -122,7 +120,7 @@ def _read_hdf5(
                 continue
             array = np.asarray(item.asstr()[()] if item.dtype.kind == "O" else item[()])
             # MATLAB's order of dimensions is the other one.
-            arrays[name] = array.T if is_matlab else array
+            arrays[name] = array.T if path.suffix.lower() == ".mat" else array
             arrays |= {key: np.asarray(item.attrs[key]) for key in attributes if key in item.attrs}
     return arrays
 

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 
 def notebook_progress() -> Callable[[str, str, float], None] | None:
@@ -13,26 +12,26 @@ def notebook_progress() -> Callable[[str, str, float], None] | None:
     """
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
-    return _Lines() if getattr(shell, "kernel", None) else None
+    return _lines() if getattr(shell, "kernel", None) else None
 
 
-class _Lines:
+def _lines() -> Callable[[str, str, float], None]:
     """A line for each name, replaced as it goes on, five times a second."""
+    lines: dict[str, str] = {}
+    shown_at, handle = float("-inf"), None
 
-    def __init__(self) -> None:
-        self.lines: dict[str, str] = {}
-        self.shown_at = float("-inf")
-        self.handle: Any = None
-
-    def __call__(self, name: str, step: str, done: float) -> None:
-        self.lines[name] = f"{name}: {step} {100.0 * done:.0f} %"
-        if done < 1.0 and time.monotonic() - self.shown_at < 0.2:
+    def show(name: str, step: str, done: float) -> None:
+        nonlocal shown_at, handle
+        lines[name] = f"{name}: {step} {100.0 * done:.0f} %"
+        if done < 1.0 and time.monotonic() - shown_at < 0.2:
             return
-        self.shown_at = time.monotonic()
+        shown_at = time.monotonic()
         from IPython.display import display
 
-        shown = {"text/plain": "\n".join(self.lines.values())}
-        if self.handle is None:
-            self.handle = display(shown, raw=True, display_id=True)
+        shown = {"text/plain": "\n".join(lines.values())}
+        if handle is None:
+            handle = display(shown, raw=True, display_id=True)
         else:
-            self.handle.update(shown, raw=True)
+            handle.update(shown, raw=True)
+
+    return show

@@ -3,8 +3,6 @@
 Places are drawn as it suits what is known of the structure.
 """
 
-import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,14 +13,10 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.space import axes_in_space, longest_side
-from bayes_ssi.structures.geometry import Point, direction_name
-from bayes_ssi.studies.appendages.candidates import AppendagePlace
-from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.findings import FamilyRecord
 
-MOST_FLOORS = 40  # of a building; taller figures would not fit a page
 # Places with a bar of their own, as many as fit on the first screen of a report.
 MOST_BARS = 12
 # Of the highest probability; less cannot be told from zero by its colour.
@@ -85,80 +79,9 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     return drawn
 
 
-# A kind of appendage in one direction has a column of its own.
-Kind = tuple[type[AppendagePlace], Point | None]
-
-
-def plot_places_on_building(search: FamilyRecord, ax: Axes | None = None) -> Axes:
-    """The building, and in colour the probability of each place of a search.
-
-    Each kind of place has its own marker, next to its floor or in its storey, and the
-    probability is written next to it.
-    """
-    places = _places(search)
-    heights = [each.place.height or 0.0 for each in places]
-    n_floors = math.ceil(max(heights))
-    columns, width = _columns(each.place for each in places)
-    # In the least height of a floor, probabilities of floors still keep apart.
-    tall = n_floors * min(0.7, max(0.2, 4.0 / n_floors))
-    ax = look.axes_of(ax, (max(look.FIGURE_WIDTH, 1.0 + 0.75 * len(columns)), 1.6 + tall))
-    ax.plot([-0.5, width + 0.5], [0, 0], color="black", linewidth=2.0)
-    for side in (0.0, width):
-        ax.plot([side, side], [0, n_floors], color=look.GREY, linewidth=1.5)
-    for floor in range(1, n_floors + 1):
-        ax.plot([0.0, width], [floor, floor], color="black", linewidth=1.5)
-        ax.text(-0.15, floor, f"floor {floor}", ha="right", va="center", fontsize=look.SMALL_TEXT)
-    # A change is there or not; an appendage that is there may be anywhere.
-    is_change = isinstance(search, ChangeRecord)
-    scale = _colour_scale(1.0 if is_change else max(each.probability for each in places))
-    for each, y in zip(places, heights, strict=True):
-        place, text = each.place, probability_text(each.probability)
-        x = columns[_kind(place)]
-        if place.is_outside:
-            ax.plot([width, x], [y, y], color=look.GREY, linewidth=0.8, linestyle=":")
-        point = ax.scatter(
-            x, y, s=55.0, marker=place.marker, zorder=3, color=[scale.to_rgba(each.probability)],
-            edgecolors="black", linewidths=0.6,
-        )  # fmt: skip
-        look.hover(point, f"{place.name}: probability {text}")
-        # Above the line that joins a column further out to its floor.
-        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-        ax.text(x + 0.17, y, text, va="center", fontsize=look.SMALL_TEXT, bbox=box)
-    ax.set_xlim(-1.1, max(width, *columns.values()) + 0.7)
-    ax.set_ylim(-0.3, n_floors + 0.6)
-    ax.axis("off")
-    for (_, direction), x in columns.items():
-        if direction:
-            ax.text(
-                x, n_floors + 0.35, direction_name(direction), ha="center", fontsize=look.SMALL_TEXT
-            )
-    for kind in dict.fromkeys(kind for kind, _ in columns):
-        ax.plot([], [], linestyle="none", marker=kind.marker, color="black",
-                markerfacecolor="none", label=kind.title)  # fmt: skip
-    look.legend_below(ax, 2)
-    _colour_bar(ax, scale, search.a_feature)
-    return ax
-
-
-def _kind(place: AppendagePlace) -> Kind:
-    return type(place), place.direction
-
-
-def _columns(places: Iterable[AppendagePlace]) -> tuple[dict[Kind, float], float]:
-    """Where each kind of appendage is drawn in the building or next to it, and the width of it."""
-    kinds = dict.fromkeys(_kind(place) for place in places)
-    inside = [kind for kind in kinds if not kind[0].is_outside]
-    outside = [kind for kind in kinds if kind[0].is_outside]
-    apart = 1.1  # in half of which probabilities are written
-    width = apart * max(1, len(inside))
-    columns = {kind: apart * (i + 0.15) for i, kind in enumerate(inside)}
-    columns |= {kind: width + apart * (i + 0.5) for i, kind in enumerate(outside)}
-    return columns, width
-
-
 def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """The probabilities of the most probable places, and of all others together."""
-    places = search.places_by_probability
+    places = [one for one in search.places_by_probability if not one.place.is_common]
     first, others = places[:MOST_BARS], places[MOST_BARS:]
     bars = [(each.place.name, each.probability, look.BLUE) for each in first]
     if others:
@@ -178,24 +101,12 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _places(search: FamilyRecord) -> list[Any]:
-    """The places of a search, without what all places have in common."""
-    return [one for one in search.places if not getattr(one.place, "is_common", False)]
-
-
 def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     """The probability of an appendage, or of a change, at each place of a search.
 
-    Places on floors are drawn on the building, places with coordinates in space, and others as
-    bars. Axes that are given must have three dimensions for a drawing in space.
+    Places with coordinates are drawn in space, others as bars. Axes that are given must have three
+    dimensions for a drawing in space.
     """
-    places = _places(search)
-    heights = [one.place.height for one in places]
-    drawn = {(_kind(each.place), each.place.height) for each in places}
-    if len(drawn) == len(places) and all(
-        height is not None and height <= MOST_FLOORS for height in heights
-    ):
-        return plot_places_on_building(search, ax)
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search, ax)
     return plot_place_bars(search, ax)
@@ -203,7 +114,6 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
 
 def _colour_scale(highest: float) -> Any:
     """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
-
     # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
     # colour-blind readers, and greyscale, keep the order.
     return ScalarMappable(Normalize(0.0, highest or 1.0), "YlOrRd")
@@ -211,7 +121,6 @@ def _colour_scale(highest: float) -> Any:
 
 def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> None:
     """A colour bar, below ``ax`` or in axes of its own."""
-
     room: Any = {"cax": cax, "orientation": "horizontal"}
     if cax is None:
         room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
@@ -223,38 +132,13 @@ def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> Non
 CHOSEN, OTHER = "sensor of the best layout", "other candidate"
 
 
-def plot_layout(plan: Plan, ax: Axes | None = None) -> Axes:
-    """The structure with the places of the best layout, and the other candidates.
+def plot_layout(plan: Plan, ax: Any = None) -> Any:
+    """The structure in space with the places of the best layout, and the other candidates.
 
-    In space where candidates have coordinates, with arrows for directions; else by their heights.
-    Axes that are given must have three dimensions for a drawing in space.
+    Arrows are directions of measurement. Axes that are given must have three dimensions.
     """
-    if any(each.coordinates for each in plan.candidates):
-        return _layout_in_space(plan, ax)
-    # Without heights one above the other.
-    heights = [i if c.height is None else c.height for i, c in enumerate(plan.candidates, 1)]
-    ax = look.axes_of(ax, (look.FIGURE_WIDTH, 1.2 + 0.35 * len({*heights})))
-    ax.plot([0.0, 0.0], [0.0, max(heights)], color=look.GREY, linewidth=1.5)
-    ax.plot([-0.5, 0.5], [0.0, 0.0], color="black", linewidth=2.0)
-    beside: dict[float, int] = {}
-    for candidate, height in zip(plan.candidates, heights, strict=True):
-        place = beside[height] = beside.get(height, -1) + 1
-        chosen = candidate.name in plan.best.sensors
-        ax.plot(0.9 * place, height, linestyle="none", marker="o", markersize=8.0,
-                color=look.VERMILION if chosen else "white", markeredgecolor="black",
-                label=CHOSEN if chosen else OTHER)  # fmt: skip
-        ax.text(0.9 * place + 0.1, height, candidate.name, va="center", fontsize=look.SMALL_TEXT)
-    ax.set_xlim(-0.6, 0.9 * max(beside.values()) + 1.2)
-    ax.margins(y=0.1)
-    ax.axis("off")
-    look.legend_below(ax, 2)
-    return ax
-
-
-def _layout_in_space(plan: Plan, ax: Any) -> Any:
     located = [(each, each.coordinates) for each in plan.candidates if each.coordinates]
-    nodes = plan.geometry.nodes.values() if plan.geometry else ()
-    points = np.array([*(at for _, at in located), *nodes])
+    points = np.array([*(at for _, at in located), *plan.geometry.nodes.values()])
     length = 0.13 * longest_side(points)
     title = f"{len(plan.best.sensors)} of {len(plan.candidates)} candidates"
     ax = axes_in_space(ax, title, points, length, plan.geometry, below=0.6)
@@ -267,6 +151,8 @@ def _layout_in_space(plan: Plan, ax: Any) -> Any:
                       arrow_length_ratio=0.4)  # fmt: skip
         ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
                    depthshade=False)  # fmt: skip
+        if len(located) <= MOST_BARS:
+            ax.text(*at, f"  {each.name}", va="center", fontsize=look.SMALL_TEXT)
     look.legend_of_figure(ax.figure, [ax])
     return ax
 

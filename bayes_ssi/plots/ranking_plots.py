@@ -11,25 +11,8 @@ from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.class_plots import plot_corner
-from bayes_ssi.plots.figure_style import (
-    BLUE,
-    COLOURS,
-    GREY,
-    MARKERS,
-    MOST_CLASSES,
-    SDS_OF_90_PERCENT,
-    VERMILION,
-    NamedFigure,
-    axes_of,
-    hover,
-    legend_below,
-    rows_of,
-    save_figures,
-    title_of,
-    width_of_modes,
-    without_math,
-)
 from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity
@@ -52,25 +35,25 @@ def plot_evidence(
     """
     rows = comparison.classes[:most]
     names = [f"{row.name}\n({row.probability_text})" for row in rows]
-    ax = rows_of(ax, names, 1.3)
+    ax = look.rows_of(ax, names, 1.3)
     y = np.arange(len(rows))
     evidence = np.array([row.log_evidence for row in rows])
     fit = np.array([row.mean_log_likelihood for row in rows])
-    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=BLUE, alpha=0.25,
+    ax.barh(y, fit - evidence, left=evidence, height=0.35, color=look.BLUE, alpha=0.25,
             label="information gained")  # fmt: skip
-    ax.plot(fit, y, "|", color=BLUE, markersize=11, label="fit: mean log-likelihood")
+    ax.plot(fit, y, "|", color=look.BLUE, markersize=11, label="fit: mean log-likelihood")
     for i, row in enumerate(rows):
-        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=VERMILION,
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=look.VERMILION,
                             capsize=3,
                             label=None if i else "log evidence ± 1 standard error")  # fmt: skip
-        hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
+        look.hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
               f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
     ax.set_xlabel("nats")
-    title_of(ax, "Model classes (probability)")
+    look.title_of(ax, "Model classes (probability)")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
+    look.legend_below(ax, columns=2)
     return ax
 
 
@@ -89,16 +72,17 @@ def plot_frequencies(
     Args:
         configuration: the one in which ``data`` were identified, where there are several.
     """
-    ax = axes_of(ax, (width_of_modes(len(data.modes)), 3.4))
+    ax = look.axes_of(ax, (look.width_of_modes(len(data.modes)), 3.4))
     for i, mode in enumerate(data.modes):
         if mode.frequency_cov is not None:
-            half = 100.0 * SDS_OF_90_PERCENT * mode.frequency_cov
-            ax.fill_between([i - 0.42, i + 0.42], -half, half, color=GREY, alpha=0.3, linewidth=0)
+            half = 100.0 * look.SDS_OF_90_PERCENT * mode.frequency_cov
+            band = [i - 0.42, i + 0.42]
+            ax.fill_between(band, -half, half, color=look.GREY, alpha=0.3, linewidth=0)
     offsets = np.linspace(-0.3, 0.3, len(posteriors)) if len(posteriors) > 1 else [0.0]
     for k, (posterior, offset) in enumerate(zip(posteriors, offsets, strict=True)):
-        colour = COLOURS[k % len(COLOURS)]
+        colour = look.COLOURS[k % len(look.COLOURS)]
         # Another shift after each round of the colours: pairs of both repeat late.
-        marker = MARKERS[(k + k // len(COLOURS)) % len(MARKERS)]
+        marker = look.MARKERS[(k + k // len(look.COLOURS)) % len(look.MARKERS)]
         _draw_class(ax, data, posterior, configuration, offset, colour, marker)
     if any(line.get_marker() == "x" for line in ax.lines):
         ax.plot([], [], "x", color="black", markersize=6, label="called spurious")
@@ -108,10 +92,10 @@ def plot_frequencies(
     ax.set_xlim(-0.5, len(ticks) - 0.5)
     ax.set_xlabel("identified mode")
     ax.set_ylabel("model / identified - 1 (%)")
-    without_math(*ax.get_xticklabels())
-    title_of(ax, label_in(configuration, "Model frequencies, 90 % of the posterior"))
+    look.without_math(*ax.get_xticklabels())
+    look.title_of(ax, label_in(configuration, "Model frequencies, 90 % of the posterior"))
     ax.grid(axis="y", alpha=0.3)
-    legend_below(ax, columns=4)
+    look.legend_below(ax, columns=4)
     return ax
 
 
@@ -140,7 +124,7 @@ def _draw_class(
         low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
         point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
                             color=colour, markersize=4, capsize=2, label=name)  # fmt: skip
-        hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
+        look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
               f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
         name = None
 
@@ -153,12 +137,12 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
     """
     rows = sensitivity.known
     first, *others = rows[0].ranked
-    ax = rows_of(ax, [row.name for row in rows], 1.4)
+    ax = look.rows_of(ax, [row.name for row in rows], 1.4)
     ax.axvline(0.0, color="black", linewidth=0.8, label=f"{first}: first in the ranking")
-    looks = list(zip(others, COLOURS[:4], MARKERS, strict=False))
+    looks = list(zip(others, look.COLOURS[:4], look.MARKERS, strict=False))
     for y, row in enumerate(rows):
         if row.best != first:
-            ax.axhspan(y - 0.5, y + 0.5, color=VERMILION, alpha=0.12, linewidth=0)
+            ax.axhspan(y - 0.5, y + 0.5, color=look.VERMILION, alpha=0.12, linewidth=0)
         for name, colour, marker in looks:
             probability, of_first = row.probabilities[name], row.probabilities[first]
             if probability <= 0.0 or of_first <= 0.0 or name in row.unsaid:
@@ -166,7 +150,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
             (point,) = ax.plot(np.log(probability / of_first), y, marker, color=colour,
                                markersize=5, linestyle="none",
                                label=None if y else name)  # fmt: skip
-            hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
+            look.hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
     # Classes further behind than 30 nats would compress the scale for those that matter.
     if max(map(abs, ax.get_xlim())) > 30.0:
         ax.set_xscale("symlog", linthresh=1.0)
@@ -177,7 +161,7 @@ def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
         ax.margins(x=0.06)
     ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
     ax.grid(axis="x", alpha=0.3)
-    legend_below(ax, columns=2)
+    look.legend_below(ax, columns=2)
     return ax
 
 
@@ -188,7 +172,7 @@ def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory
     best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
     tests = {test.name: test.data for test in best.configurations}
     units = {parameter.name: parameter.unit for parameter in best.parameters if parameter.unit}
-    save_figures(directory, result_figures(tests, ranked, ranking.comparison, search, units))
+    look.save_figures(directory, result_figures(tests, ranked, ranking.comparison, search, units))
     save_scenes(ranking, directory)
 
 
@@ -198,10 +182,10 @@ def result_figures(
     comparison: Comparison,
     search: FamilyRecord | None = None,
     units: Mapping[str, str] | None = None,
-) -> Iterator[NamedFigure]:
+) -> Iterator[look.NamedFigure]:
     """The figures of a result, of its best classes; ``units`` are those of the best one's."""
     yield "corner", plot_corner(ranked[0], units=units)
-    most = MOST_CLASSES
+    most = look.MOST_CLASSES
     for i, (configuration, modes) in enumerate(tests.items(), 1):
         name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
         yield name, plot_frequencies(modes, ranked[:most], configuration=configuration)

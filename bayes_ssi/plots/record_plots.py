@@ -9,23 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from bayes_ssi.measurements.records.modal_identification import ModalIdentification
-from bayes_ssi.plots.figure_style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    SDS_OF_90_PERCENT,
-    SMALL_TEXT,
-    VERMILION,
-    NamedFigure,
-    axes_of,
-    hover,
-    legend_below,
-    panels_of,
-    save_figures,
-    title_of,
-)
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.moving_shapes import plot_moving_shapes
-from bayes_ssi.plots.shape_plots import plot_identified_shapes
+from bayes_ssi.plots.shape_plots import plot_identified_modes
 
 MOVING = "moving_shapes.html"
 # The figures of an identification by the names of their files.
@@ -35,7 +21,7 @@ CAPTIONS = {
     "stabilisation": "Poles of each octave over orders, the candidates; modes with 90 % intervals",
     "whitened_residuals": "What is left of each spectral matrix divided by the fit's: 1 on average "
     "where the fit is right",
-    "shapes": "Identified shapes, largest component ±1, with 90 % intervals",
+    "shapes": "Identified modes and shapes, largest component ±1, with 90 % intervals",
     "complexity": "Phases of the motion at each mode: on one line where the mode is real and alone",
 }
 
@@ -46,23 +32,23 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
     frequencies = found.spectrum.frequencies_hz
     measured = np.linalg.eigvalsh(found.spectrum.matrices)[:, ::-1]
     for k in range(measured.shape[1]):
-        ax.semilogy(frequencies, measured[:, k], color=BLUE, linewidth=0.6, alpha=0.6,
+        ax.semilogy(frequencies, measured[:, k], color=look.BLUE, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip
     for i, band in enumerate(band for band in found.bands if band.is_wanted):
-        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=VERMILION,
+        ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=look.VERMILION,
                     linewidth=1.0)  # fmt: skip
         if i == 0:
             ax.lines[-1].set_label(f"fit, {found.loads}")
     _draw_modes(ax, found)
     for i, (frequency, _) in enumerate(found.not_identified):
-        ax.axvline(frequency, color=GREY, linewidth=0.8, linestyle=":",
+        ax.axvline(frequency, color=look.GREY, linewidth=0.8, linestyle=":",
                    label=None if i else "peak not identified")  # fmt: skip
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
     of = f"over those of {found.ground!r}" if found.ground else f"(({_unit(found)})²/Hz)"
     ax.set_ylabel(f"singular values {of}")
-    title_of(ax, "Singular values of the spectral matrices")
-    legend_below(ax, columns=4)
+    look.title_of(ax, "Singular values of the spectral matrices")
+    look.legend_below(ax, columns=4)
     return ax
 
 
@@ -77,11 +63,11 @@ def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Ax
     """Poles of every order of each octave, and the modes with 90 % widths."""
     ax = _axes(ax)
     frequencies, orders = found.candidates.stabilisation
-    ax.plot(frequencies, orders, "o", color=BLUE, markersize=2, label="pole")
+    ax.plot(frequencies, orders, "o", color=look.BLUE, markersize=2, label="pole")
     _draw_modes(ax, found)
     ax.set_ylabel("order")
-    title_of(ax, "Stabilisation of poles, octave by octave")
-    legend_below(ax, columns=3)
+    look.title_of(ax, "Stabilisation of poles, octave by octave")
+    look.legend_below(ax, columns=3)
     return ax
 
 
@@ -95,25 +81,25 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
     n_near = max(1, sum(len(left) for _, left in parts) // 40)
     for i, (frequencies, left) in enumerate(parts):
-        ax.semilogy(frequencies, left, ".", color=BLUE, markersize=3,
+        ax.semilogy(frequencies, left, ".", color=look.BLUE, markersize=3,
                     label=None if i else "block of lines")  # fmt: skip
         # In each band by itself: there is nothing between bands. One of few blocks has one mean.
         n = min(n_near, len(left))
         means = (np.convolve(each, np.full(n, 1.0 / n), "valid") for each in (frequencies, left))
-        ax.plot(*means, ".-", color=ORANGE, linewidth=1.2, markersize=1.0,
+        ax.plot(*means, ".-", color=look.ORANGE, linewidth=1.2, markersize=1.0,
                 label=None if i else f"mean of {n_near} blocks")  # fmt: skip
-    ax.axhline(1.0, color=GREY, linewidth=0.8)
+    ax.axhline(1.0, color=look.GREY, linewidth=0.8)
     ax.set_xlim(parts[0][0][0], parts[-1][0][-1])
     ax.set_ylabel("chi-square over its number")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
-    title_of(
+    look.title_of(
         ax,
         f"Whitened residuals: up to {found.whiteness:.2f} in a band, "
         f"{found.allowed_whiteness:.2f} accepted there",
     )
-    legend_below(ax, columns=2)
+    look.legend_below(ax, columns=2)
     return ax
 
 
@@ -127,7 +113,7 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     # All but the ground, where that is measured.
     channels = [i for i, name in enumerate(found.record.sensors) if name != found.ground]
     polar = {"projection": "polar"}
-    figure, axes = panels_of(figure, len(frequencies), 0.0, 1.9, subplot_kw=polar)
+    figure, axes = look.panels_of(figure, len(frequencies), 0.0, 1.9, subplot_kw=polar)
     for frequency, ax in zip(frequencies, axes, strict=True):
         band = min(found.bands, key=lambda each: each.distance_to(frequency))
         data = band.fit.data
@@ -139,13 +125,13 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
         for sensor, component in zip(found.quoted.sensors, motion, strict=True):
             phase, size = np.angle(component), abs(component)
-            ax.plot([phase, phase], [0.0, size], color=BLUE, linewidth=1.2)
-            (end,) = ax.plot(phase, size, "o", color=BLUE, markersize=3)
-            hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
+            ax.plot([phase, phase], [0.0, size], color=look.BLUE, linewidth=1.2)
+            (end,) = ax.plot(phase, size, "o", color=look.BLUE, markersize=3)
+            look.hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
         ax.set_ylim(0.0, 1.0)
         ax.set_yticks([0.5, 1.0], ["", ""])
-        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=SMALL_TEXT)
-        ax.set_title(f"{frequency:.4g} Hz", fontsize=SMALL_TEXT)
+        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=look.SMALL_TEXT)
+        ax.set_title(f"{frequency:.4g} Hz", fontsize=look.SMALL_TEXT)
     return figure
 
 
@@ -154,21 +140,21 @@ def save_record_figures(directory: Path, found: ModalIdentification) -> list[Pat
     directory.mkdir(parents=True)
     if len(found.too_short) < len(found.modes):
         plot_moving_shapes(found.modal_data()).save(directory / MOVING)
-    return save_figures(directory, _figures(found))
+    return look.save_figures(directory, _figures(found))
 
 
-def _figures(found: ModalIdentification) -> Iterator[NamedFigure]:
+def _figures(found: ModalIdentification) -> Iterator[look.NamedFigure]:
     yield "singular_values", plot_singular_values(found)
     if found.candidates.stabilisation.size:
         yield "stabilisation", plot_stabilisation(found)
     yield "whitened_residuals", plot_whitened_residuals(found)
     if len(found.too_short) < len(found.modes):
-        yield "shapes", plot_identified_shapes(found.modal_data())
+        yield "shapes", plot_identified_modes(found.modal_data())
     yield "complexity", plot_complexity(found)
 
 
 def _axes(ax: Axes | None) -> Axes:
-    ax = axes_of(ax, (6.3, 3.2))
+    ax = look.axes_of(ax, (6.3, 3.2))
     ax.set_xlabel("frequency (Hz)")
     return ax
 
@@ -178,8 +164,8 @@ def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
     ax.set_xlim(*found.band_hz)
     for i, mode in enumerate(found.modes):
         frequency, cov = mode.frequency_hz, mode.frequency_cov
-        half = SDS_OF_90_PERCENT * cov * frequency
-        ax.axvspan(frequency - half, frequency + half, color=ORANGE, alpha=0.6, linewidth=0)
-        line = ax.axvline(frequency, color=ORANGE, linewidth=0.8,
+        half = look.SDS_OF_90_PERCENT * cov * frequency
+        ax.axvspan(frequency - half, frequency + half, color=look.ORANGE, alpha=0.6, linewidth=0)
+        line = ax.axvline(frequency, color=look.ORANGE, linewidth=0.8,
                           label=None if i else f"mode by {found.method}, 90 %")  # fmt: skip
-        hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")
+        look.hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

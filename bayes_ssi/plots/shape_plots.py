@@ -42,18 +42,16 @@ class DrawnShape:
 
 
 def plot_shapes(
-    structure: Building | None,
+    structure: Building,
     places: Sequence[str],
     shapes: Sequence[DrawnShape],
     figure: Figure | None = None,
     *,
     sideways: bool,
-    name: str = "model",
 ) -> Figure:
     """Mode shapes of one structure next to one another, with one legend.
 
     Args:
-        structure: None for shapes over names of sensors.
         places: degrees of freedom of the shapes.
         sideways: whether the places are floors that move sideways, to be drawn as a building; if
             not, shapes are drawn component by component.
@@ -61,12 +59,12 @@ def plot_shapes(
     height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
     figure, axes = look.panels_of(figure, len(shapes), 0.6, height)
     for drawn, ax in zip(shapes, axes, strict=True):
-        if sideways and structure is not None:
+        if sideways:
             plot_building_shape(structure, places, drawn.shape, ax, reference=drawn.reference,
-                                before=drawn.before, title=drawn.title, name=name)  # fmt: skip
+                                before=drawn.before, title=drawn.title)  # fmt: skip
         else:
             plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
-                                  title=drawn.title, name=name)  # fmt: skip
+                                  title=drawn.title)  # fmt: skip
         ax.tick_params("y", labelsize=look.SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
     look.legend_of_figure(figure, axes, columns=4)
@@ -121,7 +119,6 @@ def plot_building_shape(
     reference: Reference | None = None,
     before: Sequence[float] | None = None,
     title: str = "",
-    name: str = "model",
 ) -> Axes:
     """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
 
@@ -152,7 +149,7 @@ def plot_building_shape(
                     label="before updating" if labelled else None)  # fmt: skip
         ax.fill_betweenx(y, low + side, high + side, color=look.BLUE, alpha=0.35, linewidth=0)
         ax.plot(median + side, y, color=look.BLUE, linewidth=1.2,
-                label=f"{name}, with its band" if labelled else None)  # fmt: skip
+                label="model, with its band" if labelled else None)  # fmt: skip
     for x, height in zip(median[1:], y[1:], strict=True):
         ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
     for i, place in enumerate(places):
@@ -293,8 +290,9 @@ def plot_identified_modes(
 ) -> Figure:
     """The band with every identified frequency in it, and the shapes at the sensors.
 
-    Shapes are scaled to a largest component of ±1, with the identification's own 90 % intervals; a
-    grey bar is the 90 % interval of a frequency.
+    Shapes are scaled to a largest component of ±1, with the identification's own 90 % intervals,
+    those of unit shapes in the same scale; without a covariance, all components of a shape have its
+    ``shape_sd``. A grey bar is the 90 % interval of a frequency.
     """
     shapes = _shapes(data)
     across = look.panels_across(len(shapes)) if shapes else 1
@@ -351,18 +349,6 @@ def _levels(frequencies_hz: FloatArray, room: float) -> list[float]:
         close = i and frequency - frequencies_hz[i - 1] < room
         levels.append({0.9: 0.6, 0.6: 0.3, 0.3: 0.9}[levels[-1]] if close else 0.9)
     return levels
-
-
-def plot_identified_shapes(data: ModalData, figure: Figure | None = None) -> Figure:
-    """Identified shapes with 90 % intervals of their components, the largest component being ±1.
-
-    Intervals are those of the unit shapes, in the same scale; without a covariance, all components
-    of a shape have its ``shape_sd``.
-    """
-    shapes = _shapes(data)
-    if not shapes:
-        raise ValueError("plot_identified_shapes: no mode has a shape")
-    return plot_shapes(None, data.sensors, shapes, figure, sideways=False, name="identified")
 
 
 def half_widths(data: ModalData) -> FloatArray:

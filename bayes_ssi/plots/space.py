@@ -9,14 +9,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.plots.figure_style import (
-    FIGURE_WIDTH,
-    GREY,
-    MOST_VECTORS,
-    SMALL_TEXT,
-    figure_of,
-    title_of,
-)
+from bayes_ssi.plots import figure_style as look
 from bayes_ssi.structures.geometry import Geometry
 
 Corners = NDArray[np.intp]
@@ -50,7 +43,7 @@ def axes_in_space(
     if ax is None:
         panel, above = 2.9, 0.4  # inches: height of the axes, and of the title above them
         height = panel + below
-        figure = figure_of(None, (FIGURE_WIDTH, height))
+        figure = look.figure_of(None, (look.FIGURE_WIDTH, height))
         # Without the layout of other figures, in which axes in three dimensions are too small.
         figure.set_layout_engine("none")
         ax = figure.add_axes((0.0, below / height, 1.0, (panel - above) / height), projection="3d")
@@ -64,12 +57,17 @@ def axes_in_space(
     ax.set_box_aspect(tuple(high - low), zoom=1.08)
     length = 0.16 * float((high - low).max())
     for name, along in zip("xyz", length * np.eye(3), strict=True):
-        ax.plot(*np.stack([low, low + along]).T, color=GREY, linewidth=0.8,
+        ax.plot(*np.stack([low, low + along]).T, color=look.GREY, linewidth=0.8,
                 clip_on=False)  # fmt: skip
         ax.text(
-            *(low + 1.25 * along), name, fontsize=SMALL_TEXT, color=GREY, ha="center", va="center"
+            *(low + 1.25 * along),
+            name,
+            fontsize=look.SMALL_TEXT,
+            color=look.GREY,
+            ha="center",
+            va="center",
         )
-    title_of(ax, title)
+    look.title_of(ax, title)
     if geometry is not None:
         _draw_structure(ax, geometry)
     return ax
@@ -79,16 +77,18 @@ def _draw_structure(ax: Any, geometry: Geometry) -> None:
     """The faces and lines of a structure, or its nodes where neither are known."""
     nodes = np.array(list(geometry.nodes.values()))
     if not geometry.lines and not geometry.faces:
-        ax.scatter(*nodes.T, s=0.6, color=GREY, depthshade=False, rasterized=True)
+        ax.scatter(*nodes.T, s=0.6, color=look.GREY, depthshade=False, rasterized=True)
         return
     lines, faces = numbered(geometry)
     flat = {"linewidths": 0.0, "edgecolors": "none", "antialiaseds": False, "rasterized": True}
     for corners in by_corners(faces):
-        ax.add_collection3d(Poly3DCollection(nodes[corners], facecolors=GREY, alpha=0.08, **flat))
+        ax.add_collection3d(
+            Poly3DCollection(nodes[corners], facecolors=look.GREY, alpha=0.08, **flat)
+        )
     pairs = np.concatenate([outline(nodes, faces), lines])
     if len(pairs):
-        drawn = Line3DCollection(nodes[pairs], colors=GREY, linewidths=0.5, alpha=0.5)
-        drawn.set_rasterized(len(pairs) > MOST_VECTORS)
+        drawn = Line3DCollection(nodes[pairs], colors=look.GREY, linewidths=0.5, alpha=0.5)
+        drawn.set_rasterized(len(pairs) > look.MOST_VECTORS)
         ax.add_collection3d(drawn)
 
 

@@ -21,19 +21,13 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.modal_identification import SHORTEST_DECAYS
 from bayes_ssi.plots.moving_shapes import asset, box, saved_scenes
 from bayes_ssi.plots.record_plots import CAPTIONS
-from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, ReportFigures, embedded_file
+from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, embedded_file
 from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
+from bayes_ssi.report.tables import search_tables
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
 from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
-from bayes_ssi.report.tables.search_tables import (
-    baseline_notes,
-    mass_scales,
-    unsampled_notes,
-    unseen_note,
-)
 from bayes_ssi.results.answer import answer
-from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.stored_what_if import recorded_class
 from bayes_ssi.results.wording import listed
@@ -102,9 +96,9 @@ FILTERS = {form.__name__: form for form in FORMATS} | {
 
 def page_content(
     stored: StoredResult,
-    predictions: SavedPredictions | None,
+    predictions: Mapping[str, Any],
     sensitivity: Sensitivity | None,
-    figures: ReportFigures,
+    figures: Mapping[str, Sequence[EmbeddedFigure]],
     plan: Plan | None = None,
 ) -> dict[str, Any]:
     record, comparison = stored.record, stored.comparison
@@ -130,10 +124,12 @@ def page_content(
         "search": stored.search,
         "of_appendages": appendages is not None,
         "places": stored.search.places_by_probability if stored.search else (),
-        "mass_scales": mass_scales(appendages) if appendages else (),
-        "baseline_notes": baseline_notes(appendages) if appendages else (),
-        "unseen": unseen_note(stored.search) if stored.search else "",
-        "unsampled": " ".join(unsampled_notes(stored.search)) if stored.search else "",
+        "mass_scales": search_tables.mass_scales(appendages) if appendages else (),
+        "baseline_notes": search_tables.baseline_notes(appendages) if appendages else (),
+        "unseen": search_tables.unseen_note(stored.search) if stored.search else "",
+        "unsampled": " ".join(search_tables.unsampled_notes(stored.search))
+        if stored.search
+        else "",
         "sensitivity": sensitivity,
         "sensitivity_notes": sensitivity_notes(sensitivity) if sensitivity else (),
         "predictions": predictions,

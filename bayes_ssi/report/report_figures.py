@@ -6,33 +6,22 @@ To add one, state its caption and draw it in the section that shows it.
 import base64
 import io
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_ssi import plots
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
 from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_files, whole_figure
-from bayes_ssi.plots.place_plots import plot_gains, plot_layout, plot_places
-from bayes_ssi.plots.ranking_plots import (
-    plot_evidence,
-    plot_frequencies,
-    plot_sensitivity,
-)
-from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
-from bayes_ssi.results.predictions.requested_predictions import SavedPredictions
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -43,24 +32,20 @@ from bayes_ssi.studies.search.findings import FamilyRecord
 Plot = tuple[str, Axes | Figure]
 
 
-@dataclass(frozen=True)
-class ReportLimits:
-    """Most items of each kind that a report shows; the result directory holds the others."""
-
-    classes: int = 8
-    hypotheses: int = 12
-    places: int = 12
-    sensors: int = 8
-    classes_with_modes: int = 2
-    classes_in_frequencies: int = 5
-    parameters_in_corner: int = 6
-    column_width: int = 448  # pixels of one of two columns of figures on the page
+# Most items of each kind that a report shows; the result directory holds the others.
+LIMITS = SimpleNamespace(
+    classes=8,
+    hypotheses=12,
+    places=12,
+    sensors=8,
+    classes_with_modes=2,
+    classes_in_frequencies=5,
+    parameters_in_corner=6,
+    column_width=448,  # pixels of one of two columns of figures on the page
     # Smallest probability of a class that is drawn, unless it is the first, or the second of one
     # test, or cannot be distinguished from the first.
-    least_probability: float = 0.01
-
-
-LIMITS = ReportLimits()
+    least_probability=0.01,
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +58,7 @@ class EmbeddedFigure:
 
     @property
     def is_wide(self) -> bool:
-        return self.width > LIMITS.column_width
+        return bool(self.width > LIMITS.column_width)
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
@@ -110,59 +95,49 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
     return EmbeddedFigure(caption, html, width)
 
 
-@dataclass(frozen=True)
-class ReportFigures:
-    """The figures of a report by section, and within tests and model classes by name."""
-
-    ranking: list[EmbeddedFigure] = field(default_factory=list)
-    search: list[EmbeddedFigure] = field(default_factory=list)
-    tests: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
-    classes: dict[str, list[EmbeddedFigure]] = field(default_factory=dict)
-    sensitivity: list[EmbeddedFigure] = field(default_factory=list)
-    predictions: list[EmbeddedFigure] = field(default_factory=list)
-    plan: list[EmbeddedFigure] = field(default_factory=list)
-
-
 def draw_figures(
     stored: StoredResult,
-    predictions: SavedPredictions | None,
+    predictions: Mapping[str, Any],
     sensitivity: Sensitivity | None = None,
     plan: Plan | None = None,
-) -> ReportFigures:
-    figures = ReportFigures()
+) -> dict[str, list[EmbeddedFigure]]:
+    """The figures of a report by section: ``"test NAME"`` and ``"class NAME"`` are of one each."""
+    figures: dict[str, list[EmbeddedFigure]] = defaultdict(list)
     with figures_for_files():
-        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan, figures), 1):
-            section.append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
-    for path in predictions.figures if predictions else ():
+        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan), 1):
+            drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
+            figures[section].append(drawn)
+    for path in predictions.get("figures", ()):
         name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
         caption = f"Predictions: {name.replace('_', ' ')}"
-        figures.predictions.append(embedded_file(path, caption))
+        figures["predictions"].append(embedded_file(path, caption))
     return figures
 
 
 def _drawn(
-    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None, figures: ReportFigures
-) -> Iterator[tuple[list[EmbeddedFigure], str, Axes | Figure]]:
+    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None
+) -> Iterator[tuple[str, str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
-    evidence = plot_evidence(stored.comparison, most=MOST_CLASSES)
-    yield figures.ranking, "Log evidence of every model class", evidence
+    evidence = plots.plot_evidence(stored.comparison, most=MOST_CLASSES)
+    yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"
-        yield figures.search, caption, plot_places(stored.search)
+        yield "search", caption, plots.plot_places(stored.search)
     if sensitivity is not None:
-        caption = "How the ranking changes with settings"
-        yield figures.sensitivity, caption, plot_sensitivity(sensitivity)
+        yield (
+            "sensitivity",
+            "How the ranking changes with settings",
+            plots.plot_sensitivity(sensitivity),
+        )
     if plan is not None:
-        yield figures.plan, "Sensors of the next test", plot_layout(plan)
-        yield figures.plan, "What they are worth", plot_gains(plan)
+        yield "plan", "Sensors of the next test", plots.plot_layout(plan)
+        yield "plan", "What they are worth", plots.plot_gains(plan)
     for name, data in stored.tests.items():
-        section = figures.tests.setdefault(name, [])
         for caption, plot in _of_test(name, data, stored.ranked_posteriors):
-            yield section, caption, plot
+            yield f"test {name}", caption, plot
     for name, with_corner in _drawn_classes(stored):
-        section = figures.classes.setdefault(name, [])
         for caption, plot in _of_class(stored, stored.posterior(name), with_corner):
-            yield section, caption, plot
+            yield f"class {name}", caption, plot
 
 
 def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
@@ -182,10 +157,10 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
     where = label_in(name, "")
     best = ranked[: LIMITS.classes_in_frequencies]
     scale = "; shapes are scaled to a largest component of ±1" if data.sensors else ""
-    yield f"{where}Identified modes{scale}", plot_identified_modes(data, configuration=name)
+    yield f"{where}Identified modes{scale}", plots.plot_identified_modes(data, configuration=name)
     yield (
         f"{where}Model frequencies relative to the identified ones",
-        plot_frequencies(data, best, configuration=name),
+        plots.plot_frequencies(data, best, configuration=name),
     )
 
 
@@ -195,24 +170,27 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
     for modes in posterior.configurations:
         if modes.updated.modes and modes.updated.places:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
-            yield f"{where}Mode shapes {of}, {SHAPE_SCALE}", plot_mode_shapes(modes.updated, data)
+            yield (
+                f"{where}Mode shapes {of}, {SHAPE_SCALE}",
+                plots.plot_mode_shapes(modes.updated, data),
+            )
     for modes in posterior.configurations:
         where, updated = label_in(modes.name, ""), modes.updated.modes
         if updated:
             yield (
                 f"{where}Frequencies {of} before and after updating",
-                plot_frequency_change(updated, stored.tests[modes.name]),
+                plots.plot_frequency_change(updated, stored.tests[modes.name]),
             )
         if any(mode.mac_after is not None for mode in updated):
-            yield f"{where}MACs {of} before and after updating", plot_mac_change(updated)
+            yield f"{where}MACs {of} before and after updating", plots.plot_mac_change(updated)
         if modes.inferred_pairing is not None:
             yield (
                 f"{where}Probabilities of pairings {of}",
-                plot_pairing(modes.inferred_pairing, modes.n_modes),
+                plots.plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
     parameters = stored.record.model_class(posterior.name).parameters
     units = {each.name: each.unit for each in parameters if each.unit}
-    yield f"Parameters {of}, prior and posterior", plot_parameters(posterior, units=units)
+    yield f"Parameters {of}, prior and posterior", plots.plot_parameters(posterior, units=units)
     if with_corner:
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
@@ -221,7 +199,7 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         note = f": {len(names)} parameters, {which}" if few else ""
         yield (
             f"Joint posterior densities {of}{note}",
-            plot_corner(posterior, parameters=names, units=units),
+            plots.plot_corner(posterior, parameters=names, units=units),
         )
 
 

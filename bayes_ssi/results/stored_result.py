@@ -22,16 +22,8 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
+from bayes_ssi.results import result_files
 from bayes_ssi.results.draws import load_draws, save_draws
-from bayes_ssi.results.result_files import (
-    check_digests,
-    new_directory,
-    read_current,
-    read_stored,
-    write_csv,
-    write_digests,
-    write_json,
-)
 from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
@@ -100,16 +92,18 @@ def load_result(directory: str | Path) -> StoredResult:
             was written by another version.
     """
     directory = Path(directory)
-    record = read_current(
+    record = result_files.read_current(
         ResultRecord, directory / MARKER, what="a result", again="run the study again"
     )
-    check_digests(directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values())
-    comparison = read_stored(Comparison, directory / COMPARISON)
+    result_files.check_digests(
+        directory, MARKER, COMPARISON, *record.draws.values(), *record.data.values()
+    )
+    comparison = result_files.read_stored(Comparison, directory / COMPARISON)
     search = None
     if (directory / SEARCH).is_file():
-        check_digests(directory, SEARCH)
+        result_files.check_digests(directory, SEARCH)
         kind: Any = FamilyRecord  # its record says which
-        search = read_stored(kind, directory / SEARCH)
+        search = result_files.read_stored(kind, directory / SEARCH)
     tests = {name: read_modal_data(directory / file) for name, file in record.data.items()}
     not_here: dict[str, Any] = dict.fromkeys(IN_THE_FILE_OF_DRAWS, np.empty(0))
     posteriors = (from_record(Posterior, posterior, **not_here) for posterior in record.posteriors)
@@ -156,7 +150,7 @@ def save_result(
             than a result.
         OSError: a file cannot be written.
     """
-    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
+    with result_files.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
         data = _save_tests(ranking.study, partial)
         files = file_names([row.name for row in ranking.posteriors], "nc")
@@ -171,15 +165,15 @@ def save_result(
             draws=draws,
             data=data,
         )
-        write_json(partial / MARKER, record)
-        write_json(partial / COMPARISON, ranking.comparison)
+        result_files.write_json(partial / MARKER, record)
+        result_files.write_json(partial / COMPARISON, ranking.comparison)
         for name, further in (extra or {}).items():
-            write_json(partial / name, further)
+            result_files.write_json(partial / name, further)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
         if figures is not None:
             (partial / FIGURES).mkdir()
             figures(partial / FIGURES)
-        write_digests(partial)
+        result_files.write_digests(partial)
     return load_result(directory)
 
 
@@ -221,4 +215,4 @@ def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
         )
         for row in comparison.classes
     )
-    write_csv(path, [*names, "misfit", "failed_checks", "remarks"], rows)
+    result_files.write_csv(path, [*names, "misfit", "failed_checks", "remarks"], rows)

@@ -164,14 +164,6 @@ def _point(array: Any) -> Point:
     return x, y, z
 
 
-def direction_name(direction: Point) -> str:
-    """A direction in words: ``x``, ``-y``, or its cosines."""
-    for axis, name in enumerate(DIRECTIONS):
-        if abs(direction[axis]) == 1.0:
-            return name if direction[axis] > 0.0 else f"-{name}"
-    return f"({', '.join(f'{cosine:.2g}' for cosine in direction)})"
-
-
 # Of a node along x, y and z.
 Motions = tuple[Motion, ...]
 # Nodes to draw with the lines and faces between them, and how each moves; one that is not named
@@ -220,7 +212,6 @@ class Candidate:
         to: the other end of an element between two places.
         coordinates: (x, y, z) of the place, for drawings.
         direction: (x, y, z) of its motion, for drawings.
-        height: in storeys above the ground, for drawings of buildings; that of a floor if None.
 
     Raises:
         ValueError: the name cannot be printed, a place is none of these or a direction of zeros,
@@ -234,7 +225,6 @@ class Candidate:
     to: Place | None = None
     coordinates: Point | None = None
     direction: Point | None = None
-    height: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
@@ -252,9 +242,6 @@ class Candidate:
             if getattr(self, name) is not None:
                 point = checked_point(getattr(self, name), f"{where}: {name}")
                 object.__setattr__(self, name, point)
-        floors = [end for end in self.ends if isinstance(end, int)]
-        if self.height is None and len(floors) == len(self.ends):
-            object.__setattr__(self, "height", float(sum(floors)) / len(floors))
 
     @property
     def ends(self) -> tuple[Place, ...]:

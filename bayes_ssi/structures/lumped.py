@@ -168,17 +168,6 @@ class LumpedStructure(Structure):
     def appendages(self) -> tuple[str, ...]:
         return self._carried.labels
 
-    def height_of(self, parameter: str) -> float | None:
-        n_main = len(self.main_degrees_of_freedom())
-        middles = []
-        for spring in self._terms[0]:
-            if parameter in [each.name for each in spring.coefficient.parameters]:
-                # Of elements in series, the own degrees of freedom have no floor.
-                ends = [1 + row * self.n_floors // n_main for row in spring.vector if row < n_main]
-                on_ground = len(set(ends)) == 1
-                middles.append(0.5 * (max(ends) + (0 if on_ground else min(ends))))
-        return sum(middles) / len(middles) if middles else None
-
     def heights(self) -> dict[str, float]:
         """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
         labels = self.degrees_of_freedom
@@ -233,7 +222,7 @@ class LumpedStructure(Structure):
             x, y, turn = (*(motion.get(label, 0.0) for label in own), 0.0, 0.0)[:3]
             if set(motion) <= set(own) and (size := math.hypot(x, y)):
                 return Location((turn * y, -turn * x, level), (x / size, y / size, 0.0))
-        return None
+        return super().sensor_location(sensor)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         """See :meth:`Structure.modal_model`; the influence of ground motion is known."""

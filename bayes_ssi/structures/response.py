@@ -24,15 +24,16 @@ imaginary part of a multiple of s.
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import require_one_of
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.structures.geometry import SensorMatrix
 from bayes_ssi.structures.modal import ModalModel
 from bayes_ssi.structures.structure import Structure
 
@@ -189,39 +190,25 @@ class Output:
             for place in self.places
         )
 
-    def require_on(self, structure: Structure) -> None:
-        """Refuse places that the structure does not have.
+    def matrix_on(self, structure: Structure) -> SensorMatrix:
+        """What gives displacements at the places, or their differences for drift.
 
         Raises:
             ValueError: a place is no degree of freedom or sensor of the structure.
         """
-        self.at_places(structure, np.zeros(len(structure.degrees_of_freedom)), axis=0)
-
-    def at_places(self, structure: Structure, displacements: FloatArray, axis: int) -> FloatArray:
-        """Displacements at the places, or their differences for drift.
-
-        Args:
-            structure: the structure that has the places.
-            displacements: displacements of all its degrees of freedom, along ``axis``.
-            axis: axis of ``displacements``; in the result, the places lie along it.
-
-        Raises:
-            ValueError: a place is no degree of freedom or sensor of the structure.
-        """
-
-        def at(labels: Sequence[str]) -> FloatArray:
-            moving = [label for label in labels if label != GROUND]
-            result = structure.sensor_matrix(moving, "place").apply(displacements, axis)
-            for i, label in enumerate(labels):
-                if label == GROUND:
-                    result = np.insert(result, i, 0.0, axis)
-            return result
-
-        if self.quantity != "drift":
-            labels = list(map(str, self.places))
-            return structure.sensor_matrix(labels, "place").apply(displacements, axis)
-        lower, upper = zip(*self.places, strict=True)
-        return at(upper) - at(lower)
+        drifts = self.quantity == "drift"
+        pairs: list[Any] = [place if drifts else (GROUND, place) for place in self.places]
+        labels: list[str] = [label for pair in pairs for label in pair if label != GROUND]
+        structure.sensor_matrix(labels, "place")  # refuses those that are not there
+        motions: dict[Any, Mapping[str, float]] = {GROUND: {}}
+        motions |= zip(labels, structure.sensor_motions(labels), strict=True)
+        rows = []
+        for lower, upper in pairs:
+            row = dict(motions[upper])
+            for label, share in motions[lower].items():
+                row[label] = row.get(label, 0.0) - share
+            rows.append(row)
+        return SensorMatrix.of(rows, structure.degrees_of_freedom)
 
 
 def _is_pair(place: object) -> bool:
@@ -350,7 +337,7 @@ def transfer_functions(
             ground acceleration if None.
     """
     omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
-    output.require_on(structure)
+    matrix = output.matrix_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
     own = 2.0 * np.pi * model.frequencies_hz[:, :, None]
@@ -359,12 +346,12 @@ def transfer_functions(
         driven = -model.participation
     else:
         driven = structure.sensor_matrix([force_at], "place").apply(model.shapes)[:, 0, :]
-    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
+    at_places = np.ascontiguousarray(matrix.apply(model.shapes))
     response = ((at_places * driven[:, None, :]) @ receptance).astype(np.complex128, copy=False)
     if output.quantity == "acceleration":
         response *= -(omega**2)
         if force_at is None:
-            response += output.at_places(structure, model.influence, axis=0)[:, None]
+            response += matrix.apply(model.influence, axis=0)[:, None]
     return response
 
 
@@ -387,33 +374,28 @@ def time_histories(
     motion: GroundMotion,
     output: Output,
     damping: Damping,
-    *,
-    peaks: bool = False,
 ) -> FloatArray:
     """Response (B, n_places, n_samples) to a ground motion from rest, in m/s² or m.
 
-    Exact if the motion is linear between samples; ``values`` are (B, n_parameters). With ``peaks``,
-    the largest amplitudes (B, n_places) alone, and histories are not stored.
+    Exact if the motion is linear between samples; ``values`` are (B, n_parameters).
     """
-    output.require_on(structure)
+    matrix = output.matrix_on(structure)
     ratios = damping_ratios(damping, structure.n_modes)
     model = modal_model_of(structure, values)
     omega = 2.0 * np.pi * model.frequencies_hz
     damped = omega * np.sqrt(1.0 - ratios**2)
     poles = -ratios * omega + 1j * damped
-    at_places = np.ascontiguousarray(output.at_places(structure, model.shapes, axis=1))
+    at_places = np.ascontiguousarray(matrix.apply(model.shapes))
     # With s' = λ s + a_g: q = -Γ Im(s)/ω_d and q̈ = -Γ (Im(λ² s)/ω_d + a_g).
     factors = (-model.participation / damped).astype(np.complex128)
     of_ground = np.zeros((*at_places.shape[:2], 1))
     if output.quantity == "acceleration":
         factors *= poles**2
-        moved = output.at_places(structure, model.influence, axis=0)
+        moved = matrix.apply(model.influence, axis=0)
         of_ground[:, :, 0] = moved - (at_places * model.participation[:, None, :]).sum(-1)
     weights = np.concatenate([at_places, of_ground], axis=2)
     modes_and_ground = modal_histories(poles, factors, motion.acceleration, motion.dt)
-    history = np.empty((len(output.places), len(motion)))
-    responses = np.empty((len(values), *(history.shape[:1] if peaks else history.shape)))
+    responses = np.empty((len(values), len(output.places), len(motion)))
     for response, own, rows in zip(responses, weights, modes_and_ground, strict=True):
-        np.matmul(own, rows, out=history)
-        response[:] = np.maximum(history.max(-1), -history.min(-1)) if peaks else history
+        np.matmul(own, rows, out=response)
     return responses

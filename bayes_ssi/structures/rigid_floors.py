@@ -70,11 +70,9 @@ class RigidFloors(LumpedStructure):
         for floor, direction, axis in each:
             label = floor_label(floor, direction)
             below: SinglePlace = floor_label(floor - 1, direction) if floor > 1 else 0
-            on_floors.append(Candidate(label, label, direction=axis, height=float(floor)))
+            on_floors.append(Candidate(label, label, direction=axis))
             storey = f"{floor - 1}-{floor} {direction}"
-            in_storeys.append(
-                Candidate(storey, below, to=label, direction=axis, height=floor - 0.5)
-            )
+            in_storeys.append(Candidate(storey, below, to=label, direction=axis))
         return (*on_floors, *in_storeys)
 
     def _index(self, place: SinglePlace, label: str = "element") -> int | None:

@@ -343,10 +343,6 @@ class Structure(ABC):
         """Degree of freedom → its height in a drawing, in storeys above the ground."""
         return {label: float(i) for i, label in enumerate(self.degrees_of_freedom, 1)}
 
-    def height_of(self, parameter: str) -> float | None:
-        """Where it stiffens the structure, in storeys above the ground; None if not known."""
-        return None
-
     @property
     def geometry(self) -> Geometry | None:
         """Where its nodes are, for drawings in space; None if not known."""

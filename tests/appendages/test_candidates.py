@@ -39,7 +39,6 @@ def test_sensors_are_the_places_of_a_structure_without_floors():
     assert [place.name for place in places] == [f"pendulum {label}" for label in LABELS]
     assert places[2].coordinates == (4.0, 0.0, 3.0)
     assert places[2].direction == (0.0, 1.0, 0.0)
-    assert places[2].height is None
 
 
 def test_floors_and_storeys_in_x_and_y_are_those_of_a_building_in_space():

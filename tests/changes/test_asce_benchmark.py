@@ -58,10 +58,3 @@ def test_the_study_has_the_benchmark_s_modes_where_its_faces_lose_what_braces_ta
     faces = [[1.0 - losses[parameter.name] for parameter in structure.parameters]]
     ours = structure.modes(np.array(faces)).frequencies_hz[0]
     assert ours == pytest.approx(benchmark.modes(left)[0], rel=3e-5)
-
-
-def test_faces_are_as_high_as_the_middle_of_their_storeys():
-    study = bs.load_study(ROOT / "model_classes" / "asce_benchmark.py")
-    structure = study.model_classes[0].configurations[0].structure
-    assert [structure.height_of(face) for face in ("e1", "s3")] == [0.5, 2.5]
-    assert structure.height_of("frequency_cov") is None

@@ -323,12 +323,6 @@ def test_in_a_process_of_its_own(tmp_path):
     assert again.stderr.count("\n") == 1
 
 
-def test_sensitivity_is_found_where_it_is(run):
-    done = run("rank", "study.py", "--sensitivity")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.endswith("The sensitivity of a saved result: bayes-ssi what-if RESULT.\n")
-
-
 def test_help_and_version(run):
     assert "rank" in run("--help").stdout
     assert "calibrate" in run("-h").stdout

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.plots import plot_identified_shapes
+from bayes_ssi.plots import plot_identified_modes
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 # Standard deviations to either side that hold 90 %.
@@ -29,13 +29,8 @@ def data(sensors, with_covariance=True, **errors):
 )
 def test_over_sensors(arguments, sds):
     """In the scale in which the largest component is one."""
-    (ax,) = plot_identified_shapes(data(("x", "y"), **arguments)).axes
+    _, ax = plot_identified_modes(data(("x", "y"), **arguments)).axes
     bars = np.array(ax.containers[1].lines[2][0].get_segments())[:, :, 0]
     np.testing.assert_allclose(bars.mean(axis=1), [0.75, 1.0])
     np.testing.assert_allclose(np.diff(bars)[:, 0] / 2.0, Z * sds / 0.8 * np.ones(2), rtol=1e-9)
     assert [each.get_text() for each in ax.get_yticklabels()] == ["x", "y"]
-
-
-def test_without_a_shape_there_is_nothing_to_draw():
-    with pytest.raises(ValueError, match="no mode has a shape"):
-        plot_identified_shapes(data(("x", "y")).without_shapes())

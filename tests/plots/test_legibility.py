@@ -6,14 +6,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from searches import (
-    INFILL_01,
-    PENDULUM_3,
-    place_record,
-    places_in_space,
-    places_of_building,
-    search_of,
-)
+from searches import places_in_space, search_of
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
@@ -27,7 +20,7 @@ from bayes_ssi.plots.class_plots import (
     plot_parameters,
 )
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
-from bayes_ssi.plots.place_plots import plot_place_bars, plot_places_on_building
+from bayes_ssi.plots.place_plots import plot_place_bars
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
@@ -65,8 +58,6 @@ def plots(posteriors, updated, case_c, make_posterior):
     inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), of_modes)
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
-    tall = bs.ShearBuilding((1.0,) * 20, (1.0,) * 20)
-    in_space = bs.ShearBuilding3D((1.0,) * 3, (1.0,) * 3, *(((1.0,) * 3,) * 3))
     return {
         "evidence": lambda: plot_evidence(bs.compare(posteriors)),
         "frequencies": lambda: plot_frequencies(case_c, posteriors),
@@ -78,15 +69,6 @@ def plots(posteriors, updated, case_c, make_posterior):
         "parameters": lambda: plot_parameters(posteriors[0]),
         "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
-        "building": lambda: plot_places_on_building(
-            search_of([place_record(PENDULUM_3, 0.9), place_record(INFILL_01, 0.1)])
-        ),
-        "tall building": lambda: plot_places_on_building(
-            search_of([place_record(place, 0.01) for place in places_of_building(tall)])
-        ),
-        "floors in space": lambda: plot_places_on_building(
-            search_of([place_record(place, 0.08) for place in places_of_building(in_space)])
-        ),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
@@ -108,8 +90,8 @@ def texts_of(figure):
 
 
 NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "change", "MAC",
-         "parameters", "pairing", "sensitivity", "building", "tall building", "floors in space",
-         "bars", "corner", "corner of small ranges")  # fmt: skip
+         "parameters", "pairing", "sensitivity", "bars", "corner",
+         "corner of small ranges")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)

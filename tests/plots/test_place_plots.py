@@ -1,9 +1,9 @@
-"""Places of a search: on the building, in space, and as bars."""
+"""Places of a search: in space, and as bars."""
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from searches import place_record, places_in_space, places_of_building, search_of
+from searches import place_record, places_in_space, search_of
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import MOST_VECTORS, figures_for_files
@@ -113,18 +113,3 @@ def test_without_coordinates_the_most_probable_places_are_bars(draw):
     assert lengths[-1] == pytest.approx(0.01 * (32 - MOST_BARS))
     assert ax.get_yticklabels()[-1].get_text() == f"{32 - MOST_BARS} others together"
     assert ax.get_xlabel() == "probability of an appendage"
-
-
-def test_floors_in_space_have_a_column_for_each_direction_and_a_tall_building_bars(draw):
-    frame = bs.ShearBuilding3D((1.0,) * 3, (1.0,) * 3, *(((1.0,) * 3,) * 3))
-    places = [place_record(place, 0.08) for place in places_of_building(frame)]
-    ax = draw(places)
-    at = np.array([c.get_offsets()[0] for c in ax.collections if len(c.get_offsets()) == 1])
-    assert len(np.unique(at[:, 0])) == 4
-    assert sorted(set(at[:, 1])) == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
-    assert sorted(t.get_text() for t in ax.texts if t.get_text() in ("x", "y")) == list("xxyy")
-    assert labels_of(ax) == ["infill in a storey", "pendulum"]
-    tower = bs.ShearBuilding((1.0,) * 60, (1.0,) * 60)
-    ax = draw([place_record(place, 1.0 / 120) for place in places_of_building(tower)])
-    assert len(ax.patches) == MOST_BARS + 1
-    assert ax.figure.get_figheight() < 8

@@ -157,10 +157,6 @@ def test_responses_are_those_of_the_draws(predicted):
         predicted.time_histories(motion, ACCELERATION, 0.02).draws,
         time_histories(*whole, motion, ACCELERATION, 0.02),
     )
-    np.testing.assert_allclose(
-        predicted.peak_responses(motion, ACCELERATION, 0.02).draws,
-        time_histories(*whole, motion, ACCELERATION, 0.02, peaks=True),
-    )
 
 
 def test_blas_has_one_thread(predicted):
@@ -243,7 +239,6 @@ def test_errors_name_the_class(predicted):
     for compute in (
         lambda: predicted.transfer_functions(FREQUENCIES, unknown, 0.02),
         lambda: predicted.time_histories(motion, unknown, 0.02),
-        lambda: predicted.peak_responses(motion, unknown, 0.02),
         lambda: predicted.shapes("1", ["roof"]),
     ):
         with pytest.raises(ValueError, match="model class 'each k': place 'roof': the structure"):

@@ -76,7 +76,7 @@ def test_responses_hold_the_bands_of_all_places(predicted, response_request, res
         np.testing.assert_allclose(
             responses[0].histories[motion.name].curves, draws.band(0.9), rtol=1e-9, atol=1e-12
         )
-        peaks = average.peak_responses(motion, OUTPUT, 0.02).band(0.9)
+        peaks = np.quantile(np.abs(draws.draws).max(-1), [0.05, 0.5, 0.95], axis=0)
         np.testing.assert_allclose(responses[0].histories[motion.name].peaks, peaks, rtol=1e-9)
     draws = average.transfer_functions(FREQUENCIES, OUTPUT, 0.02)
     np.testing.assert_allclose(responses[0].transfer.curves, draws.band(0.9), rtol=1e-9)

@@ -92,3 +92,111 @@ def test_one_sensor_from_the_command_line_to_a_ranking(samples, run, tmp_path):
     building = bs.ShearBuilding((1.0, 1.0), (k, k))
     one = bs.ModelClass("a", building, modes, bs.ErrorModel(0.01), pairing={"1": 1, "2": 2})
     assert np.isfinite(one.log_likelihood(np.array([[100.0]])))
+
+
+def dead(rows, _rng):
+    rows[2] = 0.2
+
+
+def copied(rows, _rng):
+    rows[2] = -rows[3]
+
+
+def clipped(rows, _rng):
+    """By three standard deviations, beyond which are 0.0027: motion looks smaller by as much."""
+    limit = 3.0 * rows[2].std()
+    rows[2] = rows[2].clip(-limit, limit)
+
+
+def noise(rows, rng):
+    rows[2] = rows[2].std() * rng.standard_normal(N)
+
+
+def stuck(rows, _rng):
+    rows[2, 3000:6000] = rows[2, 3000]
+
+
+KNOWN = {}
+
+
+def of_sound(record, sensors):
+    """Their modes, which are the same whatever is wrong with the others."""
+    if sensors not in KNOWN:
+        KNOWN[sensors] = bs.identify(record.selected(sensors), (0.5, 4.0)).quoted
+    return KNOWN[sensors]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (dead, "dead, all samples are 0.2"),
+        (copied, "the same samples but for the sign as sensor 'd'"),
+        (clipped, "clipped; 0.19 % of"),
+        (noise, "noise alone"),
+        (stuck, "on straight lines, or the same as before, in 25% of"),
+    ],
+)
+def test_a_sensor_that_measured_nothing_has_no_component(samples, wrong, why, run, tmp_path):
+    """Modes, errors and covariance are those of the sound sensors alone, and files say so."""
+    rng = np.random.default_rng(2)
+    rows = np.vstack([samples, samples + 0.05 * rng.standard_normal((2, N))])
+    wrong(rows, rng)
+    out = {"c", "d"} if wrong is copied else {"c"}
+    sound = [i for i, name in enumerate("abcd") if name not in out]
+    record = bs.Record(rows, RATE, tuple("abcd"), "acceleration", "m/s2")
+    found = bs.identify(record, (0.5, 4.0))
+    alone = of_sound(record, tuple(record.sensors[i] for i in sound))
+    assert {name for name, _ in found.left_out} == out
+    assert why in dict(found.left_out)["c"]
+    files = bs.write_modal_data(found.modal_data(), tmp_path / "modes.csv")
+    data = bs.read_modal_data(files[0])
+    assert data.sensors == (*"abcd",)
+    np.testing.assert_array_equal(data.unit_shapes[sound], alone.unit_shapes)
+    assert np.isnan(np.delete(data.unit_shapes, sound, axis=0)).all()
+    places = np.r_[:2, (2 + 4 * np.arange(2)[:, None] + sound).ravel()]
+    np.testing.assert_allclose(
+        data.covariance[np.ix_(places, places)], alone.covariance, atol=1e-15
+    )
+    assert not np.delete(data.covariance, places, axis=0).any()
+    assert [mode.shape_sd for mode in data.modes] == pytest.approx(
+        [m.shape_sd for m in alone.modes]
+    )
+    assert "sensor 'c' is left out of shapes: " + why in run("check", files[0]).output.replace(
+        "\n", " "
+    )
+    assert [text for text in data.warnings() if "not measured" in text] == []
+
+
+@pytest.mark.parametrize("how", ["held", "repeated"])
+def test_gaps_that_were_filled_are_gaps(samples, how):
+    """A logger that holds its last sample, or writes its last ten seconds again, of all sensors."""
+    filled, missing = samples.copy(), samples.copy()
+    for first in (2000, 5000, 7000, 9000):
+        end = first + 200
+        filled[:, first:end] = (
+            samples[:, [first]] if how == "held" else samples[:, first - 200 : first]
+        )
+        missing[:, first:end] = np.nan
+    _, modes = identified(filled)
+    if "gaps" not in KNOWN:
+        KNOWN["gaps"] = identified(missing)[1]
+    truth = KNOWN["gaps"]
+    np.testing.assert_array_equal(modes.frequencies_hz, truth.frequencies_hz)
+    np.testing.assert_array_equal(modes.covariance, truth.covariance)
+
+
+def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
+    record = bs.Record(0.0 * samples, RATE, ("a", "b"), "acceleration", "m/s2")
+    with pytest.raises(ValueError, match=r"no sensor measured what .* 'a': dead, .* 'b': dead"):
+        bs.identify(record, (0.5, 4.0))
+
+
+def test_sensors_that_are_all_clipped_stay(samples):
+    """Nothing tells which of them would be right without the others."""
+    limits = 2.0 * samples.std(1, keepdims=True)
+    record, modes = identified(samples.clip(-limits, limits))
+    assert len(modes.modes) == 2
+    assert np.isfinite(modes.unit_shapes).all()
+    # Of a normal variable 4.55 % are beyond two standard deviations.
+    shares = [float(text.split("; ")[1].split(" %")[0]) for text in record.warnings()]
+    assert shares == pytest.approx([4.55, 4.55], abs=0.4)

@@ -198,8 +198,11 @@ def test_a_sensor_on_the_ground_that_drives_nothing_is_one_like_the_others():
     rows = np.vstack([noise, ambient.samples])
     named = bs.Record(rows, ambient.rate_hz, ("Ground", *SENSORS), "acceleration", "m/s2")
     found = bs.identify(named, BAND)
-    assert found.quoted.sensors == ("Ground", *SENSORS)
-    assert "do not follow it" in found.remarks[0]
+    assert found.quoted.sensors == SENSORS
+    assert found.left_out[0][0] == "Ground"
+    assert "noise alone" in found.left_out[0][1]
+    with pytest.raises(ValueError, match="no sensor measured what modes are identified from; sens"):
+        bs.identify(named, BAND, ground="Ground")
     np.testing.assert_allclose(found.quoted.frequencies_hz, TRUTH.frequencies_hz, rtol=0.01)
 
 

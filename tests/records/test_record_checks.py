@@ -65,6 +65,14 @@ def held(row, _):
     row[1000:1050] = row[1000]
 
 
+def repeated(row, _):
+    row[5000:5200] = row[1000:1200]
+
+
+def often_held(row, _):
+    row[: row.size // 10 * 3].reshape(30, -1)[:] = row[np.arange(30) * row.size // 100][:, None]
+
+
 def clipped(row, _):
     np.clip(row, -2.5 * row.std(), 2.5 * row.std(), out=row)
 
@@ -95,9 +103,12 @@ def test_a_sensor_is_dead_where_it_moves_by_rounding_alone(level):
     ("wrong", "remark"),
     [
         (dead, "dead, all samples are 0.2"),
-        (clipped, "stays at its extreme value for three samples or more"),
-        (filled, "on a straight line from 20 s on for 4 s; is it a gap that was filled?"),
-        (held, "on a straight line from 20 s on for 1 s"),
+        # Of a normal variable 1.24 % are beyond 2.5 standard deviations.
+        (clipped, "clipped; 1.2 % of its samples are at an extreme value"),
+        (filled, "on a straight line, or the same as before, from 20 s on for 4 s; it is taken"),
+        (held, "on a straight line, or the same as before, from 20 s on for 1 s"),
+        (repeated, "on a straight line, or the same as before, from 100 s on for 4 s"),
+        (often_held, "on straight lines, or the same as before, in 30% of its samples"),
         (drifting, "drifts; its mean over twentieths of the record scatters by 0.8"),
         (noise, "noise alone, coherent with no other sensor at any frequency"),
     ],
@@ -197,9 +208,12 @@ def test_copies_are_said_and_a_coarse_sensor_is_none(sound):
     assert remarks_on(coarse, RATE, SENSORS) == []
     copied = np.array([sound[0], sound[1], sound[0], -sound[1]])
     assert remarks_on(copied, RATE, ("a", "b", "c", "d"))[:2] == [
-        "sensors 'a' and 'c': the same samples",
-        "sensors 'b' and 'd': the same samples but for the sign",
+        "sensor 'c': the same samples as sensor 'a'; which one is the copy?",
+        "sensor 'a': the same samples as sensor 'c'; which one is the copy?",
     ]
+    assert remarks_on(copied, RATE, ("a", "b", "c", "d"))[2] == (
+        "sensor 'd': the same samples but for the sign as sensor 'b'; which one is the copy?"
+    )
 
 
 def test_the_command_shows_a_record_with_its_remarks(sound, tmp_path):
@@ -219,7 +233,8 @@ def test_the_command_shows_a_record_with_its_remarks(sound, tmp_path):
     np.savez(tmp_path / "setup.npz", samples=samples, sensors=SENSORS, quantity="acceleration")
     done = check(tmp_path / "setup.npz", "--rate", 50, "--unit", "g", "--json")
     assert json.loads(done.stdout)["remarks"] == [
-        "sensors 'floor 1' and 'floor 3': the same samples"
+        f"sensor 'floor {i}': the same samples as sensor 'floor {j}'; which one is the copy?"
+        for i, j in ((3, 1), (1, 3))
     ]
     done = check(path)
     assert done.exit_code == 2

@@ -188,14 +188,6 @@ def test_an_empty_batch_has_an_empty_response(augmented):
     assert transfer_functions(augmented, nothing, [1.0], output, 0.02).shape == (0, 3, 1)
 
 
-def test_peaks_are_those_of_the_histories(augmented, values):
-    motion = GroundMotion(np.random.default_rng(5).standard_normal(777), 0.02)
-    output = Output("acceleration", FLOORS)
-    computed = time_histories(augmented, values, motion, output, 0.02, peaks=True)
-    expected = np.abs(time_histories(augmented, values, motion, output, 0.02)).max(-1)
-    np.testing.assert_allclose(computed, expected, rtol=1e-12)
-
-
 class SparseChain(Structure):
     """A uniform fixed-free chain, kept sparse, that gives its lowest modes only."""
 
@@ -335,7 +327,6 @@ def test_unknown_places_are_named(augmented, values, output):
     for compute in (
         lambda: transfer_functions(augmented, values, [1.0], output, 0.02),
         lambda: time_histories(augmented, values, motion, output, 0.02),
-        lambda: time_histories(augmented, values, motion, output, 0.02, peaks=True),
         lambda: transfer_functions(
             augmented, values, [1.0], Output("displacement", FLOORS), 0.02, force_at="roof"
         ),

@@ -92,6 +92,8 @@ class IdentificationSummary:
             among those identified, and why.
         remarks: what to know of the result, a sentence each.
         doubts: why the claimed errors may be wrong, a sentence each.
+        left_out: sensors that did not measure the motion at their places, and why: no shape has a
+            component there.
         figures: paths of pictures of the identification.
     """
 
@@ -107,12 +109,18 @@ class IdentificationSummary:
     not_identified: tuple[tuple[float, str], ...]
     remarks: tuple[str, ...]
     doubts: tuple[str, ...]
+    left_out: tuple[tuple[str, str], ...] = ()
     figures: tuple[str, ...] = ()
 
     @property
     def is_explained(self) -> bool:
         """Whether the modes explain the spectra."""
         return self.whiteness <= self.allowed_whiteness
+
+    @property
+    def said_of_sensors(self) -> tuple[str, ...]:
+        """Which sensors are left out of the shapes, a sentence each."""
+        return tuple(f"sensor {name!r} is left out of shapes: {why}" for name, why in self.left_out)
 
     @property
     def failed_checks(self) -> tuple[str, ...]:

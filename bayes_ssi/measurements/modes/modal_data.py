@@ -234,18 +234,19 @@ class ModalData(Displayed):
     def warnings(self) -> list[str]:
         """What an analyst should know about these data before using them, a sentence each."""
         warnings = list(self.all_failed_checks)
+        warnings += [text for each in self.identifications for text in each.said_of_sensors]
+        left_out = [name for each in self.identifications for name, _ in each.left_out]
         for mode in self.modes:
             name = f"mode {mode.label!r}"
             if mode.shape is None:
                 warnings.append(f"{name}: no shape; only its frequency is used")
             elif mode.n_measured == 1:
                 warnings.append(f"{name}: shape at one sensor only; only its frequency is used")
-            elif mode.n_measured < len(self.sensors):
-                missing = [
-                    sensor
-                    for sensor, component in zip(self.sensors, mode.shape, strict=True)
-                    if not np.isfinite(component)
-                ]
+            elif missing := [
+                sensor
+                for sensor, component in zip(self.sensors, mode.shape, strict=True)
+                if not (np.isfinite(component) or sensor in left_out)
+            ]:
                 warnings.append(f"{name}: shape not measured at {', '.join(missing)}")
             # Shapes of lightly damped structures are nearly real; this far from one line, weighted
             # by amplitude, a real shape is a poor summary.

@@ -86,7 +86,10 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     What is stated counts where it is stated for the whole file, or in the structure of the arrays.
     """
     read = read_arrays(path, attributes=(*STATED, "sensors"))
-    arrays = {name: _plain(value) for name, value in read.items()}
+    is_matlab = path.suffix.lower() == ".mat"  # version 7.3 is HDF5, with groups for structures
+    arrays = {
+        name.replace("/", ".") if is_matlab else name: _plain(value) for name, value in read.items()
+    }
     of = {name: _structure_and_meaning(name) for name in arrays}
     samples = {
         name: array

@@ -26,6 +26,8 @@ from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_checks import (
     Stationary,
     common_delays,
+    faults_of,
+    filled_samples,
     machine_lines,
     mask_around,
     stationary_part,
@@ -60,7 +62,7 @@ class ModalIdentification(Displayed, IdentificationSummary):
     """The modes identified from a record, and what they were identified in.
 
     Attributes:
-        quoted: the modes to use, with all that was estimated of them.
+        quoted: the modes to use, at the sensors that measured, with all that was estimated of them.
         bands: the parts of the spectrum that were explained, also beyond the band of the search.
         candidates: from which the explanation began.
         spectrum: of the band, for figures; over the power of the ground where that is measured.
@@ -79,20 +81,30 @@ class ModalIdentification(Displayed, IdentificationSummary):
     def modal_data(self, source: str = "") -> ModalData:
         """The quoted modes as data of model classes, with a record of their identification.
 
-        Modes that the record is too short for have their frequency alone.
+        Modes that the record is too short for have their frequency alone, and sensors that are left
+        out have no components.
 
         Args:
             source: where they come from.
         """
+        sensors = tuple(name for name in self.record.sensors if name != self.ground)
+        measured = [sensors.index(name) for name in self.quoted.sensors]
+        m, n = len(self.quoted.modes), len(sensors)
+        shapes = np.full((m, n), np.nan)
+        shapes[:, measured] = self.quoted.unit_shapes.T
         modes = tuple(
             IdentifiedMode(mode.label, mode.frequency_hz, frequency_cov=mode.frequency_cov)
             if i in self.too_short
-            else mode
+            else replace(mode, shape=shapes[i])
             for i, mode in enumerate(self.quoted.modes)
         )
+        of_measured = np.r_[:m, (m + n * np.arange(m)[:, None] + measured).ravel()]
+        covariance = np.zeros((m * (1 + n), m * (1 + n)))
+        covariance[np.ix_(of_measured, of_measured)] = self.quoted.covariance
         values = {each.name: getattr(self, each.name) for each in fields(IdentificationSummary)}
-        identifications = (IdentificationSummary(**values),)
-        return replace(self.quoted, modes=modes, source=source, identifications=identifications)
+        return ModalData(
+            modes, self.band_hz, sensors, source, covariance, (IdentificationSummary(**values),)
+        )
 
     def _line(self) -> str:
         failed = counted(len(self.failed_checks), "failed check")
@@ -126,12 +138,14 @@ def identify(
             follow it; "" for none.
 
     Raises:
-        ValueError: the record does not cover the band, ground is no sensor or leaves too few, or no
-            mode is identified.
+        ValueError: the record does not cover the band, ground is no sensor or leaves too few, no
+            sensor measured the motion, or no mode is identified.
     """
     band, at = record.checked_band(band_hz), tuple(at)
     remarks: list[str] = []
     doubts: list[str] = []
+    whole = record
+    record, left_out = _as_measured(record, band, ground)
     lowest = max(band[0] / SEARCH_FACTOR, min(band[0], FEWEST_LINES / record.duration_s))
     highest = min(band[1] * SEARCH_FACTOR, max(band[1], 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
@@ -180,7 +194,32 @@ def identify(
         for name, delay in zip(record.sensors, late, strict=True)
         if abs(delay) > 0.05 * np.abs(late).max()
     ]
-    return _result(record, band, found, bands, spectrum, remarks, doubts, ground)
+    result = _result(record, band, found, bands, spectrum, remarks, doubts, ground)
+    measured = replace(result.record, sensors=whole.sensors, duration_s=whole.duration_s)
+    return replace(result, record=measured, left_out=tuple(left_out.items()))
+
+
+def _as_measured(
+    record: Record, band: tuple[float, float], ground: str | None
+) -> tuple[Record, dict[str, str]]:
+    """The sensors that measured, with gaps where they did not; the others, and why."""
+    from scipy.ndimage import binary_dilation
+
+    _place_of(record, ground or "")
+    # The straight lines in gaps begin and end at samples that were measured.
+    filled = filled_samples(record.samples) & ~binary_dilation(~record.is_measured)
+    faults = faults_of(record.samples, record.rate_hz, record.sensors, filled, band)
+    sound = [i for i, name in enumerate(record.sensors) if name not in faults]
+    if not sound or ground in faults:
+        of = faults if ground not in faults else {ground: faults[ground]}
+        said = "; ".join(f"sensor {name!r}: {why}" for name, why in of.items())
+        raise ValueError(f"record: no sensor measured what modes are identified from; {said}")
+    if faults:
+        record = record.selected([record.sensors[i] for i in sound])
+    if (is_filled := filled[sound].any(0)).any():
+        samples = np.where(is_filled | ~record.is_measured, np.nan, record.samples)
+        record = replace(record, samples=samples, gaps=())
+    return record, faults
 
 
 def _on_time(

@@ -29,6 +29,13 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 
 STRAIGHT_SAMPLES = 10  # for which no sensor in motion is on one value or straight line
+LONG_OVER_USUAL = 4.0  # times the length that a hundredth of a sensor's straight runs exceed
+REPEATED_SAMPLES = 50  # that no sensor in motion has twice
+MOST_FILLED = 0.2  # of a sensor's samples; with more it is left out, with fewer the instants are
+# Gaussian motion of which a share is clipped is smaller by as much (Bussgang 1952).
+MOST_CLIPPED = 0.001
+FEWEST_CLIPPED = 8  # samples
+NOISE_ALONE = "noise alone, coherent with no other sensor at any frequency; is it connected?"
 DRIFT_PARTS = 20  # whose means are compared
 DRIFT_SCATTER = 0.5  # of these means, over that of the samples
 WINDOWS = 40  # in which coherence and phases are judged
@@ -243,45 +250,77 @@ def moving(samples: FloatArray) -> NDArray[np.bool_]:
 
 def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
     """What looks wrong with samples (n, N), a sentence each; empty for a sound record."""
-    moves = moving(samples)
-    remarks = [
-        f"sensor {name!r}: dead, all samples are {row[0]:g}"
-        for name, row, has in zip(sensors, samples, moves, strict=True)
-        if not has
-    ]
-    samples = samples if moves.all() else samples[moves]  # a long record fills memory
-    sensors = [name for name, has in zip(sensors, moves, strict=True) if has]
-    remarks += _copies(samples, sensors)
-    for name, row in zip(sensors, samples, strict=True):
-        if _is_clipped(row):
+    filled = filled_samples(samples)
+    faults = faults_of(samples, rate_hz, sensors, filled)
+    remarks = [f"sensor {name!r}: {why}" for name, why in faults.items()]
+    sound = [i for i, name in enumerate(sensors) if name not in faults]
+    if faults:  # a long record fills memory
+        samples, filled, sensors = samples[sound], filled[sound], [sensors[i] for i in sound]
+    for name, row, is_filled in zip(sensors, samples, filled, strict=True):
+        if share := _clipped_share(row):
+            remarks.append(f"sensor {name!r}: clipped; {_at_extremes(share)}")
+        if is_filled.any():
+            ends = np.flatnonzero(np.diff(is_filled, prepend=False, append=False)).reshape(-1, 2)
+            first, end = ends[np.diff(ends).argmax()] / rate_hz
+            more = f", and in {len(ends) - 1} more places" if len(ends) > 1 else ""
             remarks.append(
-                f"sensor {name!r}: stays at its extreme value for three samples or more; is it "
-                "clipped?"
-            )
-        elif (gap := _longest_straight(row)) is not None:
-            first, length = gap
-            remarks.append(
-                f"sensor {name!r}: on a straight line from {first / rate_hz:.6g} s on for "
-                f"{length / rate_hz:.3g} s; is it a gap that was filled?"
+                f"sensor {name!r}: on a straight line, or the same as before, from {first:.6g} s "
+                f"on for {end - first:.3g} s{more}; it is taken for a gap that was filled"
             )
         if (drift := _drift(row)) > DRIFT_SCATTER:
             remarks.append(
                 f"sensor {name!r}: drifts; its mean over twentieths of the record scatters by "
                 f"{drift:.2g} times what is left without them"
             )
-    noise = _incoherent(samples)
-    remarks += [
-        f"sensor {sensors[i]!r}: noise alone, coherent with no other sensor at any frequency; is "
-        "it connected?"
-        for i in noise
-    ]
-    clear = np.delete(samples, noise, axis=0) if noise else samples
-    remarks += late_sensors(clear, rate_hz, [s for i, s in enumerate(sensors) if i not in noise])
-    return remarks + _machines(samples, rate_hz)
+    return [*remarks, *late_sensors(samples, rate_hz, sensors), *_machines(samples, rate_hz)]
 
 
-def _incoherent(samples: FloatArray) -> list[int]:
-    """Rows of samples that share no motion with any other row."""
+def faults_of(
+    samples: FloatArray,
+    rate_hz: float,
+    sensors: Sequence[str],
+    filled: NDArray[np.bool_],
+    band_hz: tuple[float, float] = (0.0, np.inf),
+) -> dict[str, str]:
+    """Sensors whose samples (n, N) are not the motion at their places in a band, and why.
+
+    Samples that are ``filled`` (n, N) were not measured.
+    """
+    faults = {}
+    moves = moving(samples)
+    clipped = np.array([_clipped_share(row) for row in samples])
+    are_all_clipped = bool((clipped > MOST_CLIPPED).all())  # shapes suffer less
+    for i, (name, row) in enumerate(zip(sensors, samples, strict=True)):
+        if not moves[i]:
+            faults[name] = f"dead, all samples are {row[0]:g}"
+            continue
+        if clipped[i] > MOST_CLIPPED and not are_all_clipped:
+            faults[name] = f"clipped; {_at_extremes(clipped[i])}"
+        if (share := float(filled[i].mean())) > MOST_FILLED:
+            faults[name] = (
+                f"on straight lines, or the same as before, in {share:.0%} of its samples"
+            )
+        for j in np.flatnonzero(moves[:i]).tolist():
+            if (how := _copied(row, samples[j])) is not None:
+                both = name, sensors[j]
+                faults |= {
+                    one: f"the same samples{how} as sensor {other!r}; which one is the copy?"
+                    for one, other in (both, both[::-1])
+                }
+    left = [i for i, name in enumerate(sensors) if name not in faults]
+    noise = _incoherent(samples[left], rate_hz, band_hz)
+    # Where no two sensors have anything in common, nobody can tell which of them are sound.
+    if len(noise) < len(left):
+        faults |= {sensors[left[i]]: NOISE_ALONE for i in noise}
+    return faults
+
+
+def _at_extremes(share: float) -> str:
+    return f"{100.0 * share:.2g} % of its samples are at an extreme value"
+
+
+def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]) -> list[int]:
+    """Rows of samples that share no motion of a band with any other row."""
     n, n_samples = samples.shape
     n_windows = WINDOWS
     length = min(2 * n_samples // (n_windows + 1), LONGEST_WINDOW)
@@ -290,7 +329,11 @@ def _incoherent(samples: FloatArray) -> list[int]:
     starts = np.linspace(0, n_samples - length, n_windows).astype(int)
     windows = samples[:, starts[:, None] + np.arange(length)]
     windows = (windows - windows.mean(2, keepdims=True)) * np.hanning(length)
-    lines = np.fft.rfft(windows)[:, :, 2:].transpose(2, 0, 1)  # (lines, n, windows)
+    hz = np.fft.rfftfreq(length, 1.0 / rate_hz)
+    inside = np.flatnonzero((hz >= band_hz[0]) & (hz <= band_hz[1]))
+    lines = np.fft.rfft(windows)[:, :, inside[inside > 1]].transpose(2, 0, 1)  # (lines, n, windows)
+    if not len(lines):
+        return []
     tiny = np.finfo(float).tiny
     lines /= np.sqrt(np.maximum((np.abs(lines) ** 2).sum(2, keepdims=True), tiny))
     coherence = np.abs(lines @ lines.conj().swapaxes(1, 2)) ** 2
@@ -314,48 +357,63 @@ def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
     ]
 
 
-def _copies(samples: FloatArray, sensors: Sequence[str]) -> list[str]:
-    """Sensors whose samples are those of another one, perhaps with the other sign."""
-    return [
-        f"sensors {sensors[j]!r} and {sensors[i]!r}: the same samples{how}"
-        for i in range(len(samples))
-        for j in range(i)
-        for sign, how in ((1.0, ""), (-1.0, " but for the sign"))
+def _copied(row: FloatArray, other: FloatArray) -> str | None:
+    """How samples are those of another sensor, perhaps with the other sign; None if not."""
+    for sign, how in ((1.0, ""), (-1.0, " but for the sign")):
         # A few samples tell nearly all sensors apart.
-        if all(np.array_equal(samples[i, :n], sign * samples[j, :n]) for n in (100, None))
-    ]
+        if all(np.array_equal(row[:n], sign * other[:n]) for n in (100, None)):
+            return how
+    return None
 
 
-def _is_clipped(row: FloatArray) -> bool:
-    """Whether three samples in a row are at an extreme, which is no rare value.
+def _clipped_share(row: FloatArray) -> float:
+    """Share of samples at an extreme value that is no rare one.
 
     Samples of a coarse sensor are at its extreme less often than at the value next to it.
     """
-    for sign in (-1.0, 1.0):
-        highest = float((sign * row).max())
-        at_end = sign * row == highest
-        if np.any(at_end[2:] & at_end[1:-1] & at_end[:-2]):
-            below = sign * row[~at_end]
-            if at_end.sum() > (below == below.max()).sum():
-                return True
-    return False
+    n_clipped = 0
+    for signed in (row, -row):
+        is_at_end = signed == signed.max()
+        n_at_end = int(is_at_end.sum())
+        if FEWEST_CLIPPED <= n_at_end < len(row):
+            below = signed[~is_at_end]
+            n_clipped += n_at_end if n_at_end > 2 * int((below == below.max()).sum()) else 0
+    return n_clipped / len(row)
 
 
-def _longest_straight(row: FloatArray) -> tuple[int, int] | None:
-    """First sample and length of the longest straight run, if it is too long."""
-    bend = np.abs(row[2:] - 2.0 * row[1:-1] + row[:-2])
-    rounding = 8.0 * np.finfo(float).eps * float(np.abs(row).max())
-    bent = np.flatnonzero(bend > rounding)
-    ends = [-1, *bent.tolist(), len(bend)]
-    lengths = np.diff(ends) + 1  # samples on the line
-    longest = int(lengths.argmax())
-    if lengths[longest] < STRAIGHT_SAMPLES:
-        return None
-    # A coarse sensor often stays on one value: a gap stands out from its other runs.
-    usual = np.sort(lengths)[-max(1, len(lengths) // 1000) - 1] if len(lengths) > 1 else 0
-    if lengths[longest] < 2 * usual:
-        return None
-    return ends[longest] + 1, int(lengths[longest])
+def filled_samples(samples: FloatArray) -> NDArray[np.bool_]:
+    """Which samples (n, N) are on one value or straight line for long, or repeat earlier ones."""
+    filled = np.zeros(samples.shape, dtype=bool)
+    for row, is_filled in zip(samples, filled, strict=True):
+        bend = np.abs(row[2:] - 2.0 * row[1:-1] + row[:-2])
+        rounding = 8.0 * np.finfo(float).eps * float(np.abs(row).max())
+        ends = np.concatenate([[-1], np.flatnonzero(bend > rounding), [len(bend)]])
+        lengths = np.diff(ends) + 1  # samples on a line
+        # A coarse sensor often stays on one value: a gap stands out from its other runs.
+        usual = float(np.quantile(lengths, 0.99))
+        for k in np.flatnonzero(lengths >= max(STRAIGHT_SAMPLES, LONG_OVER_USUAL * usual)):
+            is_filled[ends[k] + 1 : ends[k] + 1 + lengths[k]] = True
+        is_filled |= _repeats(row)
+    return filled
+
+
+def _repeats(row: FloatArray) -> NDArray[np.bool_]:
+    """Which samples (N,) are in a stretch that has been before, to the last digit."""
+    length, n = REPEATED_SAMPLES, len(row) - REPEATED_SAMPLES + 1
+    if n < 2:
+        return np.zeros(len(row), dtype=bool)
+    # A whole number for each stretch, which wraps around: the same where all its samples are.
+    bits = np.ascontiguousarray(row, dtype=float).view(np.uint64)
+    bits = bits ^ (bits >> np.uint64(31))  # the last ones of rounded numbers are zeros
+    signatures = np.zeros(n, dtype=np.uint64)
+    factors = np.random.default_rng(0).integers(2**64, size=length, dtype=np.uint64)
+    for k, factor in enumerate(factors):
+        signatures += bits[k : k + n] * factor
+    _, first, places = np.unique(signatures, return_index=True, return_inverse=True)
+    # One value or two of a coarse sensor are often the same.
+    changes = np.concatenate([[0], np.cumsum(np.diff(row) != 0.0)])
+    is_again = (first[places] < np.arange(n)) & (changes[length - 1 :] - changes[:n] > length // 2)
+    return np.convolve(is_again, np.ones(length)) > 0.5
 
 
 def _drift(row: FloatArray) -> float:

@@ -97,8 +97,8 @@ def number_table(plan: Plan) -> Table:
 def change_table(plan: Plan) -> Table:
     """What one sensor less or more, or smaller errors, would change in the best layout."""
     table = new_table("What would change the gain of the best layout", ["change"], ["nats"])
-    for change in sorted(plan.changes, key=lambda each: each.gain):
-        add_row(table, change.what, gain_text(change.gain, change.error, "+.3f"))
+    for what, change in sorted(plan.changes.items(), key=lambda each: each[1]):
+        add_row(table, what, gain_text(*change, "+.3f"))
     return table
 
 
@@ -118,7 +118,8 @@ def plan_notes(plan: Plan) -> Iterator[str]:
         else f"Greedy search with exchanges, {plan.n_tried} layouts tried. Begun from effective "
         f"independence, it ends at a gain {plan.other_start:+.3f} nats from the best."
     )
-    if any(change.gain > 2.0 * change.error for change in plan.changes if "without" in change.what):
+    without = (change for what, change in plan.changes.items() if "without" in what)
+    if any(gain > 2.0 * error for gain, error in without):
         yield (
             "A sensor can take information away: errors of shapes are stated at unit length over "
             "the sensors of a layout, and one on which the classes agree dilutes the others."

@@ -6,14 +6,7 @@ from typing import Any
 from rich.table import Table
 
 from bayes_ssi.foundations.displayed import columns
-from bayes_ssi.report.tables.layout import (
-    MOST_HYPOTHESES,
-    MOST_PLACES,
-    add_row,
-    digits,
-    marked,
-    new_table,
-)
+from bayes_ssi.report.tables import layout
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.search_result import SearchRecord
@@ -48,7 +41,7 @@ def baseline_table(record: SearchRecord) -> Table:
     best = record.best_without_appendages.log_evidence
     rows = [
         (
-            marked(each.name, each in record.beaten),
+            layout.marked(each.name, each in record.beaten),
             probability_text(each.prior_probability) if each.prior_probability > 0.0 else "-",
             probability_text(each.probability) if each.prior_probability > 0.0 else "-",
             f"{each.log_evidence:.2f}",
@@ -57,7 +50,7 @@ def baseline_table(record: SearchRecord) -> Table:
         for each in record.baselines
     ]
     title = "Baselines, and classes to compare them with: log evidence without any appendage"
-    return new_table(title, ["baseline"], NUMBERS, rows)
+    return layout.new_table(title, ["baseline"], NUMBERS, rows)
 
 
 def baseline_notes(record: SearchRecord) -> list[str]:
@@ -80,13 +73,13 @@ def search_table(record: FamilyRecord, comparison: Comparison, title: str) -> Ta
     for row in _shown(record):
         sign = "" if row.is_sampled else APPROXIMATELY
         rows.append((
-            marked(row.name, row.name in failed),
+            layout.marked(row.name, row.name in failed),
             probability_text(row.prior_probability),
             f"{sign}{probability_text(row.probability)}".replace(f"{sign}<", "<"),
             f"{sign}{row.log_evidence:.2f}",
             f"{sign}{row.log_evidence - best:.2f}",
         ))  # fmt: skip
-    return new_table(title, ["hypothesis"], NUMBERS, rows)
+    return layout.new_table(title, ["hypothesis"], NUMBERS, rows)
 
 
 def appendage_place_table(record: SearchRecord) -> Table:
@@ -94,23 +87,25 @@ def appendage_place_table(record: SearchRecord) -> Table:
 
     Of one appendage after the other, each over all hypotheses with as many.
     """
-    table = new_table(
+    table = layout.new_table(
         f"Appendages by place, averaged over all hypotheses with {len(record.matched) or 'any'}: "
         "medians and 90 % intervals",
         ["place"],
         ["probability", record.mass_heading, "frequency (Hz)"],
     )
     for group in record.shown:
-        for each in group[:MOST_PLACES]:
+        for each in group[: layout.MOST_PLACES]:
             amounts = (quantity(*each.amounts[name]) for name in ("mass", "frequency_hz"))
-            add_row(table, each.place.name, probability_text(each.probability), *amounts)
-        if others := group[MOST_PLACES:]:
+            layout.add_row(table, each.place.name, probability_text(each.probability), *amounts)
+        if others := group[layout.MOST_PLACES :]:
             together = sum(each.probability for each in others)
-            add_row(table, f"{len(others)} others", probability_text(together), "", "")
+            layout.add_row(table, f"{len(others)} others", probability_text(together), "", "")
     for each in record.motions:
         if each.probability >= PROBABLE:
             frequency = quantity(*each.amounts["frequency_hz"])
-            add_row(table, each.place.name, probability_text(each.probability), "-", frequency)
+            layout.add_row(
+                table, each.place.name, probability_text(each.probability), "-", frequency
+            )
     return table
 
 
@@ -132,24 +127,25 @@ def several_table(record: SearchRecord) -> Iterator[Table]:
     ]
     numbers = [record.mass_heading, "frequency (Hz)"]
     title = "Appendages of hypotheses with several: medians and 90 % intervals"
-    yield new_table(title, ["hypothesis", "appendage"], numbers, cells)
+    yield layout.new_table(title, ["hypothesis", "appendage"], numbers, cells)
 
 
 def _shown(record: FamilyRecord) -> list[Any]:
     """The hypotheses that tables show: the most probable ones, and no feature."""
     rows = enumerate(record.hypotheses)
-    return [row for i, row in rows if i < MOST_HYPOTHESES or not row.features]
+    return [row for i, row in rows if i < layout.MOST_HYPOTHESES or not row.features]
 
 
 def averaged_table(record: FamilyRecord) -> Table:
     """The baseline's parameters averaged over all hypotheses, and of the simplest one."""
     fields = ("mean", "sd", "quantile_05", "quantile_95", "naive_mean", "naive_sd")
     rows = [
-        [row.name, *digits(*columns(row, fields).values())] for row in record.averaged_parameters
+        [row.name, *layout.digits(*columns(row, fields).values())]
+        for row in record.averaged_parameters
     ]
     title = f"Parameters averaged over the hypotheses; naive: {record.nothing}"
     headings = ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"]
-    return new_table(title, ["parameter"], headings, rows)
+    return layout.new_table(title, ["parameter"], headings, rows)
 
 
 def search_notes(record: FamilyRecord) -> list[str]:
@@ -158,7 +154,7 @@ def search_notes(record: FamilyRecord) -> list[str]:
     if isinstance(record, SearchRecord):
         notes += [f"Priors of masses are relative to {mass}." for mass in mass_scales(record)]
     else:
-        if (n_more := len(record.places) - MOST_PLACES) > 0:
+        if (n_more := len(record.places) - layout.MOST_PLACES) > 0:
             notes.append(f"{n_more} less probable places are in the saved result.")
         if record.has_visible:
             notes.append(
@@ -193,7 +189,7 @@ def unseen_note(record: FamilyRecord) -> str:
     unseen = [finding.place.name for finding in record.places if not finding.is_observed]
     if not unseen:
         return ""
-    shown, others = unseen[:MOST_PLACES], unseen[MOST_PLACES:]
+    shown, others = unseen[: layout.MOST_PLACES], unseen[layout.MOST_PLACES :]
     return (
         f"The test says nothing about these places, {record.why_unseen}: "
         f"{', '.join(shown)}{f' and {len(others)} more' if others else ''}."
@@ -219,13 +215,13 @@ def place_table(record: FamilyRecord) -> Table:
     What changes would have been seen is a dash where none would have been.
     """
     what, amount = record.amount
-    table = new_table(
+    table = layout.new_table(
         f"{record.feature.capitalize()}s by place, averaged over all hypotheses: medians and "
         "90 % intervals",
         ["place", what],
         ["probability", amount, *["smallest visible (%)"] * record.has_visible],
     )
-    for each in record.places_by_probability[:MOST_PLACES]:
+    for each in record.places_by_probability[: layout.MOST_PLACES]:
         least = each.smallest_visible
         seen = ["-" if least is None else f"{100.0 * least:.2g}"] * record.has_visible
         of_place = [each.place.name, probability_text(each.probability), *seen]
@@ -233,6 +229,6 @@ def place_table(record: FamilyRecord) -> Table:
             name, probability, *others = of_place
             low, middle, high = (record.scale * one for one in of_one)
             label = quantity_name.removeprefix(f"{what}, ")
-            add_row(table, name, label, probability, quantity(low, middle, high), *others)
+            layout.add_row(table, name, label, probability, quantity(low, middle, high), *others)
             of_place = [""] * len(of_place)
     return table

@@ -162,7 +162,6 @@ class Hierarchy(Displayed):
         n_draws: int = 1000,
         covariate: float | None = None,
         name: str = AVERAGE,
-        seed: int = 0,
     ) -> FloatArray:
         """Draws of the parameters in the next test, (n_draws, n_parameters), in their units.
 
@@ -173,7 +172,6 @@ class Hierarchy(Displayed):
             n_draws: number of draws.
             covariate: its value in the next test; the mean of the tests if None.
             name: of a population; "average" takes them in proportion to their probabilities.
-            seed: determines the draws.
 
         Raises:
             ValueError: there is no such population, there is no covariate, or ``n_draws`` is not
@@ -181,7 +179,7 @@ class Hierarchy(Displayed):
         """
         if n_draws < 1:
             raise ValueError(f"hierarchy: the number of draws must be positive, got {n_draws!r}")
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)
         chosen = self.populations if name == AVERAGE else (self.population(name),)
         probabilities = np.array([each.probability for each in chosen])
         counts = np.bincount(systematic_indices(probabilities, n_draws, rng), minlength=len(chosen))

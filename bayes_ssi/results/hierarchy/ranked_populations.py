@@ -24,29 +24,16 @@ from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.results.hierarchy import populations
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     Hierarchy,
     RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.results.hierarchy.populations import (
-    Coverage,
-    Population,
-    PopulationPriors,
-    PopulationSampler,
-    SampledPopulation,
-    SingleTest,
-    failed_fits,
-    fit_tests,
-)
+from bayes_ssi.results.hierarchy.populations import PopulationPriors, SingleTest
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
-from bayes_ssi.studies.ranking.comparison import (
-    PROBABLE,
-    STANDARD_ERRORS,
-    class_probabilities,
-    evidence_against,
-)
+from bayes_ssi.studies.ranking import comparison
 
 FEWEST_TESTS = 2  # fewer say nothing of how parameters vary
 # Of each test that are used: their likelihoods are known, so that more say little more.
@@ -106,16 +93,18 @@ def hierarchy(
     names = tuple(name for name in of_structure if name in wanted)
     scale, x = _standardised(tests, covariate, covariate_name)
     report = (run or Run()).report
-    fits = fit_tests(tests, seed, partial(report, "single tests", "likelihoods"))
+    fits = populations.fit_tests(tests, seed, partial(report, "single tests", "likelihoods"))
     columns = tests[0].columns(names)
-    sampler = PopulationSampler(tests, fits, columns, x, seed, settings or SamplingSettings())
+    sampler = populations.PopulationSampler(
+        tests, fits, columns, x, seed, settings or SamplingSettings()
+    )
     kinds = [(SAME, False, False), (VARIES, True, False)]
     if scale is not None:
         follows = f"varies with {scale.name}"
         kinds += [(follows, False, True), (f"{follows} and from test to test", True, True)]
     sampled = [
         sampler.sample(
-            Population(kind, names, varies, follows, priors or PopulationPriors()),
+            populations.Population(kind, names, varies, follows, priors or PopulationPriors()),
             partial(report, kind),
         )
         for kind, varies, follows in kinds
@@ -141,7 +130,7 @@ def hierarchy(
             *(c for test in tests for c in test.failed_checks),
             *failed,
             *repeated_errors(class_name, tests),
-            *failed_fits(tests, fits),
+            *populations.failed_fits(tests, fits),
         ),
         remarks=(*remarks[:1], *unusual),
     )
@@ -168,7 +157,9 @@ def _standardised(
 
 
 def _rows(
-    sampler: PopulationSampler, covered: Coverage, covariate: Mapping[str, float] | None
+    sampler: populations.PopulationSampler,
+    covered: populations.Coverage,
+    covariate: Mapping[str, float] | None,
 ) -> list[SingleTestSummary]:
     """A row for each test, with what the most probable population's coverage says of it."""
     sizes = np.median(covered.effective_sample_sizes, axis=0)
@@ -192,16 +183,18 @@ def _rows(
     return rows
 
 
-def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
+def _ranked(sampled: Sequence[populations.SampledPopulation]) -> list[RankedPopulation]:
     best = sampled[0]
-    probabilities = class_probabilities({s.population.name: s.log_evidence for s in sampled}, None)
+    probabilities = comparison.class_probabilities(
+        {s.population.name: s.log_evidence for s in sampled}, None
+    )
     rows = []
     for each in sampled:
         difference = each.log_evidence - best.log_evidence
         error = 0.0 if each is best else math.hypot(each.error, best.error)
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
-        has_chance = difference + STANDARD_ERRORS * error > math.log(PROBABLE)
+        has_chance = difference + comparison.STANDARD_ERRORS * error > math.log(comparison.PROBABLE)
         if has_chance and each.coverage.error > LARGEST_ERROR:
             failed = (
                 *failed,
@@ -218,7 +211,7 @@ def _ranked(sampled: Sequence[SampledPopulation]) -> list[RankedPopulation]:
                 probability=probabilities[each.population.name],
                 log_bayes_factor=difference,
                 log_bayes_factor_error=error,
-                against="best" if each is best else evidence_against(difference, error),
+                against="best" if each is best else comparison.evidence_against(difference, error),
                 draws=each.draws,
                 failed_checks=failed,
             )

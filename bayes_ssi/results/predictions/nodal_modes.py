@@ -13,10 +13,6 @@ from bayes_ssi.structures.solver_files.solver_text import DIRECTIONS, INTERNAL
 from bayes_ssi.structures.structure import Structure
 
 
-class NoNodesError(ValueError):
-    """No degree of freedom is of a node."""
-
-
 @dataclass(frozen=True, eq=False)
 class NodalModes:
     nodes: tuple[str, ...]
@@ -29,8 +25,8 @@ class NodalModes:
     displacements: FloatArray
 
 
-def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
-    """Modes at ``values`` (n_parameters,), of the exact model where it is approximated.
+def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes | None:
+    """Modes at ``values`` (n_parameters,), of the exact model; None where it has no nodes.
 
     Degrees of freedom are labelled "node direction", such as ``12 x``; others, of elements on the
     structure for instance, have no node.
@@ -39,10 +35,7 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes:
     places = [_place(label) for label in labels]
     moving = dict.fromkeys(place[0] for place in places if place is not None)
     if not moving:
-        raise NoNodesError(
-            f"no degree of freedom is labelled 'node direction', such as '12 x'; labels are "
-            f"{', '.join(map(repr, labels[:3]))}, …"
-        )
+        return None
     geometry = structure.geometry
     known = {} if geometry is None else geometry.nodes
     nodes = tuple(dict.fromkeys([*known, *moving]))  # restrained nodes are drawn, too

@@ -147,18 +147,6 @@ class Predictions:
             lambda structure, values: time_histories(structure, values, motion, output, damping)
         )
 
-    def peak_responses(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
-        """Largest amplitudes of time histories, draws (n, n_places).
-
-        Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.time_histories`.
-        """
-        return self._responses(
-            lambda structure, values: time_histories(
-                structure, values, motion, output, damping, peaks=True
-            )
-        )
-
     def _responses(
         self, compute: Callable[[Structure, FloatArray], FloatArray], size_per_mode: int = 0
     ) -> Prediction:

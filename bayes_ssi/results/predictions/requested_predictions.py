@@ -6,7 +6,7 @@ Only bands are kept: the histories of a thousand draws at every place would not 
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -330,30 +330,24 @@ def predictions_record(
     }
 
 
-@dataclass(frozen=True)
-class SavedPredictions:
-    """Saved predictions: their record, tables (the first row names columns) and figures."""
+def load_saved_predictions(result: Path) -> dict[str, Any]:
+    """The ``record``, ``tables`` and ``figures`` (paths) of predictions; empty if there are none.
 
-    record: Mapping[str, Any]
-    tables: Mapping[str, list[list[str]]]
-    figures: tuple[Path, ...]
-
-
-def load_saved_predictions(result: Path) -> SavedPredictions | None:
-    """The predictions saved in a result directory; None if there are none."""
+    The first row of a table names its columns.
+    """
     directory = result / "predictions"
     if not (directory / MARKER).is_file():
-        return None
+        return {}
     tables = {}
     for name in TABLES:
         if (directory / name).is_file():
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
-    figures = tuple(sorted(directory.glob("figures/*.png")))
     record = read_json(directory / MARKER)
     if missing := {"configuration", "damping", "draws", "level", "predictions_of"} - record.keys():
         raise ValueError(f"{directory / MARKER}: damaged: no {', '.join(sorted(missing))}")
-    return SavedPredictions(record, tables, figures)
+    figures = sorted(directory.glob("figures/*.png"))
+    return {"record": record, "tables": tables, "figures": figures}
 
 
 BAND = ("low", "median", "high")

@@ -10,17 +10,11 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.structures.emulation import mode_representations
 from bayes_ssi.structures.emulation.gaussian_process import (
     GaussianProcess,
     n_quadratic_terms,
     quadratic_terms,
-)
-from bayes_ssi.structures.emulation.mode_representations import (
-    SHAPE_WEIGHT,
-    ModalOperator,
-    Representation,
-    TrackedModes,
-    unit_shapes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
@@ -248,7 +242,7 @@ class EmulatorFit(NamedTuple):
     x: FloatArray  # (N, d), coordinates of the solutions
     modes: Modes
     failing: FailingPoints
-    representation: Representation
+    representation: mode_representations.Representation
     process: GaussianProcess
     # (N, 2), errors of the frequencies and shapes of each solution, predicted from all others, as
     # multiples of the process's spread there.
@@ -267,7 +261,7 @@ class EmulatorFit(NamedTuple):
         """The fit by the representation that predicts the last half of the solutions best."""
         _, n_dof, n_modes = modes.shapes.shape
         fits, scores = [], []
-        for kind in (ModalOperator, TrackedModes):
+        for kind in (mode_representations.ModalOperator, mode_representations.TrackedModes):
             representation = kind(n_dof, n_modes)
             vectors = representation.encoded(x, modes)
             if vectors is None:
@@ -278,7 +272,7 @@ class EmulatorFit(NamedTuple):
             left_out, spreads = process.left_out
             errors = mode_errors(representation.decoded(left_out), modes, n_needed)
             of_frequencies, of_shapes = errors[len(errors) // 2 :].T
-            weighted = np.maximum(of_frequencies, SHAPE_WEIGHT * of_shapes)
+            weighted = np.maximum(of_frequencies, mode_representations.SHAPE_WEIGHT * of_shapes)
             scores.append(float(np.median(weighted)))
             ratios = errors / spreads[:, None]
             fits.append(cls(x, modes, failing, representation, process, ratios, n_needed))
@@ -310,7 +304,9 @@ class EmulatorFit(NamedTuple):
 def mode_errors(modes: Modes, exact: Modes, n_modes: int) -> FloatArray:
     """Largest errors (B, 2) of frequencies, as fractions, and of shapes at unit length."""
     frequency = np.abs(modes.frequencies_hz / exact.frequencies_hz - 1.0)[:, :n_modes].max(axis=1)
-    ours, theirs = (unit_shapes(each.shapes[:, :, :n_modes]) for each in (modes, exact))
+    ours, theirs = (
+        mode_representations.unit_shapes(each.shapes[:, :, :n_modes]) for each in (modes, exact)
+    )
     alike = np.abs(np.einsum("bdm,bdm->bm", ours, theirs))
     # |a - b|² = 2 - 2 a·b; zero where a shape is not measured at all.
     shape = np.sqrt(np.maximum(2.0 - 2.0 * alike, 0.0)).max(axis=1)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayes_ssi.foundations.argument_types import checked, listed_choices
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import Parameter, collect_parameters
+from bayes_ssi.structures import modal
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
 from bayes_ssi.structures.finite_elements.matrix_system import AffineMatrix, System
@@ -30,14 +31,7 @@ from bayes_ssi.structures.finite_elements.model_arguments import (
 from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
-from bayes_ssi.structures.modal import (
-    BATCHED_UP_TO,
-    Eigenpairs,
-    ModalModel,
-    Modes,
-    frequencies_hz,
-    solve_modes,
-)
+from bayes_ssi.structures.modal import Eigenpairs, ModalModel, Modes
 
 # Modes are computed up to this share above the highest frequency of interest, since frequencies
 # fall as parameters change: by a fifth where a stiffness is a third lower than its median.
@@ -266,10 +260,10 @@ class AssembledStructure(PointwiseStructure):
         return self.n_modes + self.n_rigid_modes
 
     def modes(self, values: FloatArray) -> Modes:
-        if self.size > BATCHED_UP_TO:
+        if self.size > modal.BATCHED_UP_TO:
             return super().modes(values)
         stiffness, mass = (each.evaluate(values) for each in self._dense)
-        modes = self.system.free_body.elastic(solve_modes(stiffness, mass, self.n_solved))
+        modes = self.system.free_body.elastic(modal.solve_modes(stiffness, mass, self.n_solved))
         modes = modes.repeated(len(values))
         failed = np.isnan(modes.frequencies_hz).any(axis=1)
         if failed.any():
@@ -301,7 +295,7 @@ class AssembledStructure(PointwiseStructure):
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies, shapes and, where ``influence`` is known, participation."""
         modes, n = self.full_modes(values), self.n_modes
-        frequencies, rows = frequencies_hz(modes.eigenvalues[:n]), self.sensor_rows
+        frequencies, rows = modal.frequencies_hz(modes.eigenvalues[:n]), self.sensor_rows
         shapes, influence = modes.vectors[:, :n], self.system.influence
         if influence is None:
             return frequencies, shapes[rows]
@@ -325,7 +319,7 @@ class AssembledStructure(PointwiseStructure):
         labels, rows = self.degrees_of_freedom, self.sensor_rows
         if self.labels is not None:
             labels, rows = self.labels, self.system.rows[: len(self.labels)]
-        return labels, frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
+        return labels, modal.frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         influence = self.require_influence()

@@ -23,16 +23,11 @@ from bayes_ssi.parameters.parameters import (
     as_product,
     collect_parameters,
 )
+from bayes_ssi.structures.finite_elements import sparse_modes
 from bayes_ssi.structures.finite_elements.model_arguments import (
     Sensors,
     checked_matrix,
     sensor_rows,
-)
-from bayes_ssi.structures.finite_elements.sparse_modes import (
-    DENSE_UP_TO,
-    fill_reducing_order,
-    is_semidefinite,
-    lowest_modes,
 )
 from bayes_ssi.structures.modal import Modes, NoModesError, frequencies_hz
 from bayes_ssi.structures.structure import Structure
@@ -225,14 +220,14 @@ class FunctionStructure(PointwiseStructure):
                 f"of freedom, from 0 to {n - 1}"
             )
         k, m = sp.csc_array(k), sp.csc_array(m)
-        if n > DENSE_UP_TO:
-            if not is_semidefinite(m):
+        if n > sparse_modes.DENSE_UP_TO:
+            if not sparse_modes.is_semidefinite(m):
                 raise NoModesError(f"{name}: M is not positive semi-definite")
             # The pattern, and so the order, may change from call to call.
-            order = fill_reducing_order(k)
+            order = sparse_modes.fill_reducing_order(k)
             k, m = (sp.csc_array(matrix[order][:, order]) for matrix in (k, m))
             rows = np.argsort(order)[rows]
-        modes = lowest_modes(k, m, n_modes)
+        modes = sparse_modes.lowest_modes(k, m, n_modes)
         return frequencies_hz(modes.eigenvalues[:n_modes]), modes.vectors[rows, :n_modes]
 
     def _checked_modes(self, frequencies: Any, shapes: Any) -> tuple[FloatArray, FloatArray]:

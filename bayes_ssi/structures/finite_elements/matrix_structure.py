@@ -11,21 +11,14 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import counted
+from bayes_ssi.structures import modal
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
-from bayes_ssi.structures.modal import (
-    BATCHED_UP_TO,
-    ModalModel,
-    Modes,
-    NoModesError,
-    lowest_eigenpairs,
-    settle,
-    solve_modes,
-)
+from bayes_ssi.structures.modal import ModalModel, Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
 
 # Largest errors over the prior: of frequencies, as a fraction, and of shapes at the sensors, at
@@ -133,7 +126,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
+        smaller._basis = self.basis.combined(directions[:, 4 - modal.BATCHED_UP_TO :])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -153,7 +146,7 @@ class ReducedStructure(ApproximateStructure):
         in_basis = self._modes_in_basis(values)
         shapes = self.basis.at_sensors @ in_basis.shapes
         # What basis the vectors are is a matter of rounding, too.
-        settle(in_basis.frequencies_hz, shapes)
+        modal.settle(in_basis.frequencies_hz, shapes)
         return Modes(in_basis.frequencies_hz, shapes)
 
     def modal_model(self, values: FloatArray) -> ModalModel:
@@ -255,7 +248,7 @@ class ReducedStructure(ApproximateStructure):
                 errors[worst] = 0.0
                 try:
                     modes = self.full.shifted_modes(points[worst], extra=1)
-                except NoModesError:
+                except modal.NoModesError:
                     if not size:
                         raise
                     continue
@@ -278,9 +271,9 @@ class ReducedStructure(ApproximateStructure):
         for start in range(0, len(values), step):
             rows = slice(start, start + step)
             k, m = (each.evaluate(values[rows]) for each in self._in_basis)
-            frequencies_hz[rows], y[rows] = solve_modes(k, m, n)
+            frequencies_hz[rows], y[rows] = modal.solve_modes(k, m, n)
         if len(values) == 1 and np.isnan(frequencies_hz).any():
-            lowest_eigenpairs(k[0], m[0], n)  # raises, and says why
+            modal.lowest_eigenpairs(k[0], m[0], n)  # raises, and says why
         return Modes(frequencies_hz, y)
 
     @cached_property
@@ -340,11 +333,11 @@ class MatrixStructure(AssembledStructure):
 
     @cached_property
     def for_many_hypotheses(self) -> Structure:
-        return self.reduced() if self.size > BATCHED_UP_TO else self
+        return self.reduced() if self.size > modal.BATCHED_UP_TO else self
 
     @property
     def performance_hint(self) -> str:
-        if self.size <= BATCHED_UP_TO:
+        if self.size <= modal.BATCHED_UP_TO:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "

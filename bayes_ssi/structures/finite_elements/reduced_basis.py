@@ -36,16 +36,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures import modal
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
 from bayes_ssi.structures.finite_elements.sparse_modes import Factor, is_semidefinite
 from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
-from bayes_ssi.structures.modal import (
-    NOT_SUPPORTED,
-    ROUNDING,
-    Eigenpairs,
-    NoModesError,
-    lowest_eigenpairs,
-)
+from bayes_ssi.structures.modal import Eigenpairs
 
 SKETCH_SIZE = 160  # random combinations in the sketch of a residual
 # Factor on their mean square: the square of the norm is larger in 4 of 10 000 cases (χ² with as
@@ -83,7 +78,7 @@ class Reference:
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
         # Not kept: with its pivots it is large.
-        factor = Factor(self.matrix, NOT_SUPPORTED)
+        factor = Factor(self.matrix, modal.NOT_SUPPORTED)
         factor.require_positive_definite()
         n, n_random = self.matrix.shape[0], SKETCH_SIZE
         self.sketch = sketch = np.zeros((n, n_random + len(self.sensors)))
@@ -99,7 +94,7 @@ class Reference:
     @cached_property
     def factor(self) -> Factor:
         """Of the stiffness, which solves K_r x = f."""
-        return Factor(self.matrix, NOT_SUPPORTED)
+        return Factor(self.matrix, modal.NOT_SUPPORTED)
 
 
 class Elongations(NamedTuple):
@@ -121,7 +116,7 @@ class Elongations(NamedTuple):
         by_u, by_q = carried.components(terms)
         remaining = by_u - by_q @ self.follow
         # An own spring is an elongation, and moves nothing else but for rounding.
-        remaining[np.abs(remaining) <= ROUNDING * np.abs(by_q @ self.follow)] = 0.0
+        remaining[np.abs(remaining) <= modal.ROUNDING * np.abs(by_q @ self.follow)] = 0.0
         return [remaining, by_q @ self.inverse]
 
 
@@ -261,7 +256,7 @@ class ReducedBasis:
         for _ in range(2):  # once leaves rounding errors
             new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
         energies, directions = np.linalg.eigh(new.T @ (reference.matrix @ new))
-        kept = energies > max(negligible**2, ROUNDING)
+        kept = energies > max(negligible**2, modal.ROUNDING)
         if not kept.any():
             return self
         new = new @ (directions[:, kept] / np.sqrt(energies[kept]))
@@ -290,7 +285,7 @@ class ReducedBasis:
         elements count as answered by the static solutions that the basis has of them.
         """
         stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
-        squares, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        squares, y = modal.lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
         u = self.vectors @ (y[: self.vectors.shape[1]] / np.sqrt(squares))
         residuals = np.zeros_like(u)
         for c, matrix in zip(at.stiffness, reference.stiffness.matrices, strict=False):
@@ -314,8 +309,8 @@ class ReducedBasis:
         if not alpha > 0.0:
             return unknown
         try:
-            eigenvalues, y = lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
-        except NoModesError:
+            eigenvalues, y = modal.lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        except modal.NoModesError:
             return unknown
         y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
         residuals = _sum(at.stiffness, self.residual_stiffness) @ y

@@ -20,18 +20,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.structures import modal
 from bayes_ssi.structures.finite_elements.model_arguments import FILE_ROUNDING, Matrix
-from bayes_ssi.structures.modal import (
-    NOT_SUPPORTED,
-    ROUNDING,
-    Eigenpairs,
-    FreeBody,
-    NoModesError,
-    lowest_eigenpairs,
-    require_supported,
-    settle,
-    too_few_modes,
-)
+from bayes_ssi.structures.modal import Eigenpairs, NoModesError
 
 DENSE_UP_TO = 150  # smaller problems are solved faster as dense ones
 # Modes are counted below a shift that differs from every (2πf)² by this share, and with a factor
@@ -122,8 +113,8 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     n = stiffness.shape[0]
     # With many modes, Lanczos vectors (twice as many) would span half of the space.
     if n <= DENSE_UP_TO or 4 * n_modes >= n:
-        return lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
-    factor = Factor(stiffness, NOT_SUPPORTED)
+        return modal.lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
+    factor = Factor(stiffness, modal.NOT_SUPPORTED)
     with_mass = np.flatnonzero(np.diff(mass.indptr))
     if len(with_mass) <= DENSE_UP_TO:
         loads = np.zeros((n, len(with_mass)))
@@ -131,11 +122,11 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
         modes = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
     else:
         modes = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
-    require_supported(stiffness, modes.vectors[:, 0])
+    modal.require_supported(stiffness, modes.vectors[:, 0])
     return modes
 
 
-def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
+def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> modal.FreeBody:
     """The rigid-body modes of a model, none where it is held.
 
     A motion is rigid where its strain energy is no more than rounding the entries of K to nine
@@ -149,7 +140,7 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
         # One more than the six that a body in space may have.
         modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, extra=6)
     except NoModesError:
-        return FreeBody()  # whatever is wrong is said where its modes are computed
+        return modal.FreeBody()  # whatever is wrong is said where its modes are computed
     squares, parts = modes.eigenvalues - shift, modes.vectors**2
     energy = np.einsum("nm,nm->m", modes.vectors, stiffness @ modes.vectors)
     # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
@@ -159,10 +150,10 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> FreeBody:
     steps = squares[:-1] < RIGID_SQUARE * squares[1:]
     numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
     if not len(numbers):
-        return FreeBody()
+        return modal.FreeBody()
     number = int(numbers[-1])
     # Of the order of the lowest frequency above, so that its digits are kept.
-    return FreeBody(number, 0.5 * float(squares[number]))
+    return modal.FreeBody(number, 0.5 * float(squares[number]))
 
 
 def _counted(
@@ -192,14 +183,14 @@ def _counted(
             # The count includes negative eigenvalues of K: with positive ones alone it has none.
             if not modes.eigenvalues[0] > 0.0:
                 factor.require_positive_definite()
-            settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
+            modal.settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
     # Iterations stop early where M has hardly more modes than are asked for.
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
     loads = mass @ normal
     energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
-    if energies.min() <= ROUNDING * energies.max():
+    if energies.min() <= modal.ROUNDING * energies.max():
         return _modes_under(loads, mass, factor, n_modes, at_most)
     raise NoModesError(f"the modes could not be verified: {problem}")
 
@@ -214,18 +205,18 @@ def _modes_under(
     factor.require_positive_definite()
     moved = factor.solve(loads)
     energies, directions = np.linalg.eigh(loads.T @ moved)
-    kept = energies > ROUNDING * energies.max(initial=0.0)
+    kept = energies > modal.ROUNDING * energies.max(initial=0.0)
     unit = moved @ (directions[:, kept] / np.sqrt(energies[kept]))
     inverses, mixed = np.linalg.eigh(unit.T @ (mass @ unit))
     inverses, mixed = inverses[::-1], mixed[:, ::-1]
-    if len(inverses) and inverses[-1] < -ROUNDING * max(inverses[0], -inverses[-1]):
+    if len(inverses) and inverses[-1] < -modal.ROUNDING * max(inverses[0], -inverses[-1]):
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
+    n_available = int((inverses > modal.ROUNDING * inverses.max(initial=0.0)).sum())
     if n_available < n_modes:
-        raise too_few_modes(n_available, n_modes)
+        raise modal.too_few_modes(n_available, n_modes)
     inverses, mixed = inverses[:n_available], mixed[:, :n_available]
     eigenvalues, vectors = 1.0 / inverses, unit @ (mixed / np.sqrt(inverses))
-    settle(eigenvalues[None], vectors[None])
+    modal.settle(eigenvalues[None], vectors[None])
     return Eigenpairs(eigenvalues[:at_most], vectors[:, :at_most])
 
 

@@ -268,10 +268,6 @@ class AppendagePlace(FeaturePlace, ABC):
         return f"{self.word} {self.candidate.name}"
 
     @property
-    def height(self) -> float | None:
-        return self.candidate.height
-
-    @property
     def coordinates(self) -> Point | None:
         return self.candidate.coordinates
 
@@ -299,7 +295,6 @@ class PendulumPlace(AppendagePlace):
 
     word, title = "pendulum", "pendulum"
     marker = "o"
-    is_outside = True
 
     @classmethod
     def fits(cls, candidate: Candidate) -> bool:

@@ -289,7 +289,7 @@ def choose_changes(
         own = [{p.name for p in structure.parameters} for structure in changed]
         able = [p.name for p in each.structural_parameters if all(p.name in n for n in own)]
         where = f"model class {each.name!r}"
-        found = places_of(able, joined or {}, places or {}, left_out, changed[0], where)
+        found = places_of(able, joined or {}, places or {}, left_out, where)
         if options.common_sd is not None:
             of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
             found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)

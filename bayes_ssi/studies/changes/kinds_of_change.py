@@ -43,7 +43,6 @@ class ChangePlace(KindOfChange):
     parameters: tuple[str, ...]
     is_joined: bool = True  # whether all of them lose one share; else each loses one of its own
     is_common: bool = False  # whether this is a common factor of all places, which is no change
-    height: float | None = None  # in storeys above the ground; None where it is not known
 
     kind = "a loss of stiffness"
 
@@ -72,7 +71,6 @@ class ElementPlace(KindOfChange):
     name: str
     ends: tuple[SinglePlace, ...]  # degrees of freedom or floors with which it moves
     has_gone: bool = False  # whether it stood there before
-    height: float | None = None
 
     @property
     def amount_names(self) -> tuple[str, ...]:
@@ -137,7 +135,6 @@ class SomethingElse(KindOfChange):
     modes: tuple[str, ...]  # labels of the modes that both sides have
 
     name, kind = "something else", "something else"
-    height = None
 
     @property
     def amount_names(self) -> tuple[str, ...]:
@@ -155,7 +152,6 @@ def places_of(
     joined: Mapping[str, Sequence[str]],
     places: Mapping[str, Sequence[str]],
     left_out: Sequence[str],
-    structure: Structure,
     where: str,
 ) -> tuple[ChangePlace, ...]:
     """Those that are given, then every other parameter alone; ``where`` begins messages."""
@@ -171,12 +167,7 @@ def places_of(
                 raise ValueError(f"{where}: {what} {name!r} is named twice")
     if not groups:
         raise ValueError(f"{where}: every parameter is left out; leave one in")
-    made = []
-    for name, names, is_joined in groups:
-        heights = [at for each in names if (at := structure.height_of(each)) is not None]
-        height = sum(heights) / len(heights) if heights else None
-        made.append(ChangePlace(name, names, is_joined, height=height))
-    return tuple(made)
+    return tuple(ChangePlace(name, names, is_joined) for name, names, is_joined in groups)
 
 
 def element_places(
@@ -191,23 +182,20 @@ def element_places(
     if not structure.carries_elements:
         return
     single = [
-        (each.place, each.height)
+        each.place
         for each in structure.candidates(sensors)
         if each.to is None and isinstance(each.place, int | str)
     ]
-    moving: dict[str, tuple[tuple[SinglePlace, ...], float | None]] = {}
-    for place, height in single:
-        name, ends = _moving_together(structure, place)
-        moving[name] = ends, height
+    moving = dict(_moving_together(structure, place) for place in single)
     for has_gone in (False, True):
         gone, on = ("gone ", "from") if has_gone else ("", "on")
-        for name, (ends, height) in moving.items():
-            yield MassPlace(f"mass {gone}{on} {name}", ends, has_gone, height)
+        for name, ends in moving.items():
+            yield MassPlace(f"mass {gone}{on} {name}", ends, has_gone)
         for label in modes[has_gone]:
             mode = f", mode {label}" if label else ""
-            for place, height in single:
+            for place in single:
                 name = f"appendage {gone}{on} {_name(place)}{mode}"
-                yield AppearedAppendage(name, (place,), has_gone, height, label)
+                yield AppearedAppendage(name, (place,), has_gone, label)
 
 
 def _moving_together(

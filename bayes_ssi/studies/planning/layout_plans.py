@@ -16,17 +16,9 @@ from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import located, require_distinct
-from bayes_ssi.studies.planning.layout_values import (
-    LayoutSearch,
-    Sensors,
-    SimulatedPlan,
-    Worth,
-    class_worth,
-    effective_independence,
-    quantity_worth,
-    served_layouts,
-)
-from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Change, Layout, Plan
+from bayes_ssi.studies.planning import layout_values
+from bayes_ssi.studies.planning.layout_values import Sensors, SimulatedPlan, Worth
+from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Layout, Plan
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
 
@@ -183,14 +175,20 @@ def _with_candidates(
     for planned in classes:
         of_class = f"model class {planned.model_class.name!r}: candidate"
         planned.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
-    heights: dict[str, float] = {}
-    for each in classes:
-        heights |= each.structure.heights()
-    places = [
-        replace(located(place, classes[0].structure), height=heights.get(place.name, place.height))
-        for place in places
-    ]
-    return [replace(each, candidates=tuple(places)).made_accurate() for each in classes]
+    structures = [each.structure for each in classes]
+    drawn = tuple(_drawn(located(place, structures[0]), structures) for place in places)
+    return [replace(each, candidates=drawn).made_accurate() for each in classes]
+
+
+def _drawn(place: Candidate, structures: Sequence[Structure]) -> Candidate:
+    """A candidate with its coordinates and direction on the first drawing that has it."""
+    if place.coordinates is not None or not isinstance(place.place, str):
+        return place
+    known = (structure.sensor_location(place.place) for structure in structures)
+    at = next(filter(None, known), None)
+    if at is None:
+        return place
+    return replace(place, coordinates=at.position, direction=place.direction or at.direction)
 
 
 def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
@@ -302,20 +300,20 @@ class _Planning:
 
     @cached_property
     def _whole(self) -> SimulatedPlan:
-        layouts = served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
+        layouts = layout_values.served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
         return self._simulated(self.classes, layouts)
 
     def _worths(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
         """What a layout is worth on simulated tests, computed once for each layout."""
         if self.aim == CLASS:
-            return cache(lambda layout: class_worth(simulated, layout))
+            return cache(lambda layout: layout_values.class_worth(simulated, layout))
         quantities = []
         for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
             before = _quantity(planned, planned.drawn_before, self.aim)
             _check_variation(before, planned.model_class.name)
             at_draws = _quantity(planned, own.z[simulated.true_class == c], self.aim)
             quantities.append((at_draws, before))
-        return cache(lambda layout: quantity_worth(simulated, layout, quantities))
+        return cache(lambda layout: layout_values.quantity_worth(simulated, layout, quantities))
 
     @cached_property
     def _worth(self) -> Callable[[Sensors], Worth]:
@@ -350,10 +348,10 @@ class _Planning:
         """The plan, without alternatives."""
         part = self._whole.part(*N_SEARCHED)
         of_part = self._worths(part)
-        search = LayoutSearch(
+        search = layout_values.LayoutSearch(
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
         )
-        habit = effective_independence(self._shapes, self.n_sensors, self.fixed)
+        habit = layout_values.effective_independence(self._shapes, self.n_sensors, self.fixed)
         numbered: list[Sensors] = []
         for number in range(max(2, len(self.fixed)), self.n_sensors + 1):
             numbered.append(search.best(number, numbered[-1] if numbered else self.fixed))
@@ -389,7 +387,7 @@ class _Planning:
             alternatives={},
             by_number=by_number,
             knee=min(len(each.sensors) for each in by_number if each.gain >= enough),
-            changes=tuple(self._changes(best)),
+            changes=self._changes(best),
             greatest=float(-(p * np.log(p)).sum()) if self.aim == CLASS else None,
             n_tried=len(search.tried),
             is_exhaustive=exhaustive,
@@ -399,10 +397,10 @@ class _Planning:
             bias=bias,
             failed_checks=tuple(_failed_checks(worth.draws, bias)),
             candidates=first.candidates,
-            geometry=first.structure.geometry,
+            geometry=first.structure.drawing()[0],
         )
 
-    def _changes(self, best: Sensors) -> Iterator[Change]:
+    def _changes(self, best: Sensors) -> dict[str, tuple[float, float]]:
         """What one sensor less or more, and smaller errors, would change, on the same tests."""
         names = [place.name for place in self.classes[0].candidates]
         changed = {
@@ -418,8 +416,8 @@ class _Planning:
         known = self.classes[0].identification_errors.any()
         which = "errors of identification" if known else "all errors"
         changed[f"{which} half as large"] = self._worths(self._simulated(smaller, [best]))(best)
-        for what, worth in changed.items():
-            yield Change(what, *self._whole.mean(worth.values - self._worth(best).values))
+        own = self._worth(best).values
+        return {what: self._whole.mean(worth.values - own) for what, worth in changed.items()}
 
 
 def _failed_checks(draws: FloatArray, bias: float) -> Iterator[str]:

@@ -52,15 +52,6 @@ class Layout:
             writer.writerows([str(number), *[""] * (len(names) - 1)] for number in range(1, 9))
 
 
-@dataclass(frozen=True)
-class Change:
-    """What something would change in the gain of the best layout, in nats."""
-
-    what: str
-    gain: float
-    error: float
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Displayed):
     """The plan of a test.
@@ -76,7 +67,8 @@ class Plan(Displayed):
         alternatives: configuration → its best layout, where there are several.
         by_number: the best layouts of fewer sensors, and the best of all.
         knee: the smallest number of sensors with nearly all of the gain.
-        changes: what one sensor less or more, and smaller errors, change in the best gain.
+        changes: what one sensor less or more, and smaller errors, change in the best gain: nats,
+            and their standard error.
         greatest: the gain that no test can exceed, where the aim is the class.
         n_tried: layouts that were tried, and ``is_exhaustive``, whether these are all.
         other_start: gain where the search ends from effective independence, less the best's.
@@ -98,7 +90,7 @@ class Plan(Displayed):
     alternatives: Mapping[str, Layout]
     by_number: tuple[Layout, ...]
     knee: int
-    changes: tuple[Change, ...]
+    changes: Mapping[str, tuple[float, float]]
     greatest: float | None
     n_tried: int
     is_exhaustive: bool
@@ -108,7 +100,7 @@ class Plan(Displayed):
     bias: float
     failed_checks: tuple[str, ...]
     candidates: tuple[Candidate, ...]
-    geometry: Geometry | None
+    geometry: Geometry
 
     @property
     def best(self) -> Layout:

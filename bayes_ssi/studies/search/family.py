@@ -28,10 +28,9 @@ class FeaturePlace:
     """Where a hypothesis puts a feature, and what it is there; its kinds are frozen dataclasses."""
 
     record_tag = "kind"  # where a stored record names the kind
-    # How drawings show it: a legend, a marker, and whether it is outside of the building.
+    # How drawings show it: a legend and a marker.
     title: ClassVar[str]
     marker: ClassVar[str] = "s"
-    is_outside: ClassVar[bool] = False
 
     if TYPE_CHECKING:  # a property or a field, which must not hide one another
 
@@ -48,11 +47,6 @@ class FeaturePlace:
     def is_common(self) -> bool:
         """Whether it counts as no feature: what all places have in common, or is beside them."""
         return False
-
-    @property
-    def height(self) -> float | None:
-        """In storeys above the ground, where that is known."""
-        return None
 
     @property
     def coordinates(self) -> Point | None:
