@@ -47,7 +47,7 @@ def pair(seed: int) -> Pair:
     noise = float(np.exp(rng.uniform(np.log(0.01), np.log(0.1))))
     f = np.array([0.7, 2.0, 2.0 * (1.0 + apart), 5.5])
     shapes = rng.standard_normal((n, 4))
-    while (mac := (shapes[:, 1] @ shapes[:, 2]) ** 2 / np.prod((shapes[:, 1:3] ** 2).sum(0))) > 0.5:
+    while (shapes[:, 1] @ shapes[:, 2]) ** 2 > 0.5 * np.prod((shapes[:, 1:3] ** 2).sum(0)):
         shapes[:, 2] = rng.standard_normal(n)
     shapes /= np.linalg.norm(shapes, axis=0)
     kept = [0, 1, 2, 3] if two else [0, 1, 3]
@@ -63,17 +63,19 @@ def pair(seed: int) -> Pair:
     grid = np.linspace(1.6, 2.5, 4000)
     response = transfer(grid)
     level = response @ response.conj().swapaxes(1, 2)
-    level += np.eye(n) * (noise * scales.mean()) ** 2 / (scales.mean() ** 2) * np.trace(
-        level.mean(0)
-    ).real / n
+    level += (
+        np.eye(n)
+        * (noise * scales.mean()) ** 2
+        / (scales.mean() ** 2)
+        * np.trace(level.mean(0)).real
+        / n
+    )
     values = 10.0 * np.log10(np.linalg.eigvalsh(level))
     n_first = len(find_peaks(values[:, -1], prominence=1.0)[0])
     n_second = len(find_peaks(values[:, -2], prominence=CLEAR_DB)[0])
     record = bs.Record(samples, RATE_HZ, tuple(f"s{i}" for i in range(n)), "acceleration", "g")
     middle = slice(1, -1)
-    return Pair(
-        record, f[middle], dampings[middle], shapes[:, middle], n_first > 1 or n_second > 0
-    )
+    return Pair(record, f[middle], dampings[middle], shapes[:, middle], n_first > 1 or n_second > 0)
 
 
 def probability_of_two(found: bs.ModalIdentification) -> tuple[int, float | None]:
@@ -125,7 +127,8 @@ def main() -> None:
         if options.out:
             with open(options.out, "a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
-    for clear, what in ((True, "pairs that are clear"), (False, "pairs that are not"), (None, "one")):
+    kinds = (True, "pairs that are clear"), (False, "pairs that are not"), (None, "one")
+    for clear, what in kinds:
         of = [r for r in rows if r["modes"] == 2 and r["clear"] == clear]
         of = [r for r in rows if r["modes"] == 1] if clear is None else of
         right = sum(n == r["modes"] for r in of for n in r["numbers"])

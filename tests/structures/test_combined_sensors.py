@@ -86,7 +86,8 @@ def test_a_search_hangs_appendages_on_what_they_measure():
     ]
     data = bs.ModalData(tuple(modes), (0.0, 6.0), ("halfway", "sloped"))
     candidate = bs.ModelClass("points", structure, data, pairing="any")
-    places = choose_baselines(bs.Study("points", [candidate])).features["points"]
+    family = choose_baselines(bs.Study("points", [candidate]))
+    places = family.appendages("points")
     assert [place.name for place in places] == ["pendulum a", "pendulum b", "pendulum c"]
     carrying = hypothesis(candidate, places[:1])
     medians = np.array([[p.prior.quantile(0.5) for p in carrying.parameters]])

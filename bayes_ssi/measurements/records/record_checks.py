@@ -300,7 +300,7 @@ def faults_of(
             faults[name] = (
                 f"on straight lines, or the same as before, in {share:.0%} of its samples"
             )
-        for j in np.flatnonzero(moves[:i]):
+        for j in np.flatnonzero(moves[:i]).tolist():
             if (how := _copied(row, samples[j])) is not None:
                 both = name, sensors[j]
                 faults |= {

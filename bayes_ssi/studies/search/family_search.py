@@ -173,8 +173,13 @@ def screened_hypotheses(
     return hypotheses, levels
 
 
+def is_common(feature: object) -> bool:
+    """Whether it is one that all places share; most families have none of these."""
+    return getattr(feature, "is_common", False)
+
+
 def n_common(key: Key[Feature]) -> int:
-    return sum(feature.is_common for feature in key.features)
+    return sum(map(is_common, key.features))
 
 
 def _simpler(
@@ -242,13 +247,13 @@ def _expected_log_masses(
     features = family.features[name]
     alone = np.array([heights[Key(name, (feature,))] for feature in features])
     gains = alone - heights[Key(name, ())]
-    is_common = np.array([feature.is_common for feature in features], dtype=np.intp)
+    common = np.array([is_common(feature) for feature in features], dtype=np.intp)
     expected = {}
     for parent, height in heights.items():
         if parent.baseline == name and len(parent.features) == n - 1:
-            ways = [n_common(parent) + more for more in range(1 + is_common.max())]
+            ways = [n_common(parent) + more for more in range(1 + common.max())]
             log_weights = np.log([family.prior_weight(name, n, each) for each in ways])
-            expected[parent] = height + gains + log_weights[is_common] - known
+            expected[parent] = height + gains + log_weights[common] - known
             expected[parent][[features.index(feature) for feature in parent.features]] = -math.inf
     return expected
 
