@@ -25,8 +25,8 @@ def array_names(path: Path) -> tuple[str, ...]:
 
             with h5py.File(path, "r") as opened:
                 # Cells hold texts, or arrays of which each has a size of its own.
-                is_cell = {name: hasattr(i, "dtype") and i.dtype == "O" for name, i in _items(opened)}
-                return tuple(name for name in is_cell if not is_cell[name])
+                items = dict(_items(opened))
+                return tuple(n for n in items if getattr(items[n], "dtype", None) != "O")
         return tuple(name for name, *_ in whosmat(path))
 
 
