@@ -18,7 +18,7 @@ from bayes_ssi.structures.finite_elements.projected_structure import ProjectedSt
 from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
-from bayes_ssi.structures.modal import ModalModel, Modes
+from bayes_ssi.structures.modal import BATCHED_UP_TO, ModalModel, Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Requirement, Structure
 
 # Largest errors over the prior: of frequencies, as a fraction, and of shapes at the sensors, at
@@ -126,7 +126,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self.basis.combined(directions[:, 4 - modal.BATCHED_UP_TO :])
+        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -333,11 +333,11 @@ class MatrixStructure(AssembledStructure):
 
     @cached_property
     def for_many_hypotheses(self) -> Structure:
-        return self.reduced() if self.size > modal.BATCHED_UP_TO else self
+        return self.reduced() if self.size > BATCHED_UP_TO else self
 
     @property
     def performance_hint(self) -> str:
-        if self.size <= modal.BATCHED_UP_TO:
+        if self.size <= BATCHED_UP_TO:
             return ""
         return (
             f"{self.size} degrees of freedom, solved in full tens of thousands of times; "
