@@ -152,7 +152,7 @@ def plot_layout(plan: Plan, ax: Any = None) -> Any:
         ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
                    depthshade=False)  # fmt: skip
         if len(located) <= MOST_BARS:
-            ax.text(*at, f"  {each.name}", va="center", fontsize=look.SMALL_TEXT)
+            ax.text(*at, f"  {each.name}", va="bottom", fontsize=look.SMALL_TEXT)
     look.legend_of_figure(ax.figure, [ax])
     return ax
 
