@@ -186,6 +186,36 @@ def test_two_maxima_count_both():
     assert mean == pytest.approx(by_trapezoids(0.0, model, shapes, sds), abs=1e-3)
 
 
+def test_shapes_parallel_at_the_sensors_look_alike_at_every_turn():
+    """As those of an appendage's two modes: no turn is nearer to an identified shape."""
+    rng = np.random.default_rng(11)
+    n = 200
+    lower, *units = rng.standard_normal((3, 4, n))
+    upper = rng.uniform(-2.0, 2.0, n) * lower * (1.0 + 1e-15 * rng.standard_normal((4, n)))
+    units = np.array([unit / np.sqrt((unit**2).sum(axis=0)) for unit in units])
+    turning = turning_shapes(np.array([lower, upper]), units, np.full((2, n), 0.01))
+    turned = Turned.of(rng.uniform(0.1, 20.0, n), turning)
+    cosines = abs((units * lower).sum(axis=1)) / np.sqrt((lower**2).sum(axis=0))
+    assert turned.log_means == pytest.approx(-((1.0 - cosines) / 1e-4).sum(axis=0), rel=1e-6)
+
+
+@pytest.mark.parametrize("sd", [1e-2, 1e-4, 1e-5])
+def test_a_small_error_of_the_shape(sd):
+    """Of one shape along an axis: ∫ exp(-t²/(2σ²)) over -π/2 to π/2, over π."""
+    model, shapes, sds = np.eye(2, 3), np.eye(1, 3).repeat(2, axis=0), np.array([sd, np.inf])
+    turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+    (mean,) = Turned.of(np.zeros(1), turning).log_means
+    assert mean == pytest.approx(math.log(sd * math.sqrt(2.0 / math.pi)), abs=1e-3)
+
+
+def test_errors_below_rounding_give_numbers():
+    rng = np.random.default_rng(2)
+    model, shapes = rng.standard_normal((2, 2, 3, 50))
+    shapes /= np.sqrt((shapes**2).sum(axis=1, keepdims=True))
+    turned = Turned.of(np.full(50, 1e-9), turning_shapes(model, shapes, np.full((2, 50), 1e-13)))
+    assert np.isfinite(turned.log_means).all()
+
+
 def test_means_over_turns_are_the_same_in_any_batch():
     rng = np.random.default_rng(1)
     models, units = rng.standard_normal((2, 2, 5, 60))

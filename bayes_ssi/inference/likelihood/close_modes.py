@@ -42,6 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
+LEAST_WIDTH = 1e-6  # cosines of smaller turns are 1 by rounding
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
 
@@ -218,7 +219,7 @@ class Turned(NamedTuple):
         pulls = np.concatenate([together, alone], axis=1)
         strength = np.maximum(np.hypot(*pulls), TINY)
         centres = np.where(strength > TINY, pulls / strength, [[[1.0]], [[0.0]]])
-        widths = np.minimum(0.5 * SPREAD / np.sqrt(strength), 1.0)
+        widths = np.clip(0.5 * SPREAD / np.sqrt(strength), LEAST_WIDTH, 1.0)
         heights = shapes.exponents(kappa, *centres)
         best = heights.argmax(axis=0), np.arange(len(kappa))
         centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
