@@ -44,6 +44,19 @@ def row_sums(terms: FloatArray) -> FloatArray:
     return total
 
 
+def folded(terms: FloatArray) -> FloatArray:
+    """The sum over the first axis of (n, …), the same for an element in any array; n is at least 1.
+
+    As :func:`row_sums`, with few operations where n is large: one half is added to the other.
+    """
+    while (n := len(terms)) > 1:
+        half = n // 2
+        first, terms = terms, terms[:half] + terms[half : 2 * half]
+        if n % 2:
+            terms[0] += first[-1]
+    return terms[0]
+
+
 def place_of_largest(sizes: FloatArray) -> NDArray[np.intp]:
     """The place (...) of the largest of ``sizes`` (..., n), the first of equal ones.
 

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, folded, row_sums
 
 # Beyond this κ' a turn has a standard deviation of less than 5e-4: nothing turns.
 MOST_CONCENTRATION = 1e6
@@ -273,8 +273,8 @@ def _mean_over_turns(
         terms[k::n_sets] *= density[k::n_sets]
         total += density * density
     terms /= total
-    mean = (row_sums((terms * turn).T) for turn in (sin2, cos2))
-    by_node = row_sums(terms.reshape(n, n_sets, n_cases).swapaxes(0, 1)[None])[0]
-    even, odd = (row_sums(each.T) for each in (by_node[::2], by_node[1::2]))
+    mean = (folded(terms * turn) for turn in (sin2, cos2))
+    by_node = row_sums(terms.reshape(n, n_sets, n_cases))
+    even, odd = folded(by_node[::2]), folded(by_node[1::2])
     log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
     return log_means, 0.5 * np.arctan2(*mean), np.abs(even - odd) < DISAGREE * (even + odd)
