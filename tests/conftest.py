@@ -243,12 +243,15 @@ def fake_sampling(monkeypatch, make_posterior):
                 rng = np.random.default_rng(list(candidate.name.encode()))
                 centre = rng.normal(1.0, 0.3, n)
                 posteriors.append(
-                    make_posterior(candidate.name, log_evidence(candidate),
-                                   names=candidate.parameter_names,
-                                   draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
-                                   log_likelihoods=rng.standard_normal((4, 250)),
-                                   data_digest=candidate.data_digest),
-                )  # fmt: skip
+                    make_posterior(
+                        candidate.name,
+                        log_evidence(candidate),
+                        names=candidate.parameter_names,
+                        draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
+                        log_likelihoods=rng.standard_normal((4, 250)),
+                        data_digest=candidate.data_digest,
+                    )
+                )
             return posteriors
 
         for module in ("appendages.appendage_search", "search.ladder"):

@@ -47,6 +47,12 @@ def test_dense_generalised_eigenproblem(n):
         np.testing.assert_allclose(np.abs(modes.shapes[row]), np.abs(vectors), atol=1e-12)
 
 
+def test_one_mass_matrix_serves_a_batch_of_stiffnesses():
+    factors = np.array([1.0, 4.0, 9.0])
+    modes = solve_modes(factors[:, None, None] * CHAIN, UNIT_MASSES)
+    np.testing.assert_allclose(modes.frequencies_hz, [[1.0], [2.0], [3.0]] * CHAIN_HZ, rtol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("stiffness", "mass"),
     [
@@ -100,27 +106,39 @@ def test_soft_and_stiff_members_leave_low_frequencies_accurate():
     np.testing.assert_allclose(frequencies, np.sqrt(joined) / math.tau, rtol=1e-4)
 
 
-def test_batches_of_bad_rows_only_and_of_none():
-    assert np.isnan(solve_modes(np.full((2, 2, 2), np.nan), UNIT_MASSES).frequencies_hz).all()
+def test_a_batch_of_bad_rows_only_is_all_nan():
+    modes = solve_modes(np.full((2, 2, 2), np.nan), UNIT_MASSES)
+    assert np.isnan(modes.frequencies_hz).all()
+
+
+def test_an_empty_batch_gives_empty_modes():
     modes = solve_modes(np.empty((0, 2, 2)), UNIT_MASSES)
     assert modes.frequencies_hz.shape == (0, 2)
     assert modes.shapes.shape == (0, 2, 2)
 
 
-def test_mac_of_known_angles_at_common_sensors_is_blind_to_scale_and_sign():
+def test_mac_of_known_angles():
     angles = np.radians([0.0, 30.0, 60.0, 90.0, 180.0])
     shapes = np.array([np.cos(angles), np.sin(angles)])
     table = mac(shapes[:, :1], shapes)
     np.testing.assert_allclose(table, [[1.0, 0.75, 0.25, 0.0, 1.0]], atol=1e-15)
+
+
+def test_mac_is_blind_to_scale_and_sign():
     shapes = np.random.default_rng(2).standard_normal((4, 3))
     scaled = shapes * [-3.0, 1e-3, 250.0]
     np.testing.assert_allclose(mac(shapes, scaled), mac(shapes, shapes), rtol=1e-12)
     np.testing.assert_allclose(np.diag(mac(shapes, scaled)), 1.0, rtol=1e-12)
+
+
+def test_mac_leaves_missing_sensors_out():
     first = np.array([[1.0], [np.nan], [1.0]])
     other = np.array([[1.0, np.nan], [5.0, 2.0], [0.0, 3.0]])
     # Common sensors 1 and 3, (1, 1) and (1, 0): a half. Sensor 3 alone: one.
     np.testing.assert_allclose(mac(first, other), [[0.5, 1.0]], rtol=1e-15)
-    # With nothing in common it is not known.
+
+
+def test_mac_with_nothing_in_common_is_nan():
     assert np.isnan(mac(np.array([[1.0], [np.nan]]), np.array([[np.nan], [1.0]])))[0, 0]
 
 
@@ -151,4 +169,7 @@ def test_shapes_are_turned_with_their_own_kind():
     # An identified shape decides, at the sensors that measured it.
     signs = shape_signs(shapes, shapes, np.array([np.nan, -1.0, np.nan, 1.0]))
     np.testing.assert_array_equal(signs, -1.0)
+
+
+def test_modes_without_components_have_no_sign_to_turn():
     np.testing.assert_array_equal(shape_signs(np.empty((3, 0)), np.empty((3, 0)), None), 1.0)

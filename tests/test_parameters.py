@@ -65,9 +65,15 @@ def test_median_of_a_product():
     assert as_product(5.0).median == 5.0
 
 
-def test_parameters_are_collected_once_in_order_of_appearance_and_equal_ones_tied():
+def test_a_product_of_one_parameter_names_it_once():
     assert as_product(a * b * a).parameters == (a, b)
+
+
+def test_parameters_are_collected_once_in_order_of_appearance():
     assert collect_parameters([b, a, b, a]) == (b, a)
+
+
+def test_equal_parameters_are_tied():
     assert collect_parameters([a, Parameter("a", LogNormal(2.0, 0.3))]) == (a,)
 
 

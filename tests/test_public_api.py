@@ -69,7 +69,10 @@ def test_a_record_describes_its_fields(kind):
         assert "Raises:" in text
 
 
-def test_names_are_listed_once_and_in_order_and_all_are_checked_above():
-    assert bs.__all__ == sorted(set(bs.__all__))
+def test_the_checks_above_are_made():
     assert len(FUNCTIONS) > 100
     assert len(CLASSES) > 20
+
+
+def test_names_are_listed_once_and_in_order():
+    assert bs.__all__ == sorted(set(bs.__all__))

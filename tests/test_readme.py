@@ -15,8 +15,11 @@ from bayes_ssi.cli import main
 BLOCKS = blocks(README)
 
 
-def test_the_readme_is_short_and_its_picture_there():
+def test_the_readme_is_short():
     assert len(README.read_text("utf-8").splitlines()) <= 150
+
+
+def test_pictures_are_there():
     pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README.read_text("utf-8"))
     assert len(pictures) == 1
     assert (ROOT / pictures[0]).is_file()

@@ -227,17 +227,10 @@ def places_of_hypotheses(result):
     return {h.name: [each.place for each in h.features] for h in result.record.hypotheses}
 
 
-@pytest.mark.parametrize(
-    ("log_evidences", "most", "tried"),
-    [((0.0, 9.0, 20.0), 1, [1, 6]), ((1.0, 0.0, 50.0), 2, [1, 6]),
-     ((0.0, 9.0, 8.0, 50.0), 3, [1, 6, 15])],
-)  # fmt: skip
-def test_more_are_tried_up_to_the_most_and_where_fewer_help(
-    bare, fake_sampling, log_evidences, most, tried
-):
-    levels = fake_sampling(by_count(*log_evidences))
-    search(bare, SearchSettings(number_weights=(1.0,) * (most + 1)))
-    assert [len(level) for level in levels] == tried
+def test_one_appendage_at_most(bare, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 9.0, 20.0))
+    search(bare, ONE)
+    assert [len(level) for level in levels] == [1, 6]
 
 
 def test_two_are_tried_on_the_best_ones(bare, fake_sampling):
@@ -255,6 +248,18 @@ def test_one_branch_extends_only_the_best(bare, fake_sampling):
     levels = fake_sampling(lambda made: {"infill 1-2": 5.0}.get(made.name, -1.0))
     search(bare, SearchSettings(branches=1))
     assert len(levels[2]) == 5
+
+
+def test_two_are_not_tried_where_one_does_not_help(bare, fake_sampling):
+    levels = fake_sampling(by_count(1.0, 0.0, 50.0))
+    search(bare)
+    assert [len(level) for level in levels] == [1, 6]
+
+
+def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
+    levels = fake_sampling(by_count(0.0, 9.0, 8.0, 50.0))
+    search(bare, SearchSettings(number_weights=(1.0, 1.0, 1.0, 1.0)))
+    assert [len(level) for level in levels] == [1, 6, 15]
 
 
 def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
@@ -339,6 +344,14 @@ def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fa
             )
             assert quantiles == pytest.approx(tuple(expected))
     assert result.record.hypothesis("no appendage").features == ()
+
+
+def test_the_record_is_json(bare, fake_sampling):
+    fake_sampling(by_count(0.0, 1.0, 2.0))
+    record = search(bare).record
+    assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
+    assert sum(row.probability for row in record.hypotheses) == pytest.approx(1.0)
+    assert [row.name for row in record.averaged_parameters] == ["k1", "k2", "k3"]
 
 
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):

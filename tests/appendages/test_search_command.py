@@ -120,7 +120,7 @@ def test_an_unknown_baseline_is_refused(run, tiny_study_file):
 
 
 @pytest.mark.usefixtures("no_figures")
-@pytest.mark.parametrize(("most", "n_levels"), [(1, 2), (3, 4)])
+@pytest.mark.parametrize(("most", "n_levels"), [(1, 2), (2, 3), (3, 4)])
 def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
 ):
@@ -202,6 +202,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
         "--out",
         out,
     )
+
     with monkeypatch.context() as patch:
         patch.setattr("bayes_ssi.studies.search.family_search.ranked", stop)
         stopped = run(*arguments)

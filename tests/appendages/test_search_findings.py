@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from searches import COARSE
+from searches import COARSE, INFILL_01, INFILL_12, ONE
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.candidates import SearchSettings
@@ -47,3 +47,21 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_worker
     result = search(baseline, one, settings=COARSE, run=bs.Run(two_workers))
     assert result.ranking.comparison.best.name == "no appendage"
     assert result.record.probability_of_any < 0.2
+
+
+def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
+    monkeypatch.setattr(
+        "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01, INFILL_12)
+    )
+    here, there = (
+        search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))
+        for workers in (None, two_workers)
+    )
+    assert [row.name for row in here.ranking.comparison.classes] == [
+        row.name for row in there.ranking.comparison.classes
+    ]
+    for one, other in zip(here.ranking.posteriors, there.ranking.posteriors, strict=True):
+        assert one.evidence == other.evidence
+        assert one.draws.tobytes() == other.draws.tobytes()
+        assert one.configurations == other.configurations
+    assert here.record.averaged_parameters == there.record.averaged_parameters

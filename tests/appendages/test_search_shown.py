@@ -124,12 +124,16 @@ def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
         assert probabilities[last] == probability_text(sum(rest))
 
 
+def test_the_table_always_shows_no_appendage(of_a_tall_building):
+    assert "no appendage" not in [row.name for row in of_a_tall_building.record.hypotheses[:8]]
+    assert "-5.00" in "\n".join(lines(table_of(of_a_tall_building)))
+
+
 def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
     """Eight by probability, and no appendage in addition."""
     n = len(of_a_tall_building.record.hypotheses)
     rows = of_a_tall_building.record.hypotheses
     assert "no appendage" not in [row.name for row in rows[:8]]
-    assert "-5.00" in "\n".join(lines(table_of(of_a_tall_building)))
     note = f"{n - 9} less probable hypotheses are in the saved result."
     assert note in search_notes(of_a_tall_building.record)
 

@@ -167,8 +167,15 @@ def several_maxima() -> Problem:
 
 def problems() -> list[Problem]:
     return [
-        beck_au(), *(yuen(case) for case in (1, 2, 3)),
-        *(linear_gaussian(d) for d in (2, 6, 12, 20)), *(shells(d) for d in (2, 5, 10)),
-        edge(), one_dimension(), wider_prior(), four_regions(),
-        *(shifted(beck_au(), by) for by in (1000.0, -1000.0)), several_maxima(),
-    ]  # fmt: skip
+        beck_au(),
+        *(yuen(case) for case in (1, 2, 3)),
+        *(linear_gaussian(d) for d in (2, 6, 12, 20)),
+        *(shells(d) for d in (2, 5, 10)),
+        edge(),
+        one_dimension(),
+        wider_prior(),
+        four_regions(),
+        shifted(beck_au(), 1000.0),
+        shifted(beck_au(), -1000.0),
+        several_maxima(),
+    ]

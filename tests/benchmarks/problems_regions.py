@@ -115,9 +115,13 @@ def eggbox() -> Problem:
 
 def problems() -> list[Problem]:
     return [
-        golf_hole(2, 1e-4), golf_hole(3, 1e-6), golf_hole(4, 1e-8),
+        golf_hole(2, 1e-4),
+        golf_hole(3, 1e-6),
+        golf_hole(4, 1e-8),
         *(spike_in_slab(d, offset) for d in (10, 20) for offset in (0.0, 0.031)),
-        unequal_widths(), random_modes(),
+        unequal_widths(),
+        random_modes(),
         grid_of_modes((-2.0, -1.2, -0.4, 0.4, 1.2, 2.0), 2, 0.05),
-        grid_of_modes((-1.0, 1.0), 6, 0.15), eggbox(),
-    ]  # fmt: skip
+        grid_of_modes((-1.0, 1.0), 6, 0.15),
+        eggbox(),
+    ]

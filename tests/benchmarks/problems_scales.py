@@ -160,7 +160,19 @@ def fails_in_stripes() -> Problem:
 
 def problems() -> list[Problem]:
     return [
-        cauchys_in_a_box(3), cauchys(3), cauchys(5), student_posterior(), wider_than_the_prior(),
-        log_gamma(2), log_gamma(10), *correlated(), far_out(4.0), far_out(6.0), needle(),
-        almost_flat(), shifted(far_out(2.0), 1e6), fails_in_a_half(), fails_in_stripes(),
-    ]  # fmt: skip
+        cauchys_in_a_box(3),
+        cauchys(3),
+        cauchys(5),
+        student_posterior(),
+        wider_than_the_prior(),
+        log_gamma(2),
+        log_gamma(10),
+        *correlated(),
+        far_out(4.0),
+        far_out(6.0),
+        needle(),
+        almost_flat(),
+        shifted(far_out(2.0), 1e6),
+        fails_in_a_half(),
+        fails_in_stripes(),
+    ]

@@ -214,8 +214,22 @@ def checkerboard() -> Problem:
 
 def problems() -> list[Problem]:
     return [
-        banana(2, 0.1), banana(2, 0.01), banana(5, 0.1), bananas(2), bananas(5),
-        *(funnel(d) for d in (2, 5, 10)), ring(), nested_shells(), hard_ball(6, 1e-3), flat_top(),
-        beyond_a_threshold(), between_walls(), corner(8, 0.005), two_corners(), beyond_the_edge(),
-        staircase(), cliff(), checkerboard(),
-    ]  # fmt: skip
+        banana(2, 0.1),
+        banana(2, 0.01),
+        banana(5, 0.1),
+        bananas(2),
+        bananas(5),
+        *(funnel(d) for d in (2, 5, 10)),
+        ring(),
+        nested_shells(),
+        hard_ball(6, 1e-3),
+        flat_top(),
+        beyond_a_threshold(),
+        between_walls(),
+        corner(8, 0.005),
+        two_corners(),
+        beyond_the_edge(),
+        staircase(),
+        cliff(),
+        checkerboard(),
+    ]

@@ -5,12 +5,13 @@ import re
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 from conftest import assert_one_line_error
 
 from bayes_ssi.inference.workers.run import Checkpoint
-from bayes_ssi.results.stored_result import load_result, save_result
+from bayes_ssi.results.stored_result import load_result
 
 CSV = """\
 # source, test of May
@@ -102,6 +103,31 @@ def test_a_second_run_with_the_same_directory_is_refused_at_the_start(
     assert not checkpoint.exists()
 
 
+@pytest.mark.usefixtures("no_figures", "coarse_command")
+def test_a_full_disk_is_named_and_nothing_is_lost(run, tiny_study_file, tmp_path, monkeypatch):
+    arguments = ("rank", tiny_study_file, "--class", "one k", "--accept-failed-checks", "--out")
+    opened = Path.open
+
+    def on_a_full_disk(path, *mode, **options):
+        draws = path.suffix == ".nc" and mode == ("xb",)
+        return opened(Path("/dev/full"), "wb") if draws else opened(path, *mode, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", on_a_full_disk)
+        result = run(*arguments, tmp_path / "r")
+    file = tmp_path / "r" / "posteriors" / "one_k.nc"
+    assert result.stderr.endswith(
+        f"Error: {file}: No space left on device; no evaluation is lost, the same command resumes "
+        "the run\n"
+    )
+    assert sorted(path.name for path in tmp_path.glob("*r*")) == [".r.checkpoint", "work"]
+    resumed = run(*arguments, tmp_path / "r")
+    assert "resumes after" in resumed.stderr
+    assert run(*arguments, tmp_path / "whole").exit_code == 0
+    first, second = (tmp_path / name / "comparison.json" for name in ("r", "whole"))
+    assert first.read_bytes() == second.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("out", "words"),
     [
@@ -132,6 +158,15 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")
     assert chosen == [2, 3]
+
+
+@pytest.mark.usefixtures("no_figures", "coarse_command")
+def test_long_names_become_short_file_names(run, study_file, tmp_path):
+    first, second = ("k" * 300 + end for end in "ab")
+    study = study_file(('"one k"', repr(first)), ('"each k"', repr(second)))
+    result = run("rank", study, "--accept-failed-checks", "--out", tmp_path / "r")
+    assert result.exit_code == 0, result.output
+    assert {row.name for row in load_result(tmp_path / "r").comparison.classes} == {first, second}
 
 
 def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_file):
@@ -280,6 +315,8 @@ def test_unknown_class(run, tiny_study_file, command, only):
     ("command", "options"),
     [
         ("rank", ["--error", "0"]),
+        ("rank", ["--error", "nan"]),
+        ("rank", ["--error", "inf"]),
         ("calibrate", ["--shape-weight", "-1"]),
         ("calibrate", ["--starts", "0"]),
     ],
@@ -380,10 +417,8 @@ def test_help_lists_commands_whole_and_in_the_order_of_work(run):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_export_of_a_structure_without_nodes_writes_its_parameters(
-    run, tiny_ranking, tiny_study_file, tmp_path
-):
-    save_result(tiny_ranking, tmp_path / "r", study_file=str(tiny_study_file))
+def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_study_file, tmp_path):
+    assert run("rank", tiny_study_file, "--seed", 7, "--out", tmp_path / "r").exit_code == 0
     result = run("export", tmp_path / "r")
     assert result.exit_code == 0
     assert "No modes at nodes are written: no degree of freedom is labelled" in result.stdout

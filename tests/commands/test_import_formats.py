@@ -1,14 +1,16 @@
-"""``bayes-ssi import`` of every kind of files: one or two of them, with labels or without.
+"""``bayes-ssi import`` of every format that needs no other package, from files as programs lay out.
 
 Each writes the same frame of two storeys, whose stiffnesses are the properties.
 """
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
 import scipy.linalg
+import scipy.sparse as sp
 from click.testing import CliRunner
 
 from bayes_ssi.cli import main
@@ -26,6 +28,13 @@ def entries(matrix, line):
     return "".join(line.format(i + 1, j + 1, matrix[i, j]) for i in range(2) for j in range(2))
 
 
+def abaqus(name, k):
+    """``*MATRIX OUTPUT``: node, degree of freedom, node, degree of freedom, entry."""
+    for kind, matrix in (("STIF", k), ("MASS", M)):
+        Path(f"{name}_{kind}1.mtx").write_text(entries(matrix, "{0},1, {1},1, {2: .15e}\n"))
+    return f"{name}_STIF1.mtx"
+
+
 def abaqus_coordinate(name, k):
     """FORMAT=COORDINATE: row, column and entry between blanks."""
     for kind, matrix in (("STIF", k), ("MASS", M)):
@@ -41,6 +50,32 @@ def calculix(name, k):
         )
         Path(f"{name}.{ending}").write_text(upper)
     return f"{name}.sti"
+
+
+def harwell_boeing(name, k):
+    """ANSYS HBMAT: a file for each matrix, one number a line, the lower triangle; the mapping."""
+    for kind, matrix in (("K", k), ("M", M)):
+        values = [matrix[0, 0], matrix[1, 0], matrix[1, 1]]
+        numbers = [f"{value:25.15E}".replace("E", "D") for value in values]
+        lines = [
+            "Stiffness matrix from ANSYS FULL file dumped into Harwell-Boeing format".ljust(80),
+            f"{9:14d}{3:14d}{3:14d}{3:14d}{0:14d}",
+            f"{'RSA':14s}{2:14d}{2:14d}{3:14d}{0:14d}",
+            f"{'(I14)':16s}{'(I14)':16s}{'(d25.15)':20s}{'(d25.15)':20s}",
+            *(f"{number:14d}" for number in (1, 3, 4, 1, 2, 2)), *numbers, "",
+        ]  # fmt: skip
+        Path(f"{name}{kind}.matrix").write_text("\n".join(lines))
+        mapping = "  Matrix Eqn     Node        DOF\n       1   1    UX\n       2   2    UX\n"
+        Path(f"{name}{kind}.mapping").write_text(mapping)
+    return f"{name}K.matrix+{name}M.matrix"
+
+
+def matrix_market(name, k):
+    """ANSYS ``*EXPORT, …, MMF``."""
+    for kind, matrix in (("K", k), ("M", M)):
+        with Path(f"{name}{kind}.mmf").open("wb") as file:
+            scipy.io.mmwrite(file, sp.coo_array(np.tril(matrix)), precision=16)
+    return f"{name}K.mmf+{name}M.mmf"
 
 
 def opensees(name, k):
@@ -61,9 +96,26 @@ def npz(name, k):
     return f"{name}.npz"
 
 
+def nastran_op4(name, k):
+    """OUTPUT4 in binary, BIGMAT: records of Fortran around columns of strings of numbers."""
+
+    def record(data):
+        return struct.pack("<i", len(data)) + data + struct.pack("<i", len(data))
+
+    content = b""
+    for title, matrix in (("KAA", k), ("MAA", M)):
+        content += record(struct.pack("<4i8s", 2, 2, 6, 2, title.ljust(8).encode()))
+        for j in range(2):
+            content += record(struct.pack("<3i2d", j + 1, 1, 4, *matrix[:, j]))
+        content += record(struct.pack("<3id", 3, 1, 2, 1.0))
+    Path(f"{name}.op4").write_bytes(content)
+    return f"{name}.op4"
+
+
 UNLABELLED = ("--labels", "labels.txt")
 FORMATS = {
-    abaqus_coordinate: UNLABELLED, calculix: (), opensees: UNLABELLED, npz: UNLABELLED,
+    abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (), harwell_boeing: (),
+    matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED, nastran_op4: UNLABELLED,
     matlab: ("--keys", "Kff,Mff", *UNLABELLED),
 }  # fmt: skip
 
@@ -91,6 +143,8 @@ def options(files):
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("written", FORMATS, ids=lambda written: written.__name__)
 def test_a_format_by_one_command(written):
+    if written is nastran_op4:
+        pytest.importorskip("pyyeti", reason="pip install bayes_ssi[nastran]")
     files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
     done = run(*options(files), *FORMATS[written])
     assert done.exit_code == 0, done.output
@@ -104,19 +158,34 @@ def test_a_format_by_one_command(written):
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
-    ("written", "keys", "words"),
+    ("written", "change", "words"),
     [
-        (opensees, None, "frameK.out+MASS in commands, mass= in Python"),
+        (opensees, lambda each: each.split("+")[0], "frameK.out+MASS in commands, mass= in Python"),
         (matlab, None, "as in --keys KAA,MAA"),
-        (abaqus_coordinate, None, "no labels, by which sensors are named: give them in a --labels"),
-        (npz, "K", "--keys: expected STIFFNESS,MASS, got 'K'"),
     ],
 )
-def test_what_a_format_needs_is_said_as_the_command_takes_it(written, keys, words):
-    """Of OpenSees, the file of the mass; of matrices in one file, their names; and labels."""
+def test_what_a_format_needs_is_said_as_the_command_takes_it(written, change, words):
     files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
-    files = {name: file.split("+")[0] for name, file in files.items()}
-    done = run(*options(files), *(("--keys", keys) if keys else ()))
+    if change is not None:
+        files = {name: change(file) for name, file in files.items()}
+    done = run(*options(files))
     assert done.exit_code == 2
     assert words in " ".join(done.output.split())
+
+
+@pytest.mark.usefixtures("folder")
+def test_unlabelled_exports_need_labels():
+    files = {name: abaqus_coordinate(name, stiffness(*FACTORS[name])) for name in FACTORS}
+    done = run(*options(files))
+    assert done.exit_code == 2
+    words = " ".join(done.output.split())
+    assert "no labels, by which sensors are named: give them in a --labels file" in words
     assert not Path("frame.py").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_keys_are_two():
+    files = {name: npz(name, stiffness(*factors)) for name, factors in FACTORS.items()}
+    done = run(*options(files), "--keys", "K")
+    assert done.exit_code == 2
+    assert "--keys: expected STIFFNESS,MASS, got 'K'" in done.output

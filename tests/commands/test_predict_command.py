@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import matplotlib as mpl
 import numpy as np
@@ -173,6 +174,11 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_a_warning_about_narrow_peaks(predict):
+    assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
     small = 40 * 4 - 1
@@ -182,14 +188,12 @@ def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_warnings_about_damping_records_and_narrow_peaks(predict, tmp_path):
+def test_warnings_about_damping_and_records(predict, tmp_path):
     (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
     out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
     assert "(!) damping is 0.5, a fraction: 50 % of critical damping" in out
     assert "(!) record quake: its peak, 200 g" in out
     assert "carry frequencies up to 1 Hz; mode 2 of the structure, at 1.6" in out
-    narrow = predict("--damping", 1e-5, "--overwrite")
-    assert "(!) The frequencies may miss the top" in narrow.stdout
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -219,15 +223,31 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (AT2.replace("NPTS= 4", "NPTS= 5"), (), ("quake.AT2", "NPTS = 5, but 4 values follow")),
+        (AT2, ("--unit", "cm/s"), ("quake.AT2", "unit of acceleration", "'cm/s'")),
+    ],
+)
+def test_bad_records(predict, tmp_path, text, options, words):
+    (tmp_path / "quake.AT2").write_text(text, "utf-8")
+    assert_one_line_error(predict("--record", tmp_path / "quake.AT2", *options), *words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--record", "nowhere.AT2"), ("nowhere.AT2: No such file",)),
         (("--damping", 0), ("damping must be", "strictly between 0 and 1", "0.0")),
+        (("--damping", 1), ("damping must be", "strictly between 0 and 1", "1.0")),
+        (("--damping", "0.02,-0.1"), ("damping must be", "-0.1")),
         (("--damping", "0.02,0.03,0.04"), ("one for each of the 2 modes", "3 ratios")),
         (("--damping", "two"), ("--damping", "'two'")),
         (("--at", "roof"), ("place 'roof'", "'floor 1', 'floor 2'")),
         (("--transfer", "roof"), ("place 'roof'", "'floor 1', 'floor 2'")),
         (("--quantity", "drift", "--at", "floor 1"), ("LOWER:UPPER", "'floor 1'")),
+        (("--quantity", "drift", "--at", "floor 1:floor 1"), ("pair",)),
         (("--quantity", "velocity"), ("'velocity'", "drift")),
         (("--class", "two k"), ("no model class 'two k'", "'one k', 'each k'")),
         (("--configuration", "bare"), ("without a name", "'bare'")),
@@ -243,3 +263,16 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
 def test_bad_options(predict, tmp_path, options, words):
     assert_one_line_error(predict(*options), *words)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_result_that_is_incomplete(predict, saved, tmp_path):
+    copy = shutil.copytree(saved, tmp_path / "copy")
+    (copy / "comparison.json").unlink()
+    assert_one_line_error(predict(result=copy), str(copy))
+
+
+def test_a_study_that_has_changed(predict, tmp_path):
+    text = TINY_STUDY.replace("(K * k, K * k)", "(K * k, 2 * K * k)")
+    (tmp_path / "tiny.py").write_text(text, "utf-8")
+    done = predict("--study", tmp_path / "tiny.py", "--class", "one k")
+    assert_one_line_error(done, "not the one that was sampled", "Hz")

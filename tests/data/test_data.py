@@ -70,6 +70,11 @@ def test_phase_scatter(shape, scatter_deg, phase_deg):
     assert turned.phase_scatter_deg == pytest.approx(scatter_deg, abs=1e-6)
 
 
+def test_a_real_shape_has_no_phase_scatter():
+    assert mode(shape=[1.0, -2.0]).phase_scatter_deg == 0.0
+    assert mode().phase_scatter_deg == 0.0
+
+
 @pytest.mark.parametrize(
     ("shape", "n_measured", "scored"),
     [
@@ -135,6 +140,10 @@ def test_modes_are_sorted_by_frequency():
     expected = [[0.0, NAN, 1.0], [1.0, NAN, 0.0], [0.0, NAN, 0.0]]
     np.testing.assert_array_equal(held.unit_shapes, expected)
     assert held.mode("none").frequency_hz == 2.0
+
+
+def test_unit_shapes_without_sensors_are_empty():
+    assert data(mode("1"), mode("2", 2.0), sensors=()).unit_shapes.shape == (0, 2)
 
 
 def test_without_shapes_keeps_the_frequencies():
@@ -242,10 +251,12 @@ def test_a_shape_at_one_sensor_is_not_in_the_digest():
         ([mode("x", 1.0, [1, 1, 1], frequency_cov=1.5)], "mode 'x': frequency_cov is 1.5"),
         ([mode("x", 1.0, [1, 1, 1], damping=0.5)], "mode 'x': damping is 0.5, a fraction: 50 %"),
         ([mode("x", 1.0, [1, 1, 1]), mode("y", 1.0, [1, 0, 0])], "'x' and 'y': the same freq"),
-        ([mode("x", 2.6, [1, 1, 1]), mode("y", 3.0, [-1, -1, -0.8])],
-         "modes 'x' and 'y': 15 % apart with similar shapes (MAC 0.99)"),
+        (
+            [mode("x", 2.6, [1, 1, 1]), mode("y", 3.0, [-1, -1, -0.8])],
+            "modes 'x' and 'y': 15 % apart with similar shapes (MAC 0.99)",
+        ),
     ],
-)  # fmt: skip
+)
 def test_warnings(modes, remark):
     warnings = data(*modes).warnings()
     assert len(warnings) == 1

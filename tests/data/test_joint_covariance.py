@@ -44,12 +44,18 @@ def test_sizes_of_errors_come_from_the_covariance():
     assert not joint.covariance.flags.writeable
 
 
-def test_a_covariance_follows_its_modes_and_without_it_the_sizes_remain():
+def test_modes_are_sorted_with_their_covariance():
     order = [1, 0, 5, 6, 7, 2, 3, 4]
     turned = data(modes=modes()[::-1], covariance=covariance()[np.ix_(order, order)])
     assert turned.labels == ("1", "2")
     np.testing.assert_allclose(turned.covariance, data().covariance, atol=1e-20)
+
+
+def test_frequencies_alone_keep_their_covariance():
     np.testing.assert_array_equal(data().without_shapes().covariance, data().covariance[:2, :2])
+
+
+def test_without_covariance_the_sizes_remain():
     alone = data().without_covariance()
     assert alone.covariance is None
     assert [m.shape_sd for m in alone.modes] == [m.shape_sd for m in data().modes]
@@ -62,13 +68,20 @@ def test_a_covariance_follows_its_modes_and_without_it_the_sizes_remain():
         ({"covariance": np.full((8, 8), np.nan)}, "entries that are not finite"),
         ({"covariance": np.triu(covariance())}, "is not symmetric"),
         ({"covariance": -np.eye(8)}, "not positive semi-definite: an eigenvalue is -1"),
-        ({"covariance": np.diag([0.0, *np.ones(7)])}, "mode '1' has no variance of its frequency"),
-        ({"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
-         "mode '1' has no variance of its shape"),
-        ({"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
-         "mode '1': frequency_cov is 0.5, but the covariance gives 0.0"),
+        (
+            {"covariance": np.diag([0.0, *np.ones(7)])},
+            "mode '1' has no variance of its frequency",
+        ),
+        (
+            {"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
+            "mode '1' has no variance of its shape",
+        ),
+        (
+            {"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
+            "mode '1': frequency_cov is 0.5, but the covariance gives 0.0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_impossible_covariances_are_refused(changes, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         data(**changes)
@@ -81,11 +94,9 @@ def csv(tmp_path):
     return path
 
 
-def test_a_file_names_its_covariance_and_keeps_it_and_without_that_line_has_none(csv):
+def test_a_file_names_its_covariance_and_keeps_it(csv):
     assert "# identification,modes.identification.json" in csv.read_text()
     np.testing.assert_array_equal(bs.read_modal_data(csv).covariance, data().covariance)
-    csv.write_text(csv.read_text().replace("# identification,modes.identification.json\n", ""))
-    assert bs.read_modal_data(csv).covariance is None
 
 
 def test_modes_may_be_renamed_and_left_out(csv):
@@ -96,6 +107,11 @@ def test_modes_may_be_renamed_and_left_out(csv):
     assert read.labels == ("bending",)
     rows = [1, 5, 6, 7]
     np.testing.assert_allclose(read.covariance, data().covariance[np.ix_(rows, rows)], rtol=1e-12)
+
+
+def test_without_its_line_the_covariance_is_not_used(csv):
+    csv.write_text(csv.read_text().replace("# identification,modes.identification.json\n", ""))
+    assert bs.read_modal_data(csv).covariance is None
 
 
 def _change(path, **changes):

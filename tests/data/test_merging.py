@@ -27,9 +27,11 @@ def mode(label, frequency, shape=None, cov=0.002, sd=0.01, **others):
 
 def test_frequencies_and_dampings_are_weighted_by_their_errors():
     merged = bs.merge_modal_data(
-        {"a": record(mode("1", 2.00, cov=0.001, damping=0.02, damping_sd=0.002), sensors=()),
-         "b": record(mode("1", 2.01, cov=0.003, damping=0.04, damping_sd=0.004), sensors=())},
-    )  # fmt: skip
+        {
+            "a": record(mode("1", 2.00, cov=0.001, damping=0.02, damping_sd=0.002), sensors=()),
+            "b": record(mode("1", 2.01, cov=0.003, damping=0.04, damping_sd=0.004), sensors=()),
+        }
+    )
     logs, weights = np.log([2.00, 2.01]), np.array([1e6, 1e6 / 9.0])
     mean = weights @ logs / weights.sum()
     (joined,) = merged.data.modes
@@ -132,9 +134,11 @@ def test_a_change_between_records_is_a_failed_check():
 def test_a_mode_that_a_test_lacks_is_said_and_labels_that_disagree_are_numbers():
     both = [[0.6, 0.8], [0.8, -0.6]]
     merged = bs.merge_modal_data(
-        {"a": record(mode("1", 1.0, both[0]), mode("2", 1.1, both[1]), mode("3", 3.0, both[0])),
-         "b": record(mode("1", 1.0, both[0]), mode("2", 3.0, both[0]))},
-    )  # fmt: skip
+        {
+            "a": record(mode("1", 1.0, both[0]), mode("2", 1.1, both[1]), mode("3", 3.0, both[0])),
+            "b": record(mode("1", 1.0, both[0]), mode("2", 3.0, both[0])),
+        }
+    )
     assert merged.data.labels == ("1", "2", "3")
     assert [dict(each.labels) for each in merged.modes] == [
         {"a": "1", "b": "1"}, {"a": "2"}, {"a": "3", "b": "2"},
@@ -146,9 +150,11 @@ def test_a_mode_that_a_test_lacks_is_said_and_labels_that_disagree_are_numbers()
 def test_frequencies_alone_and_missing_sensors():
     first, second = mode("1", 1.0, [0.6, 0.8]), mode("1", 1.0, [0.6, np.nan, 0.7])
     merged = bs.merge_modal_data(
-        {"a": record(first, mode("2", 2.0)),
-         "b": record(second, mode("2", 2.0), sensors=("x", "y", "z"))},
-    )  # fmt: skip
+        {
+            "a": record(first, mode("2", 2.0)),
+            "b": record(second, mode("2", 2.0), sensors=("x", "y", "z")),
+        }
+    )
     first, second = merged.data.modes
     np.testing.assert_allclose(first.shape / first.shape[0], [1.0, 0.8 / 0.6, 0.7 / 0.6])
     assert second.shape is None
@@ -175,9 +181,11 @@ def test_bands_that_touch_are_joined_and_their_modes_are_different():
 
 def test_in_an_overlap_of_two_records_a_mode_has_the_weights_of_both_errors():
     merged = bs.merge_modal_data(
-        {"a": record(mode("1", 1.0), mode("2", 3.2), mode("3", 3.50, cov=0.001), band=LOW),
-         "b": record(mode("1", 3.51, cov=0.003), mode("2", 5.0), band=HIGH)},
-    )  # fmt: skip
+        {
+            "a": record(mode("1", 1.0), mode("2", 3.2), mode("3", 3.50, cov=0.001), band=LOW),
+            "b": record(mode("1", 3.51, cov=0.003), mode("2", 5.0), band=HIGH),
+        }
+    )
     assert merged.data.band_hz == (0.0, 6.0)
     logs, weights = np.log([3.50, 3.51]), np.array([9.0, 1.0])
     assert np.log(merged.data.frequencies_hz[2]) == pytest.approx(weights @ logs / 10.0, rel=1e-12)
@@ -255,20 +263,34 @@ def test_failed_checks_of_merging_stay_with_the_modes(tmp_path):
     ("tests", "message"),
     [
         ({"a": record(mode("1", 1.0))}, "give two tests or more, got 1"),
-        ({"a": record(mode("1", 9.0), band=(6.5, 10.0)),
-          "b": record(mode("1", 1.0), band=(0.5, 4.0)),
-          "c": record(mode("1", 3.0), band=(2.0, 5.0))},
-         "no modes were sought from 5 to 6.5 Hz, below the band of a; merge bands that touch or"),
-        ({"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0, cov=None))},
-         "b: mode '1' has no frequency_cov; modes are merged by the weight of their errors"),
-        ({"a": record(mode("1", 1.0, [0.6, 0.8])),
-          "b": record(mode("1", 1.0, [0.6, 0.8]), sensors=("z", "w"))},
-         "b shares no sensor with the other tests in the mode at 1 Hz"),
-        ({"a": record(mode("1", 1.0, [0.0, 1.0])),
-          "b": record(mode("1", 1.0, [0.0, 1.0]), sensors=("x", "z"))},
-         "sensors that the tests share do not move in a mode"),
+        (
+            {
+                "a": record(mode("1", 9.0), band=(6.5, 10.0)),
+                "b": record(mode("1", 1.0), band=(0.5, 4.0)),
+                "c": record(mode("1", 3.0), band=(2.0, 5.0)),
+            },
+            "no modes were sought from 5 to 6.5 Hz, below the band of a; merge bands that touch or",
+        ),
+        (
+            {"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0, cov=None))},
+            "b: mode '1' has no frequency_cov; modes are merged by the weight of their errors",
+        ),
+        (
+            {
+                "a": record(mode("1", 1.0, [0.6, 0.8])),
+                "b": record(mode("1", 1.0, [0.6, 0.8]), sensors=("z", "w")),
+            },
+            "b shares no sensor with the other tests in the mode at 1 Hz",
+        ),
+        (
+            {
+                "a": record(mode("1", 1.0, [0.0, 1.0])),
+                "b": record(mode("1", 1.0, [0.0, 1.0]), sensors=("x", "z")),
+            },
+            "sensors that the tests share do not move in a mode",
+        ),
     ],
-)  # fmt: skip
+)
 def test_tests_that_cannot_be_merged_are_refused(tests, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         bs.merge_modal_data(tests)

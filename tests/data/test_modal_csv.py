@@ -81,6 +81,20 @@ def assert_same(data, other):
         COMMAS.replace("2,\n", "2, , ,\n").replace("0.593", "0.593,,"),
         COMMAS.replace("floor 1", '"floor 1"').replace("2a", '"2a"'),
     ],
+    ids=[
+        "commas",
+        "semicolons with decimal commas",
+        "tabs with decimal commas",
+        "tabs",
+        "byte order mark",
+        "windows line ends",
+        "stated commas",
+        "stated semicolons with decimal commas",
+        "colons",
+        "remark",
+        "trailing cells",
+        "quotes",
+    ],
 )
 def test_every_form_gives_the_same_data(read, text):
     data = read(text)
@@ -215,7 +229,6 @@ NO_NUMBER = "is not a number"
     [
         (HEAD + "1, 1.O, 1, 2\n", f"line 3: frequency_hz: '1.O' {NO_NUMBER}"),
         (HEAD + "\n1, 1.0, 1, 2\n2, x, 1, 2\n", f"line 5: frequency_hz: 'x' {NO_NUMBER}"),
-        (HEAD + "1, 1_0, 1, 2\n", f"line 3: frequency_hz: '1_0' {NO_NUMBER}"),
         (HEAD + "1, , 1, 2\n", "line 3: frequency_hz: the cell is empty"),
         (HEAD + "1, 1.0, 1, two\n", f"line 3: sensor 'b': 'two' {NO_NUMBER}"),
         (HEAD + "1, 1.0, 1 2, 3\n", f"line 3: sensor 'a': '1 2' {NO_NUMBER}"),
@@ -278,6 +291,16 @@ def test_messages_name_file_line_column_and_value(read, text, message):
 def test_messages_about_the_whole_file(read, text, message):
     with pytest.raises(ValueError, match=f"modes.csv: {re.escape(message)}"):
         read(text)
+
+
+def test_a_number_with_an_underscore_is_refused(read):
+    with pytest.raises(ValueError, match=f"line 3: frequency_hz: '1_0' {NO_NUMBER}"):
+        read(HEAD.replace("6", "20") + "1, 1_0, 1, 1\n")
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match="absent"):
+        bs.read_modal_data(tmp_path / "absent.csv")
 
 
 def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path):

@@ -1,5 +1,6 @@
 """Several classes with workers: whole classes or shared evaluations, and the same results."""
 
+import json
 import logging
 import os
 from dataclasses import replace
@@ -102,6 +103,12 @@ def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study,
     assert shared == {other.name}
 
 
+def test_one_class_shares_its_evaluations(tiny_study, alone, two_workers, shared):
+    (first, _) = tiny_study.model_classes
+    assert_same([bs.sample(first, 7, COARSE, bs.Run(two_workers))], alone[:1])
+    assert shared == {first.name}
+
+
 class DiesOnce(bs.ShearBuilding):
     """Kills the process that it is first evaluated in, unless that is the tests' own."""
 
@@ -192,6 +199,24 @@ def test_failures_in_workers_are_reported(two_workers, tiny_study):
     value, reason = where.split(": ", 1)
     assert float(value) > 1.8
     assert reason.startswith("ArithmeticError: too stiff (test_class_sampling.py, line ")
+
+
+# ArviZ: there are more chains than steps.
+@pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
+@pytest.mark.usefixtures("no_figures")
+def test_the_command_gives_the_same_with_workers(
+    run, alone, tiny_study_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(
+        "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
+    )
+    result = run(
+        "rank", tiny_study_file, "--class", "one k", "--seed", 7, "--workers", 2,
+        "--accept-failed-checks", "--out", tmp_path / "r",
+    )  # fmt: skip
+    assert (result.exit_code, result.stderr) == (0, "sampled one k\n")
+    (row,) = json.loads((tmp_path / "r" / "comparison.json").read_text())["classes"]
+    assert row["log_evidence"] == alone[0].evidence.log_evidence
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pools import points, sums
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.executors import DaskWorkers
+from bayes_ssi.inference.workers.workers import evaluate
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -22,9 +23,12 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 def make_cluster(n_workers):
     return distributed.LocalCluster(
-        n_workers=n_workers, threads_per_worker=1, processes=True, dashboard_address=":0",
+        n_workers=n_workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
         silence_logs=logging.CRITICAL,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +48,17 @@ def address(cluster):
 def soon(monkeypatch):
     """A second for what may take a cluster ten."""
     monkeypatch.setattr(DaskWorkers, "cluster_seconds", 1.0)
+
+
+def test_values_do_not_depend_on_who_computes_them(address, model_classes):
+    candidate = model_classes["3"]
+    z = points(64, len(candidate.parameters))
+    with DaskWorkers(address) as pool:
+        for n in (1, 7, 64):
+            there = pool.evaluate(candidate.log_likelihood_at, z[:n])
+            here = evaluate(candidate.log_likelihood_at, z[:n])
+            assert there.values.tobytes() == here.values.tobytes()
+            assert there.failures == {}
 
 
 def test_both_workers_are_used_and_rows_that_fail_or_kill_say_why(address):

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from conftest import TINY_STUDY
-from matplotlib.figure import Figure
 
 from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.journal import Journal
@@ -113,7 +112,10 @@ REPLACING = {
     "the old result is half removed": when_the_old_result_is_half_removed,
     "the old result is removed": instead_of("pathlib.Path.rename"),
 }
-STOPS = {"an interrupt": in_batch(30, interrupt), "a full disk": in_batch(30, fill_the_disk)}
+STOPS = {
+    "an interrupt": in_batch(30, interrupt),
+    "a full disk": in_batch(30, fill_the_disk),
+}
 # Bytes that some files of the result exceed: all records, result.json, figures, draws.
 LIMITS = {n_bytes: where_files_have_at_most(n_bytes) for n_bytes in (700, 17_000, 20_000, 100_000)}
 NOTHING_LOST = "no evaluation is lost, the same command resumes the run"
@@ -130,25 +132,11 @@ forks.set_forkserver_preload(
 )  # fmt: skip
 
 
-class Blank(Figure):
-    """A figure that is soon drawn, and as large a file as others."""
-
-    def savefig(self, path):
-        Path(path).write_bytes(bytes(30_000))
-
-
-def blank_figures(*_):
-    return [(name, Blank()) for name in ("corner", "frequencies", "evidence")]
-
-
 def in_the_process(arguments, stderr, moment):
     for path, stream in ((os.devnull, 1), (stderr, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
-    patch = pytest.MonkeyPatch()
-    if moment != "a figure is drawn":
-        patch.setattr("bayes_ssi.plots.ranking_plots.result_figures", blank_figures)
     if moment is not None:
-        MOMENTS[moment](patch)
+        MOMENTS[moment](pytest.MonkeyPatch())
     main(arguments)
 
 
@@ -294,11 +282,8 @@ def test_killed_while_the_journal_is_written(command, uninterrupted):
     command.assert_result_is(uninterrupted)
 
 
-@pytest.mark.parametrize(
-    "moments", [SAVING, ("the result is in its place", "the old result is half removed")]
-)
-def test_killed_while_its_result_is_saved_or_replaced(sampled_command, uninterrupted, moments):
-    for moment in moments:
+def test_killed_at_every_moment_of_saving(sampled_command, uninterrupted):
+    for moment in SAVING:
         sampled_command.dies(moment=moment)
     assert sampled_command.run() == 0
     sampled_command.assert_result_is(uninterrupted)
@@ -310,6 +295,13 @@ def test_killed_while_an_old_result_is_replaced(sampled_command, uninterrupted):
         command.dies("--overwrite", moment=moment)
     assert command.run("--overwrite") == 0
     command.assert_result_is(uninterrupted)
+
+
+def test_killed_while_its_own_result_is_replaced(sampled_command, uninterrupted):
+    for moment in ("the result is in its place", "the old result is half removed"):
+        sampled_command.dies(moment=moment)
+    assert sampled_command.run() == 0
+    sampled_command.assert_result_is(uninterrupted)
 
 
 def test_interrupts_and_full_disks_are_said_in_a_line_and_lose_nothing(command, uninterrupted):
@@ -336,12 +328,28 @@ def test_files_of_a_result_that_cannot_be_written_lose_nothing(sampled_command, 
     sampled_command.assert_result_is(uninterrupted)
 
 
+def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
+    before = sampled_command.journals
+    assert sampled_command.run("--seed", "1") == 2
+    sampled_command.assert_one_line_error("the checkpoint of another run, with seed 0 there and 1")
+    assert sampled_command.journals == before
+
+
 def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tiny_ranking):
     assert sampled_command.run("--seed", "7", "--overwrite") == 0
     assert sampled_command.stderr == "sampled one k\n"
     posterior = load_result(sampled_command.result).posteriors[0]
     assert posterior.evidence == tiny_ranking.posteriors[0].evidence
     assert not sampled_command.checkpoint.exists()
+
+
+def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):
+    command = with_old_result(sampled_command, uninterrupted)
+    before = command.journals
+    assert command.run() == 2
+    command.assert_one_line_error("exists already and is not overwritten")
+    assert (command.result / "comparison.json").read_text() == "old"
+    assert command.journals == before
 
 
 def test_a_result_that_appears_in_the_meantime_is_not_overwritten(command, sampled):
@@ -360,3 +368,14 @@ def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     assert sampled_command.run("--class", "each k") == 2
     sampled_command.assert_one_line_error("exists already and is not overwritten")
     assert load_result(sampled_command.result).comparison.best.name == "one k"
+
+
+def test_two_runs_do_not_share_a_checkpoint(command):
+    process = command.start()
+    command.wait_for_journals_of(0)
+    os.kill(process.pid, signal.SIGSTOP)
+    before = command.journals
+    for options in ([], ["--overwrite"]):
+        assert command.run(*options) == 2
+        command.assert_one_line_error("another run is using this checkpoint")
+        assert command.journals == before

@@ -146,6 +146,11 @@ def test_rows_that_raise_are_nan_and_say_why(two_workers):
         assert re.match(f"TwoArgumentsError: no modes {place}", reason)
 
 
+def test_answers_of_the_wrong_shape_are_refused(two_workers):
+    with pytest.raises(ValueError, match=r"one value for each of 2 points, got shape \(2, 2\)"):
+        two_workers.evaluate(lambda z: z, points(16))
+
+
 def test_an_executor_that_was_given_is_not_shut_down():
     with ThreadPoolExecutor(1) as executor:
         with as_workers(executor) as workers:
@@ -155,9 +160,12 @@ def test_an_executor_that_was_given_is_not_shut_down():
         workers.evaluate(sums, points(3))
 
 
-def test_no_points_are_no_work_and_any_integer_is_a_number_of_workers():
+def test_no_points_are_no_work():
     values, failures = LocalWorkers(2).evaluate(sums, np.empty((0, 2)))
     assert (values.shape, failures) == ((0,), {})
+
+
+def test_a_number_of_workers_is_any_integer():
     with as_workers(np.uint8(1)) as workers:
         np.testing.assert_array_equal(workers.evaluate(sums, points(3)).values, sums(points(3)))
 
@@ -261,14 +269,6 @@ def test_blas_works_in_one_thread_in_workers(monkeypatch):
         assert workers.evaluate(n_threads, points(1)).values == [1.0]
 
 
-def printed_by(code):
-    """Without a warning, also at the end of the process, of resources that were forgotten."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    return done.stdout
-
-
 NO_WARNINGS = """
 import os
 
@@ -292,7 +292,11 @@ main()
 
 
 def test_no_warnings_and_nothing_left_behind():
-    assert printed_by(NO_WARNINGS) == "0.0 1.0 2.0 nan 4.0\n"
+    """Not at the end of the process either, which warns of resources that were forgotten."""
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", NO_WARNINGS]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
 
 
 def test_no_thread_is_left_when_workers_stop(monkeypatch):
@@ -335,4 +339,7 @@ with LocalWorkers(2, copies=True) as workers:
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
 def test_copies_have_what_this_process_has_imported():
     """Others, such as those that replace them where one dies, have not."""
-    assert printed_by(COPIES) == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", COPIES]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"

@@ -80,6 +80,20 @@ def test_elements_are_those_of_a_building(elements):
     assert_same(structure, expected, values)
 
 
+def test_a_pendulum_in_a_direction_adds_a_row_and_a_column():
+    """K gains k v vᵀ with v = (-c, 1), and M the mass."""
+    structure = as_matrices().with_element(bs.Pendulum(DIRECTION, 0.2, 2.2, label="tank"))
+    stiffness = 0.2 * (math.tau * 2.2) ** 2
+    v = np.array([-0.6, 0.0, 0.8, 1.0])
+    whole = np.zeros((4, 4))
+    k1, k2, k3 = STIFFNESSES
+    whole[:3, :3] = [[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]]
+    squares, vectors = eigh(whole + stiffness * np.outer(v, v), np.diag([*MASSES, 0.2]))
+    modes = structure.modes(np.ones((1, 1)))
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-10)
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), atol=1e-10)
+
+
 def test_a_sensor_is_a_place_too():
     """At a point of a rigid floor, and by the name of a row of a model."""
     floor = bs.ShearBuilding3D((2.0,), (1.5,), (800.0,), (600.0,), (900.0,)).with_sensors(

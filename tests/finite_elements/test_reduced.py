@@ -63,6 +63,9 @@ def test_is_small_and_right_over_the_prior(reduced):
     assert np.median(bounds.frequency / np.maximum(off, 1e-12)) < 1000.0
     angle = np.sqrt(np.maximum(1.0 - np.array(alike), 0.0))
     assert np.mean(bounds.shape >= angle - 1e-7) > 0.99
+
+
+def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
     at_medians = reduced.bounds(reduced.prior_medians())
     assert at_medians.frequency.max() < 1e-6
 
@@ -210,7 +213,7 @@ def test_a_structure_that_fits_in_its_basis_is_exact():
     assert reduced.n_full_solutions < 5
 
 
-def test_rows_without_modes_are_nan_and_explained_when_alone_or_at_the_medians():
+def test_rows_without_modes_are_nan_and_explained_when_alone():
     q = bs.Parameter("q", bs.Normal(1.0, 0.2))
     structure = bs.MatrixStructure((q, beam(N, 1)[0]), sp.eye_array(N), n_modes=3).reduced()
     frequencies = structure.modes(np.array([[1.0], [-1.0]])).frequencies_hz
@@ -218,6 +221,9 @@ def test_rows_without_modes_are_nan_and_explained_when_alone_or_at_the_medians()
     assert np.isnan(frequencies[1]).all()
     with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):
         structure.modes(np.array([[-1.0]]))
+
+
+def test_no_solution_at_the_medians_is_an_error():
     (k,) = factors(1)
     frame = bs.MatrixStructure((k, -beam(N, 1)[0]), sp.eye_array(N), n_modes=2)
     with pytest.raises(ValueError, match="the stiffness matrix is not positive definite"):

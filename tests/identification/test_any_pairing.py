@@ -202,12 +202,15 @@ def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, f
         bs.ModelClass("m", rigid, case_c, fixed_error, pairing="some")
 
 
-def test_classes_that_differ_in_their_pairing_alone_become_one_with_all_weights(model_classes):
+def test_classes_that_differ_in_their_pairing_alone_become_one(model_classes):
     study = bs.Study("s", list(model_classes.values()), description="why").with_any_pairing()
     assert study.names == ("1-a or 1-b or 2", "3")
     assert [candidate.pairing for candidate in study.model_classes] == ["any", "any"]
     assert study.prior_weights is None
     assert (study.name, study.description) == ("s", "why")
+
+
+def test_a_merged_class_has_the_prior_weight_of_all(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", list(model_classes.values()), prior_weights=weights)
     assert study.with_any_pairing().prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
@@ -275,6 +278,10 @@ def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fi
     assert probabilities == sorted(probabilities, reverse=True)
     assert inferred.best == inferred.pairings[0].pairing
     assert sum(probabilities) <= 1.0 + 1e-12
+
+
+def test_more_draws_than_serve_are_thinned(near_the_fit):
+    likelihood, values = near_the_fit
     many = np.tile(values, (2 * MOST_DRAWS // len(values), 1))
     computed = likelihood.inferred_pairing(many)
     assert computed.best == likelihood.inferred_pairing(values).best
@@ -294,13 +301,16 @@ def ranking(tiny_study):
     return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), seed=7)
 
 
-def test_sampling_infers_the_pairing_unless_it_is_given(ranking, tiny_ranking):
+def test_sampling_infers_the_pairing(ranking, tiny_ranking):
     (posterior,) = ranking.posteriors
     (modes,) = posterior.configurations
     assert modes.pairing == modes.inferred_pairing.best == {"1": 1, "2": 2}
     assert modes.inferred_pairing.pairings[0].probability > 0.99
     given = tiny_ranking.posteriors[0].evidence.log_evidence
     assert posterior.evidence.log_evidence == pytest.approx(given, abs=0.05)
+
+
+def test_a_given_pairing_is_not_inferred(tiny_ranking):
     assert tiny_ranking.posteriors[0].configurations[0].inferred_pairing is None
     assert pairing_notes(tiny_ranking.posteriors[0]) == []
 
@@ -312,15 +322,22 @@ def test_an_inferred_pairing_is_stored_and_loaded(ranking, tmp_path):
     assert loaded.configurations == sampled.configurations
 
 
+def test_notes_say_which_mode_is_which(ranking):
+    (posterior,) = ranking.posteriors
+    ((heading, items),) = pairing_notes(posterior)
+    assert heading == "Modes of 'one k':"
+    assert items[0].startswith("identified mode 1 is model mode 1 with probability ")
+    assert items[1].startswith("identified mode 2 is model mode 2 with probability ")
+    assert items[2].startswith("pairing 1-1, 2-2: probability ")
+
+
 def test_notes_begin_with_what_is_most_probable(make_posterior):
     """Of model modes 1, 2 and 3 and none; what rounds to 0.000 is left out."""
     shares = (PairingShare({"1": 1}, 0.6), PairingShare({"1": 3}, 0.2995), PairingShare({}, 0.1))
     inferred = InferredPairing(shares, {"1": {0: 0.1, 1: 0.6, 2: 0.0005, 3: 0.2995}})
-    ((heading, items),) = pairing_notes(make_posterior("A", inferred=inferred))
-    assert heading == "Modes of 'A':"
+    ((_, items),) = pairing_notes(make_posterior("A", inferred=inferred))
     assert items[0].startswith("identified mode 1 is model mode 1 with probability 0.6")
     places = [items[0].index(name) for name in ("model mode 1", "model mode 3", "spurious")]
     assert places == sorted(places)
     assert "model mode 2" not in items[0]
-    assert items[1].startswith("pairing 1-1: probability 0.6")
     assert items[3].startswith("every identified mode spurious: probability 0.1")

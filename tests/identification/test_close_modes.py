@@ -208,12 +208,16 @@ def test_a_small_error_of_the_shape(sd):
     assert mean == pytest.approx(math.log(sd * math.sqrt(2.0 / math.pi)), abs=1e-3)
 
 
-def test_errors_below_rounding_give_numbers():
+def test_errors_below_rounding_leave_the_best_turn():
+    """The logarithm of a mean of exp(-distance/σ²) tends to the least distance, over -σ²."""
     rng = np.random.default_rng(2)
     model, shapes = rng.standard_normal((2, 2, 3, 50))
     shapes /= np.sqrt((shapes**2).sum(axis=1, keepdims=True))
-    turned = Turned.of(np.full(50, 1e-9), turning_shapes(model, shapes, np.full((2, 50), 1e-13)))
-    assert np.isfinite(turned.log_means).all()
+    turning = turning_shapes(model, shapes, np.full((2, 50), 1e-13))
+    turned = Turned.of(np.full(50, 1e-9), turning)
+    turns = np.linspace(0.0, math.tau, 20_001)[:, None]
+    least = turning.distances(np.cos(turns), np.sin(turns)).sum(axis=0).min(axis=0)
+    assert -1e-26 * turned.log_means == pytest.approx(least, rel=1e-3)
 
 
 def test_means_over_turns_are_the_same_in_any_batch():

@@ -167,6 +167,15 @@ def test_terms_add_up_and_each_is_as_documented(building, identified):
     assert terms.spurious == pytest.approx(spurious, rel=1e-13)
 
 
+def test_an_exact_fit_has_the_height_of_its_normal():
+    oscillator = bs.ShearBuilding(
+        (1.0,), ((2.0 * math.pi) ** 2 * bs.Parameter("k", bs.Uniform(0, 3)),)
+    )
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
+    total = likelihood(oscillator, data, {"1": 1}, 0.01).log_density(np.array([[1.0]]))
+    assert total[0] == pytest.approx(math.log(0.9 / (0.01 * math.sqrt(2.0 * math.pi))) - 0.3)
+
+
 @pytest.mark.parametrize("frequency_cov", [0.002, 0.01, 0.05])
 def test_the_density_of_the_frequency_integrates_to_one(frequency_cov):
     # Its standard deviation follows the datum, not the model: one within the variance.
@@ -233,14 +242,17 @@ def test_a_mode_that_moves_the_sensors_by_rounding_alone_resembles_no_shape(meas
     np.testing.assert_array_equal(in_y, 1.0)
 
 
-# Frequencies of two unit masses on two unit springs.
-LOWER_HZ, UPPER_HZ = ((math.sqrt(5.0) + sign) / (4.0 * math.pi) for sign in (-1.0, 1.0))
+def test_half_of_a_mode_on_the_end_of_the_band_may_be_missed():
+    two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
+    upper = (math.sqrt(5.0) + 1.0) / (4.0 * math.pi)
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, upper))
+    terms = likelihood(two, data, {"1": 1}).terms(np.empty((1, 0)))
+    assert terms.missed[0].sum() == pytest.approx(math.log(1.0 - 0.9 / 2.0), rel=1e-12)
 
 
 @pytest.mark.parametrize(
     ("band", "pairing", "undetected"),
     [
-        ((0.0, UPPER_HZ), {"1": 1}, math.log(1.0 - 0.9 / 2.0)),  # half of it is inside
         ((0.0, 0.15), {"1": 1}, 0.0),
         ((0.2, 1.0), {"1": 2}, 0.0),
         ((0.0, 1.0), {"1": 1}, math.log(0.1)),
@@ -253,6 +265,10 @@ def test_only_a_mode_inside_the_band_can_be_missed(band, pairing, undetected):
     data = bs.ModalData((bs.IdentifiedMode("1", sum(band) / 2.0),), band)
     terms = likelihood(two, data, pairing).terms(np.empty((1, 0)))
     assert terms.missed[0].sum() == pytest.approx(undetected, abs=1e-12)
+
+
+# Frequencies of two unit masses on two unit springs.
+LOWER_HZ, UPPER_HZ = ((math.sqrt(5.0) + sign) / (4.0 * math.pi) for sign in (-1.0, 1.0))
 
 
 def at_band_edge(band, pairing, frequency_cov=0.01, own=(None,)):
@@ -278,11 +294,14 @@ def test_a_mode_within_two_standard_errors_of_a_limit_is_at_the_edge(end, near):
     assert at_band_edge((0.0, 2.0 * end * UPPER_HZ), {"1": 1}) == [nothing, [False, near], nothing]
 
 
-def test_only_unpaired_modes_are_at_the_edge_of_a_band_and_zero_is_none():
+def test_only_unpaired_modes_are_at_the_edge():
     nothing = [False, False]
     assert at_band_edge((0.0, UPPER_HZ), {"1": 2}) == [nothing, nothing, nothing]
     assert at_band_edge((LOWER_HZ, UPPER_HZ), {}) == [[True, True], nothing, nothing]
-    # Errors of 60 % reach from any frequency to zero.
+
+
+def test_zero_is_no_edge_of_a_band():
+    """Errors of 60 % reach from any frequency to zero."""
     assert at_band_edge((0.0, 9.0), {"1": 1}, 0.6) == [[False, False]] * 3
     assert at_band_edge((0.01, 9.0), {"1": 1}, 0.6) == [[False, True], [False, True], [False] * 2]
 
@@ -375,12 +394,15 @@ def test_an_error_that_no_paired_datum_calls_for_is_not_inferred(building, ident
         ({"first": 1.0}, ValueError, "'first' is paired with model mode 1.0;"),
         ({"first": True}, ValueError, "'first' is paired with model mode True;"),
         ({"first": "1"}, ValueError, "'first' is paired with model mode '1';"),
-        ({"first": 1, "second": 1}, ValueError,
-         "model mode 1 is paired with two identified modes, 'first' and 'second'"),
+        (
+            {"first": 1, "second": 1},
+            ValueError,
+            "model mode 1 is paired with two identified modes, 'first' and 'second'",
+        ),
         ([("first", 1)], TypeError, r"pairing must map labels .* got \[\('first', 1\)\]"),
         (None, TypeError, "pairing must map labels .* got None"),
     ],
-)  # fmt: skip
+)
 def test_impossible_pairings_are_refused(building, identified, pairing, error, message):
     with pytest.raises(error, match=message):
         check_pairing(pairing, identified, building.n_modes)

@@ -93,6 +93,11 @@ def test_each_parameter_has_its_own_prior(case_c):
     np.testing.assert_allclose(candidate.values(np.ones((1, 3))), expected, rtol=1e-12)
 
 
+def test_integers_are_values_too(model_classes):
+    by_integers = model_classes["3"].log_likelihood(np.ones((1, 4), dtype=int))
+    np.testing.assert_array_equal(by_integers, model_classes["3"].log_likelihood(np.ones((1, 4))))
+
+
 @pytest.mark.parametrize("used_before", [False, True])
 @pytest.mark.parametrize("name", STUDY)
 def test_pickling(model_classes, name, used_before):
@@ -184,6 +189,21 @@ def test_a_class_without_parameters_is_refused(case_c, fixed_error):
         build(fixed, case_c, fixed_error)
 
 
+def test_a_sensor_without_degree_of_freedom_is_refused(case_c, fixed_error):
+    k = bs.Parameter("k", bs.LogNormal(50.0, 0.3))
+    two = bs.ShearBuilding((1.0, 1.0), (k, k))
+    with pytest.raises(ValueError, match=r"^model class 'x': sensor 'floor 3': the structure has"):
+        build(two, case_c, fixed_error)
+
+
+@pytest.mark.parametrize("name", ["k1", "ks"])
+def test_two_parameters_of_one_name_are_refused(augmented, case_c, name):
+    error = bs.ErrorModel(bs.Parameter(name, bs.LogNormal(0.01, 1.0)), 0.05)
+    message = f"^model class 'x': two different parameters are named '{name}'"
+    with pytest.raises(ValueError, match=message):
+        build(augmented, case_c, error)
+
+
 class _Answers(Structure):
     """A structure that returns a given answer."""
 
@@ -202,10 +222,12 @@ class _Answers(Structure):
     ("answer", "message"),
     [
         (lambda _: 1 / 0, "_Answers fails at the prior medians: ZeroDivisionError"),
-        (lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))),
-         r"_Answers returns .* expected \(1, 1\) and"),
+        (
+            lambda v: (np.ones((len(v), 2)), np.ones((len(v), 1, 2))),
+            r"_Answers returns .* expected \(1, 1\) and",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_structure_that_does_not_answer_is_named(answer, message):
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
     candidate = bs.ModelClass("a", _Answers(answer), data, bs.ErrorModel(0.01), pairing={"1": 1})

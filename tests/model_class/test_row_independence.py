@@ -58,12 +58,14 @@ def as_identified(structure, numbers, shapes=(), own_errors=False):
             shape[1] = np.nan  # not measured
         with_shape = number in shapes
         modes.append(
-            bs.IdentifiedMode(str(number),
-                              frequencies[0, number - 1] * (1.0 + 0.01 * rng.standard_normal()),
-                              shape if with_shape else None,
-                              frequency_cov=0.003 * number if own_errors else None,
-                              shape_sd=0.02 * number if own_errors and with_shape else None),
-        )  # fmt: skip
+            bs.IdentifiedMode(
+                str(number),
+                frequencies[0, number - 1] * (1.0 + 0.01 * rng.standard_normal()),
+                shape if with_shape else None,
+                frequency_cov=0.003 * number if own_errors else None,
+                shape_sd=0.02 * number if own_errors and with_shape else None,
+            )
+        )
     band = (0.0, 1.1 * float(frequencies.max()))
     return bs.ModalData(tuple(modes), band, sensors if shapes else ())
 

@@ -55,14 +55,11 @@ def two_classes():
     k, k1 = factor("k"), factor("k1")
     return bs.Study(
         "storeys",
-        [model_class("alike", building(3, (k, k, k))),
-         model_class("first apart", building(3, (k1, k, k)))],
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def whole(two_classes):
-    return bs.plan(two_classes, 2, **FEW)
+        [
+            model_class("alike", building(3, (k, k, k))),
+            model_class("first apart", building(3, (k1, k, k))),
+        ],
+    )
 
 
 def planned(study):
@@ -141,24 +138,17 @@ def information_by_quadrature(classes, simulated, chosen, layout, n_steps):
     return log_evidences[simulated.true_class[chosen], np.arange(len(chosen))] - log_total
 
 
-def assert_gains_agree_with_quadrature(classes, simulated, layout, n_chosen, n_steps):
-    """Of some of the simulated tests; returns the mean of their gains."""
-    chosen = np.linspace(0, len(simulated.true_class), n_chosen, endpoint=False).astype(int)
-    exact = information_by_quadrature(classes, simulated, chosen, layout, n_steps)
-    off = class_worth(simulated, layout).values[chosen] - exact
-    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
-    assert off.std() < 0.15
-    return exact.mean()
-
-
 @pytest.mark.parametrize("layout", [[0, 1], [0, 1, 2]])
 def test_gains_agree_with_quadrature(two_classes, layout):
     """Evidences by a fine grid of the one parameter of the first class, the two of the second."""
     classes = planned(two_classes)
     simulated = simulated_plan(classes, 200, 100, seed=3)
-    n_steps = {1: 2000, 2: 120}  # of a posterior's standard deviation, two or more
-    gain = assert_gains_agree_with_quadrature(classes, simulated, layout, 25, n_steps)
-    assert 0.05 < gain < math.log(2.0)
+    chosen = np.arange(0, 200, 8)
+    exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
+    off = class_worth(simulated, layout).values[chosen] - exact
+    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
+    assert off.std() < 0.15
+    assert 0.05 < exact.mean() < math.log(2.0)
 
 
 @pytest.mark.parametrize("layout", [[], [0, 2]])
@@ -172,7 +162,11 @@ def test_layouts_that_do_not_see_what_tells_classes_apart(layout):
     places = tuple(Candidate(name, name) for name in (*FLOORS, "pendulum 3"))
     classes = [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
     simulated = simulated_plan(classes, 200, 200, seed=4)
-    assert_gains_agree_with_quadrature(classes, simulated, layout, 13, {1: 2000, 2: 120})
+    chosen = np.arange(0, 200, 16)
+    exact = information_by_quadrature(classes, simulated, chosen, layout, {1: 4000, 2: 200})
+    off = class_worth(simulated, layout).values[chosen] - exact
+    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
+    assert off.std() < 0.15
 
 
 def test_inferred_sizes_of_errors_agree_with_quadrature():
@@ -183,8 +177,12 @@ def test_inferred_sizes_of_errors_agree_with_quadrature():
     study = bs.Study("roof", [model_class(name, each, size) for name, each in kinds])
     classes = planned(study)
     simulated = simulated_plan(classes, 100, 200, seed=5)
-    gain = assert_gains_agree_with_quadrature(classes, simulated, [0, 1], 10, {2: 150})
-    assert 0.05 < gain < math.log(2.0)
+    chosen = np.arange(0, 100, 10)
+    exact = information_by_quadrature(classes, simulated, chosen, [0, 1], {2: 300})
+    off = class_worth(simulated, [0, 1]).values[chosen] - exact
+    assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
+    assert off.std() < 0.15
+    assert 0.05 < exact.mean() < math.log(2.0)
 
 
 def test_a_parameter_of_one_frequency_has_a_closed_form():
@@ -202,7 +200,8 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
     assert list(plan.changes.values())[-1][0] == pytest.approx(halved, abs=0.02)
 
 
-def test_a_greedy_search_finds_what_all_layouts_hold(whole, two_classes, monkeypatch):
+def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
+    whole = bs.plan(two_classes, 2, **FEW)
     monkeypatch.setattr("bayes_ssi.studies.planning.layout_values.MOST_EXHAUSTIVE", 0)
     greedy = bs.plan(two_classes, 2, **FEW)
     assert whole.is_exhaustive
@@ -217,8 +216,8 @@ def test_effective_independence_keeps_what_tells_shapes_apart():
     assert effective_independence(shapes, 2, fixed=(0,)) == (0, 2)
 
 
-def test_a_layout_gives_the_form_of_its_modes(whole, tmp_path):
-    layout = whole.best
+def test_a_layout_gives_the_form_of_its_modes(two_classes, tmp_path):
+    layout = bs.plan(two_classes, 2, **FEW).best
     form = tmp_path / "modes.csv"
     layout.write_template(form)
     rows = list(csv.reader(form.read_text("utf-8").splitlines()))
@@ -288,18 +287,25 @@ def test_an_aim_without_an_end_of_information_is_refused(two_classes, what, aim)
         bs.plan(two_classes.only(["alike"]), 2, aim=aim, **FEW)
 
 
-def test_what_cannot_be_planned_is_refused(two_classes):
+def test_one_class_has_no_rival(two_classes):
     with pytest.raises(ValueError, match="'alike' is alone"):
         bs.plan(two_classes.only(["alike"]), 2)
+
+
+def test_what_does_not_fit_into_memory_is_refused(two_classes):
     with pytest.raises(ValueError, match="do not fit into memory"):
         bs.plan(two_classes, 2, n_tests=1_000_000, n_draws=1000)
+
+
+def test_classes_with_correlated_errors_are_refused():
     error = bs.ErrorModel(0.01, 0.05, between_modes=0.5)
     own = bs.ModelClass("own", building(3, (factor("k"),) * 3), any_data(), error, pairing={"1": 1})
     with pytest.raises(ValueError, match="correlated"):
         bs.plan(bs.Study("one", [own]), 2, aim="k")
 
 
-def test_layouts_are_drawn_in_space(whole, two_classes):
+def test_layouts_are_drawn_in_space(two_classes):
+    whole = bs.plan(two_classes, 2, **FEW)
     with figures_for_files():
         drawn = plot_layout(whole)
         assert {text.get_text().strip() for text in drawn.texts} == {*FLOORS, *"xyz"}
@@ -308,7 +314,8 @@ def test_layouts_are_drawn_in_space(whole, two_classes):
             bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))
             for i, name in enumerate(FLOORS)
         ]
-        in_space = bs.plan(two_classes, 1, candidates=places, n_tests=50, n_draws=50)
+        in_space = bs.plan(two_classes, 2, candidates=places, **FEW)
+        assert in_space.best == whole.best
         assert plot_layout(in_space).name == "3d"
 
 

@@ -10,6 +10,7 @@ from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShar
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots.class_plots import (
     plot_corner,
+    plot_frequency_change,
     plot_mac_change,
     plot_pairing,
     plot_parameters,
@@ -53,6 +54,16 @@ def test_modes_without_shapes(case_c):
     figure = Figure()
     assert plot_identified_modes(case_c.without_shapes(), figure) is figure
     assert len(figure.axes) == 1
+
+
+def test_before_and_after(updated, case_c):
+    ax = Figure().subplots()
+    assert plot_frequency_change(updated.modes, case_c, ax) is ax
+    (before,) = [at for text, at in points(ax).items() if text.startswith("mode 1 before")]
+    assert before == pytest.approx([0.0, 0.0], abs=1e-4)
+    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 3 after")]
+    median = updated.modes[3].after_hz[1]
+    assert after == pytest.approx([100.0 * (median / 3.98405175 - 1.0), 3])
 
 
 def test_macs(updated):

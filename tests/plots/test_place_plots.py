@@ -1,5 +1,6 @@
 """Places of a search: in space, and as bars."""
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -37,6 +38,11 @@ def title_of(ax):
 
 def labels_of(ax):
     return [text.get_text() for legend in ax.figure.legends for text in legend.get_texts()]
+
+
+def test_the_colour_map_gets_darker_with_probability():
+    sampled = mpl.colormaps["YlOrRd"](np.linspace(0.0, 1.0, 50))
+    assert (np.diff(darkness(sampled)) > 0.0).all()
 
 
 def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_probability(draw):
@@ -78,15 +84,21 @@ def test_a_map_has_one_scale_in_all_directions(draw):
     np.testing.assert_allclose(ratio, ratio[0])
 
 
-def test_places_without_direction_without_coordinates_and_by_the_hundred(draw):
+def test_places_without_direction_have_the_marker_of_their_kind(draw):
     ax = draw(places_in_space((0.1, 0.9)))
     assert labels_of(ax) == ["pendulum"]
     assert [len(each.get_offsets()) for each in ax.collections] == [1, 1]
+
+
+def test_places_without_coordinates_are_left_out_of_a_map(draw):
     loose = places_in_space((0.4,))[0].place.candidate
     place = type(places_in_space((0.4,))[0].place)(bs.Candidate("loose", loose.place))
     ax = draw([*places_in_space((0.3, 0.3)), place_record(place, 0.4)])
     assert title_of(ax).startswith("Most probable: pendulum p")
     assert len(ax.collections) == 2
+
+
+def test_hundreds_of_equal_places_are_one_picture(draw):
     ax = draw(places_in_space(np.full(MOST_VECTORS + 2, 1e-3), (X, Z)))
     assert len(ax.collections) == MOST_VECTORS + 2
     assert all(each.get_rasterized() for each in ax.collections)

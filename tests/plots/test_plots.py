@@ -18,6 +18,8 @@ from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, resul
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
+PNG = b"\x89PNG\r\n"
+
 
 @pytest.fixture
 def data():
@@ -160,13 +162,23 @@ def test_the_style_does_not_outlive_its_block():
     assert dict(mpl.rcParams) == before
 
 
-@pytest.mark.parametrize("name", ["k_1 & k^2, 50 %", "[a] costs $5 or $6", "_hidden θ"])
+def test_figures_are_written_and_closed(tmp_path, data, posteriors):
+    comparison = bs.compare(posteriors)
+    with figures_for_files():
+        figures = result_figures({"": data}, posteriors[::-1], comparison)
+        paths = [save_figure(figure, tmp_path / f"{name}.png") for name, figure in figures]
+    assert sorted(path.name for path in paths) == ["corner.png", "evidence.png", "frequencies.png"]
+    for path in paths:
+        assert path.read_bytes()[: len(PNG)] == PNG
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("name", ["k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ"])
 def test_names_are_drawn_literally(tmp_path, data, make_posterior, name):
     posteriors = [make_posterior(name, names=(name, "k2")), make_posterior("b", -2.0)]
     with figures_for_files():
         for file, figure in result_figures({"": data}, posteriors, bs.compare(posteriors)):
             save_figure(figure, tmp_path / f"{file}.png")
-    assert plt.get_fignums() == []
     ax = plot_frequencies(data, posteriors)
     assert texts(ax.figure.legends[0]) == [name, "b", "called spurious"]
 

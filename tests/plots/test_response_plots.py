@@ -41,9 +41,12 @@ def test_a_band_its_median_and_the_reference(plot):
     ax.figure.canvas.draw()
 
 
-def test_transfer_functions_are_on_a_logarithmic_axis_on_which_none_hides_the_others():
+def test_transfer_functions_are_on_a_logarithmic_axis():
     assert plot_transfer_functions(X, {"a": band(X, 0.1)}).get_yscale() == "log"
     assert plot_time_history(X, {"a": band(X, 0.1)}).get_yscale() == "linear"
+
+
+def test_transfer_functions_that_vanish_leave_the_others_visible():
     amplitude = np.array([1e-9, 1.0, 2.0, 1e-12])
     ax = plot_transfer_functions(np.arange(4.0), {"a": band(amplitude, 0.0)})
     assert ax.get_ylim()[0] == pytest.approx(2e-4)
@@ -79,7 +82,7 @@ def test_a_shape_is_a_building_with_its_appendage(augmented):
     ax.figure.canvas.draw()
 
 
-def test_what_reaches_beyond_the_axes_is_written_below(augmented):
+def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
     ax = plot_building_shape(
         augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5)
     )
@@ -87,6 +90,9 @@ def test_what_reaches_beyond_the_axes_is_written_below(augmented):
     assert appendage.get_marker() == "<"
     assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
     assert ax.get_xlabel() == "infill 1-2:\n-3.4\n(-3.9 to -2.9)"
+
+
+def test_an_interval_that_reaches_beyond_the_axes_is_written_below(augmented):
     middle = np.array([0.7, 0.2, -0.7, -1.0])
     shape = Band(middle - np.array([0.1, 0.1, 0.1, 4.0]), middle, middle + 0.1)
     ax = plot_building_shape(augmented, augmented.degrees_of_freedom, shape)

@@ -137,12 +137,14 @@ def exchanged_in_mode_3(data):
 
 
 MISTAKES = {
-    "exchanged in one mode": (exchanged_in_mode_3,
-                              "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3'"),
+    "exchanged in one mode": (
+        exchanged_in_mode_3,
+        "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3'",
+    ),
     "exchanged": (exchanged, "channels 'floor 2' and 'floor 1' seem to be exchanged"),
     "turned": (turned, "the sign of 'floor 2' seems to be wrong"),
     "rad/s": (in_rad_s, "frequencies seem to be in rad/s, not in Hz"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

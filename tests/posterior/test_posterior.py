@@ -157,7 +157,7 @@ class WithoutModes(Structure):
         return Modes(np.sqrt(k), np.ones((len(k), 1, 1)))
 
 
-def test_a_model_that_breaks_down_in_places_is_reported_but_not_in_the_far_tails():
+def test_a_model_that_breaks_down_in_places_is_reported():
     whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
     result = bs.sample(broken, seed=1)
@@ -169,6 +169,10 @@ def test_a_model_that_breaks_down_in_places_is_reported_but_not_in_the_far_tails
         check,
     )
     assert result.values.min() > 0.9
+
+
+def test_a_few_failures_in_the_far_tails_of_a_prior_are_accepted():
+    whole = one_mass()
     broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.3))
     assert bs.sample(broken, seed=1).failed_checks == ()
 
@@ -239,9 +243,10 @@ def test_a_model_that_answers_differently_when_asked_twice(noise, said):
         assert_of_noise(text, noise)
 
 
-def test_small_noise_is_said_once_and_fails_nothing():
+@pytest.mark.parametrize("workers", [None, 2])
+def test_small_noise_is_said_once_and_fails_nothing(workers):
     settings = bs.SamplingSettings(log_evidence_error=0.1)
-    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(2))
+    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(workers))
     assert posterior.failed_checks == ()
     assert len(posterior.regions) == 1
     (remark,) = posterior.remarks

@@ -9,10 +9,19 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws, Prediction, thinned_draws
+from bayes_ssi.results.predictions.posterior_draws import (
+    PosteriorDraws,
+    Prediction,
+    thinned_draws,
+)
 from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
 from bayes_ssi.results.stored_result import as_stored
-from bayes_ssi.structures.response import GroundMotion, Output, time_histories, transfer_functions
+from bayes_ssi.structures.response import (
+    GroundMotion,
+    Output,
+    time_histories,
+    transfer_functions,
+)
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")
@@ -65,6 +74,14 @@ def test_draws_are_thinned_evenly(classes, posteriors):
     np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))
 
 
+def test_the_band_of_known_draws():
+    prediction = Prediction(np.arange(101.0)[:, None] * [1.0, -2.0])
+    low, median, high = prediction.band(0.9)
+    np.testing.assert_allclose(low, [5.0, -190.0])
+    np.testing.assert_allclose(median, [50.0, -100.0])
+    np.testing.assert_allclose(high, [95.0, -10.0])
+
+
 def test_bands_of_many_points_and_of_one():
     draws = np.random.default_rng(0).standard_normal((5000, 3, 81))  # more than a part holds
     expected = np.quantile(draws, [0.1, 0.5, 0.9], axis=0)
@@ -103,7 +120,8 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
         replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=data)),))
         for data in (
             replace(
-                each.data, modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes)
+                each.data,
+                modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes),
             ),
             each.data.without_shapes(),
         )
@@ -192,7 +210,7 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
     np.testing.assert_allclose(predicted.shapes("1", FLOORS).draws, shapes, rtol=1e-12)
 
 
-def test_an_average_is_a_mixture_in_whole_draws(average, classes, posteriors):
+def test_an_average_is_a_mixture(average, classes, posteriors):
     actual = average(400, one_k=0.25, each_k=0.75)
     assert {each.name: len(each.values) for each in actual.classes} == {"one k": 100, "each k": 300}
     assert actual.n_draws == 400
@@ -204,6 +222,9 @@ def test_an_average_is_a_mixture_in_whole_draws(average, classes, posteriors):
     np.testing.assert_allclose(actual.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
     response = actual.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
     assert response.draws.shape == (400, 2, 30)
+
+
+def test_shares_are_rounded_to_the_number_of_draws(average):
     actual = average(7, one_k=0.4, each_k=0.6)  # 2.8 and 4.2
     assert {each.name: len(each.values) for each in actual.classes} == {"one k": 3, "each k": 4}
     actual = average(100, one_k=0.001, each_k=0.999)

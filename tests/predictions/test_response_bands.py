@@ -56,6 +56,12 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
+def test_tables_fit_a_narrow_terminal(responses):
+    shapes = shape_table(responses[0])
+    for table in (frequency_table(responses), shapes, peak_table(responses)):
+        assert_every_cell_is_whole(table, 60)
+
+
 def printed(table):
     console = Console(width=80)
     with console.capture() as capture:
@@ -155,17 +161,16 @@ def test_what_is_not_asked_for_is_not_computed(predicted, out, monkeypatch):
 
 
 def test_tables_fit_a_terminal(predicted, responses):
-    tables = frequency_table(responses), peak_table(responses), shape_table(responses[0])
-    frequencies, peaks, shapes = map(printed, tables)
-    for table in tables:
-        assert_every_cell_is_whole(table, 60)
-        assert_every_cell_is_whole(table, 80)
+    frequencies = printed(frequency_table(responses))
+    peaks = printed(peak_table(responses))
+    table = shape_table(responses[0])
+    assert max(map(len, (frequencies + peaks + printed(table)).splitlines())) <= 80
     median = predicted.of().frequencies_hz("1").band().median
     assert f"{median:.4g}" in frequencies
     assert "0.618" in frequencies  # before
     assert peaks.count("floor 2") == 2 * 3
-    assert "scaled to a" in shapes  # in a narrow table, the title wraps
-    assert "1.000" in shapes
+    assert "scaled to a" in printed(table)  # in a narrow table, the title wraps
+    assert "1.000" in printed(table)
 
 
 def test_figures(predicted, responses, tmp_path):
@@ -236,7 +241,29 @@ def test_default_frequencies_meet_every_peak(predicted):
             default_frequencies(predicted.data, 0.02, band)
 
 
+@pytest.mark.parametrize(
+    ("damping", "frequencies", "level", "message"),
+    [
+        (0.0, FREQUENCIES, 0.9, "damping must be"),
+        ((0.02, 1.0), FREQUENCIES, 0.9, "damping must be"),
+        (0.02, [], 0.9, "frequencies_hz must be"),
+        (0.02, FREQUENCIES, 1.0, "level must lie"),
+    ],
+)
+def test_requests_that_make_no_sense(damping, frequencies, level, message):
+    with pytest.raises(ValueError, match=message):
+        ResponseRequest(OUTPUT, damping, frequencies, level=level)
+
+
 def test_ground_motions_have_names_of_their_own():
     motion = GroundMotion([0.0, 1.0], 0.1, "quake")
     with pytest.raises(ValueError, match="two ground motions are named 'quake'"):
         ResponseRequest(OUTPUT, 0.02, motions=(motion, motion))
+
+
+def test_unknown_classes_and_places(predicted, response_request):
+    with pytest.raises(ValueError, match="no model class 'x'; choose from 'one k', 'each k'"):
+        predict_responses(predicted, "x", response_request)
+    roof = ResponseRequest(Output("displacement", ("roof",)), 0.02, FREQUENCIES)
+    with pytest.raises(ValueError, match=r"place 'roof': .* choose from 'floor 1', 'floor 2'"):
+        predict_responses(predicted, "average", roof)

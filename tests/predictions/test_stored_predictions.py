@@ -231,3 +231,8 @@ def test_the_study_file_has_changed(saved, tiny_study_file):
     with pytest.raises(ValueError, match="model class 'one k' is not the one that was sampled"):
         predicted.of("one k")
     assert predicted.of("each k").n_draws == 1000
+
+
+def test_a_directory_that_is_not_there(tmp_path):
+    with pytest.raises(ValueError, match="none: not a result directory"):
+        load_predictions(tmp_path / "none")

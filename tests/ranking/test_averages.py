@@ -1,12 +1,15 @@
 """Parameters averaged over model classes."""
 
+import io
 import json
 import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import bayes_ssi as bs
+from bayes_ssi.report.tables.ranking_tables import averages_table
 from bayes_ssi.studies.ranking.study import averaged_parameters
 
 
@@ -50,9 +53,23 @@ def test_a_class_of_all_the_probability_is_the_average(make_posterior):
     (average,) = averaged_parameters([one, other], bs.compare([one, other]))
     assert average.mean == pytest.approx(one.values.mean(), rel=1e-12)
     assert average.n_classes == 2
+
+
+def test_what_only_impossible_classes_share_is_left_out(make_posterior):
     best = make_posterior("A", 0.0, names="a", draws=draws(4, [1.0], 1))
     worse = [make_posterior(name, -900.0, names="b", draws=draws(5, [9.0], 1)) for name in "BC"]
     assert averaged_parameters([best, *worse], bs.compare([best, *worse])) == ()
+
+
+def test_the_table_fits_a_terminal(make_posterior):
+    name = "stiffness multiplier of all of the lower storeys"
+    both = [make_posterior(n, 0.0, names=[name], draws=1e5 * draws(i, [1.0], 1))
+            for i, n in enumerate("AB")]  # fmt: skip
+    file = io.StringIO()
+    Console(file=file, width=80).print(averages_table(averaged_parameters(both, bs.compare(both))))
+    text = file.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
 
 
 # ArviZ: there are more chains than steps.

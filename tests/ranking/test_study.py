@@ -1,11 +1,19 @@
 """Studies: what they accept, how they are loaded from a file, and ranking them."""
 
+import math
+
 import pytest
 
 import bayes_ssi as bs
 
 
-def test_only_keeps_the_order_of_the_study_and_refuses_an_unknown_class(model_classes):
+def test_classes_keep_their_order(model_classes):
+    study = bs.Study("s", list(model_classes.values()))
+    assert study.names == ("1-a", "1-b", "2", "3")
+    assert isinstance(study.model_classes, tuple)
+
+
+def test_only_keeps_the_order_of_the_study(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
     study = bs.Study("s", model_classes.values(), prior_weights=weights, description="why")
     part = study.only(["3", "1-b"])
@@ -13,13 +21,17 @@ def test_only_keeps_the_order_of_the_study_and_refuses_an_unknown_class(model_cl
     assert part.prior_weights == {"1-b": 2.0, "3": 4.0}
     assert (part.name, part.description) == ("s", "why")
     assert bs.Study("s", model_classes.values()).only(["2"]).prior_weights is None
+
+
+def test_an_unknown_class_is_refused(model_classes):
     study = bs.Study("s", model_classes.values())
     with pytest.raises(ValueError, match="study 's': no model class '4'; choose from '1-a', '1-b'"):
         study.only(["3", "4"])
 
 
 @pytest.mark.parametrize(
-    "weights", [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}]
+    "weights",
+    [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}],
 )
 def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes, weights):
     """Refused when the study is made or ranked, so that no run is lost to them."""
@@ -71,9 +83,35 @@ def test_rank(tiny_ranking, tiny_study):
         assert posterior.failed_checks == ()
 
 
+def test_ranking_again_gives_the_same(tiny_ranking, tiny_study):
+    assert bs.rank(tiny_study, seed=7).comparison == tiny_ranking.comparison
+
+
+def test_a_class_does_not_depend_on_the_others(tiny_ranking, tiny_study):
+    alone = bs.rank(tiny_study.only(["each k"]), seed=7).posteriors[0]
+    among_others = tiny_ranking.posteriors[1]
+    assert alone.evidence == among_others.evidence
+    assert (alone.draws == among_others.draws).all()
+
+
+def test_prior_weights_enter_the_ranking(tiny_ranking, tiny_study):
+    weighted = bs.Study("w", tiny_study.model_classes, prior_weights={"one k": 1.0, "each k": 1e6})
+    after = {row.name: row.probability for row in bs.rank(weighted, seed=7).comparison.classes}
+    before = {row.name: row.probability for row in tiny_ranking.comparison.classes}
+    odds = before["each k"] / before["one k"]
+    assert math.log(after["each k"] / after["one k"]) == pytest.approx(math.log(1e6 * odds))
+
+
 def test_settings_reach_the_sampling(tiny_study):
     settings = bs.SamplingSettings(max_steps=20)
     ranking = bs.rank(tiny_study.only(["one k"]), settings=settings)
     posterior = ranking.posteriors[0]
     assert posterior.draws.shape[1] + posterior.burn_in == 20
     assert ranking.settings is settings
+
+
+def test_progress_names_class_and_step(tiny_study):
+    seen = []
+    bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
+    assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
+    assert seen[-1] == ("each k", "evidence", 1.0)

@@ -10,10 +10,13 @@ from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.ranking.study import load_study
 
 
-def test_loading_a_file_writes_none(tiny_study_file):
+def test_loading_a_file(tiny_study_file):
     study = load_study(tiny_study_file)
     assert (study.name, study.names) == ("Two storeys", ("one k", "each k"))
     assert load_study(str(tiny_study_file)).names == study.names
+
+
+def test_loading_writes_no_files(tiny_study_file):
     before = sys.dont_write_bytecode
     load_study(tiny_study_file)
     assert list(tiny_study_file.parent.iterdir()) == [tiny_study_file]
@@ -47,10 +50,13 @@ def test_a_study_may_define_dataclasses(tiny_study_file):
         ("s.py", b"raise SystemExit('a\\nb')", "line 1: SystemExit: a b"),
         ("s.py", b"raise BaseException('odd')", "line 1: BaseException: odd"),
         ("s.py", b"import no_such_module", "line 1: ModuleNotFoundError: No module named"),
-        ("s.py", b"raise ImportError('none', name='skfem.helpers')",
-         r'ImportError: none; pip install "bayes_ssi\[fem\]"'),
+        (
+            "s.py",
+            b"raise ImportError('none', name='skfem.helpers')",
+            r'ImportError: none; pip install "bayes_ssi\[fem\]"',
+        ),
     ],
-)  # fmt: skip
+)
 def test_files_that_are_no_study_are_refused_in_one_line(tmp_path, name, content, message):
     path = tmp_path / name
     if content is not None:

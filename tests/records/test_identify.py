@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
@@ -362,6 +363,20 @@ def test_a_peak_holds_two_modes_with_a_probability(mass, n_modes, low, high):
         apart = truth.frequencies_hz[2] - truth.frequencies_hz[1]
         assert apart < peak.resolution_hz
         assert "could not be told apart" in str(peak)
+
+
+def test_the_gain_by_a_second_mode_is_as_small_as_stated():
+    """The least mean divergence of one resonance from two, d bandwidths apart: (π/4) d⁴ a unit."""
+    x = np.linspace(-200.0, 200.0, 80_001)
+    apart = 0.1
+    two = 0.5 / ((x - apart) ** 2 + 1.0) + 0.5 / ((x + apart) ** 2 + 1.0)
+
+    def divergence(parameters):
+        ratio = two * (x**2 + np.exp(parameters[1])) / np.exp(parameters[0])
+        return (ratio - 1.0 - np.log(ratio)).sum() * (x[1] - x[0])
+
+    least = minimize(divergence, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-7}).fun
+    assert least == pytest.approx(np.pi / 4.0 * apart**4, rel=0.03)
 
 
 def test_nothing_is_claimed_of_damping_and_shape_of_a_short_record():

@@ -39,19 +39,6 @@ def data_of(matrices, width=0.01):
     )  # fmt: skip
 
 
-def drawn(covariances, rng, n_tapers=5):
-    """Spectral matrices (K, R, R) of transforms that have these covariances."""
-    normal = rng.standard_normal((K, R, n_tapers, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
-    transforms = np.linalg.cholesky(covariances) @ normal
-    return transforms @ transforms.conj().swapaxes(1, 2) / n_tapers
-
-
-def in_phase(modes):
-    """The same modes with real shapes."""
-    real = modes.shapes.real / np.linalg.norm(modes.shapes.real, axis=0)
-    return modes._replace(shapes=real.astype(complex))
-
-
 def random_model(rng, drive_kind, m=2, p=1):
     shapes = rng.standard_normal((R, m)) + 0.05j * rng.standard_normal((R, m))
     shapes *= np.exp(-0.5j * np.angle((shapes**2).sum(0)))
@@ -80,8 +67,10 @@ def fitter_and_model(drive_kind, seed=0):
         band_spectra(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), False
     )
     e = model.covariances(plain.spectra)
-    data = data_of(drawn(e, rng))
-    return Fitter(band_spectra(data, neighbour), drive_kind != "loads"), model
+    normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    transforms = np.linalg.cholesky(e) @ normal
+    drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
+    return Fitter(band_spectra(data_of(drawn), neighbour), drive_kind != "loads"), model
 
 
 def test_a_block_sees_the_mean_response_over_its_width():
@@ -118,7 +107,8 @@ def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
     """By central differences along every coordinate."""
     fitter, model = fitter_and_model(drive_kind)
     if not has_phases:
-        model = model._replace(modes=in_phase(model.modes))
+        real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+        model = model._replace(modes=model.modes._replace(shapes=real.astype(complex)))
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
     e = model.covariances(fitter.spectra)
     steps = _Steps(fitter, model, e, has_phases, usual)
@@ -169,28 +159,33 @@ def test_modes_are_recovered_with_their_errors(coherence):
     Modes whose shapes have the MAC 0.91 have forces that are independent, or all but the same.
     """
     model, neighbour = random_model(np.random.default_rng(3), "loads")
-    modes = in_phase(model.modes)
+    real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+    modes = model.modes._replace(shapes=real.astype(complex))
     plain = data_of(np.zeros((K, R, R)))
     finer = plain.frequencies_hz[:, None] + np.linspace(-0.5, 0.5, 41) * plain.widths_hz[:, None]
     beta = modes.frequencies_hz / finer[..., None]
-    moved = modes.shapes / (1.0 - beta**2 - 2j * modes.dampings * beta)[:, :, None]
+    moved = real / (1.0 - beta**2 - 2j * modes.dampings * beta)[:, :, None]
     powers = 4.0 * modes.dampings * [0.3, 0.2]
     forces = np.sqrt(np.outer(powers, powers)) * (coherence + (1.0 - coherence) * np.eye(2))
     e = (moved @ forces @ moved.conj().swapaxes(2, 3)).mean(1) + np.eye(R)
     pulls = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        matrices = drawn(e - np.diag(plain.floor), rng, 20)
-        data = data_of(matrices)._replace(weights=np.full(K, 20.0))
+        normal = rng.standard_normal((K, R, 20, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+        transforms = np.linalg.cholesky(e - np.diag(plain.floor)) @ normal
+        drawn = transforms @ transforms.conj().swapaxes(1, 2) / 20.0
+        data = data_of(drawn)._replace(weights=np.full(K, 20.0))
         fit = Fitter(band_spectra(data, neighbour), False).fit(modes, has_phases=False)
         assert fit.converged
         assert fit.are_modes.all()
         assert fit.whiteness < 1.3
         sds = np.sqrt(fit.covariance.diagonal()[:4])
         off = np.concatenate(
-            [np.log(fit.modes.frequencies_hz / modes.frequencies_hz),
-             np.log(fit.modes.dampings / modes.dampings)],
-        )  # fmt: skip
+            [
+                np.log(fit.modes.frequencies_hz / modes.frequencies_hz),
+                np.log(fit.modes.dampings / modes.dampings),
+            ]
+        )
         pulls.append(off / sds)
     assert np.sqrt(np.square(pulls).mean()) == pytest.approx(1.0, abs=0.25)
 
@@ -199,12 +194,17 @@ def test_one_source_is_followed_where_spectra_are_all_but_singular():
     """Noise of 1e-4 of the power: modes and whiteness are right, and the climb arrives."""
     rng = np.random.default_rng(7)
     model, neighbour = random_model(np.random.default_rng(3), "one source")
-    model = Model(1e-2 * model.backgrounds, in_phase(model.modes), model.drive)
+    real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
+    quiet = 1e-2 * model.backgrounds
+    model = Model(quiet, model.modes._replace(shapes=real.astype(complex)), model.drive)
     fitter = Fitter(
         band_spectra(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), True
     )
-    matrices = drawn(model.covariances(fitter.spectra), rng)
-    data = data_of(matrices)._replace(floor=np.full(R, 1e-4))
+    e = model.covariances(fitter.spectra)
+    normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
+    transforms = np.linalg.cholesky(e) @ normal
+    drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
+    data = data_of(drawn)._replace(floor=np.full(R, 1e-4))
     fit = Fitter(band_spectra(data, neighbour), True).fit(model.modes, has_phases=False)
     assert fit.converged
     assert fit.whiteness < fit.allowed_whiteness

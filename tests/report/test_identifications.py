@@ -17,14 +17,18 @@ from bayes_ssi.studies.ranking.study import Ranking
 
 RECORD = identified(
     "<tower>.csv",
-    modes=(EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004),
-           EstimatedMode(2.4, 0.001, 0.02, 0.003, 0.005),
-           EstimatedMode(2.9, 0.001, 0.02, 0.003, 0.005)),
-    peaks=(Peak((1.0,), (0,), 0.0001, None, 0.05, 1.25),
-           Peak((2.4, 2.9), (1, 2), 0.97, None, 0.15, 1.56)),
+    modes=(
+        EstimatedMode(1.0, 0.002, 0.02, 0.003, 0.004),
+        EstimatedMode(2.4, 0.001, 0.02, 0.003, 0.005),
+        EstimatedMode(2.9, 0.001, 0.02, 0.003, 0.005),
+    ),
+    peaks=(
+        Peak((1.0,), (0,), 0.0001, None, 0.05, 1.25),
+        Peak((2.4, 2.9), (1, 2), 0.97, None, 0.15, 1.56),
+    ),
     remarks=("sensor 'x': clipped",),
     doubts=("mode at 2.9 Hz: the methods differ",),
-)  # fmt: skip
+)
 
 
 @pytest.fixture
@@ -90,7 +94,11 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     save_result(ranking(RECORD, doubtful, other), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     parts = shown.split("Modes were sought from 0 to 4 Hz.")[1:]
-    for words in ("does not explain the record", "failed: damping and shape left out", "not known"):
+    for words in (
+        "does not explain the record",
+        "failed: damping and shape left out",
+        "not known",
+    ):
         assert [words in part for part in parts] == [False, True, False], words
     assert "NExT-ERA is quoted, near the modes of the Bayesian FFT." in parts[2]
 

@@ -48,10 +48,13 @@ def test_invalid_records(samples, dt, message):
         GroundMotion(samples, dt)
 
 
-def test_peaks_beyond_any_earthquake_and_modes_above_half_the_sampling_frequency_are_reported():
+def test_a_peak_beyond_any_earthquake_is_reported():
     (text,) = GroundMotion([0.0, 1961.33], 0.01, "roof").warnings(np.array([1.0]))
     assert text.startswith("record roof: its peak, 200 g, is beyond")
     assert GroundMotion([0.0, 39.2], 0.01).warnings(np.array([1.0])) == []
+
+
+def test_modes_above_half_the_sampling_frequency_are_reported():
     motion = GroundMotion([0.0, 1.0], 0.05, "slow")
     (text,) = motion.warnings(np.array([1.0, 9.9, 10.1, 30.0]))
     assert "carry frequencies up to 10 Hz; mode 3 of the structure, at 10.1 Hz" in text

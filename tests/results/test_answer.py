@@ -241,9 +241,11 @@ def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
 def test_fit_against_complexity(make_posterior, fit, information, log_bayes_factor, words):
     best = bs.compare([make_posterior("A")]).best
     other = replace(
-        best, mean_log_likelihood=best.mean_log_likelihood + fit,
-        information_gained=best.information_gained + information, log_bayes_factor=log_bayes_factor,
-    )  # fmt: skip
+        best,
+        mean_log_likelihood=best.mean_log_likelihood + fit,
+        information_gained=best.information_gained + information,
+        log_bayes_factor=log_bayes_factor,
+    )
     assert words in why_it_loses(other, best)
 
 

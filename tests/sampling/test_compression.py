@@ -125,6 +125,16 @@ def test_a_likelihood_that_is_positive_in_a_ten_thousandth_of_the_prior():
     assert errors.max() < 1.0
 
 
+def test_a_likelihood_that_is_zero_in_places():
+    off, errors = off_and_errors(
+        0.5 + math.log(norm.sf(1.0)),  # e^(1/2) P(normal > 1)
+        6,
+        function=lambda z: np.where(z[:, 0] > 0, -z[:, 0], -np.inf),
+        d=2,
+    )
+    assert (np.abs(off) < 4.0 * errors).all()
+
+
 def test_an_impossible_likelihood_is_refused():
     maxima = find_maxima(Target(gaussian, 3), np.zeros((1, 3)))
     nowhere = Target(lambda z: np.full(len(z), -np.inf), 3)
@@ -200,6 +210,23 @@ def test_the_correlation_is_the_mean_over_dimensions():
     before = np.random.default_rng(1).standard_normal((50, 2))
     after = np.column_stack([before[:, 0], -2.0 * before[:, 1]])
     assert _correlation(before, after) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_particles_that_fall_behind_enlarge_the_error():
+    """A normal of width 0.3 eight prior deviations away in either coordinate."""
+    sd, centre = 0.3, 8.0 * (1.0 + 0.3**2)
+    exact = -0.5 * (2.0 * centre**2 / (1.0 + sd**2)) - math.log(2.0 * math.pi * (1.0 + sd**2))
+
+    def log_likelihood(z):
+        squares = ((z - centre) ** 2).sum(1) / sd**2
+        return -0.5 * squares - 2.0 * math.log(sd) - math.log(2.0 * math.pi)
+
+    for seed in range(3):
+        seeds = np.random.SeedSequence(seed).spawn(2)
+        target = Target(log_likelihood, 2)
+        maxima = find_maxima(target, np.zeros((1, 2)))
+        result = compression_estimate(compress_prior(target, 1000, maxima, seeds))
+        assert abs(result.log_evidence - exact) < 4.0 * result.error
 
 
 def test_particles_keep_their_width_on_a_long_way_from_the_prior():

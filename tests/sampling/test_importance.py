@@ -73,15 +73,21 @@ def test_kish_effective_sample_size(weights, size):
     assert sample.effective_sample_size == pytest.approx(size, rel=1e-12)
 
 
-def test_the_estimate_is_the_log_of_the_mean_weight_and_its_error_the_spread_within_strata():
+def test_the_estimate_is_the_log_of_the_mean_weight():
     sample = weighted(np.log([1.0, 2.0, 6.0]))
     assert sample.estimate.log_evidence == pytest.approx(math.log(3.0), rel=1e-12)
     # Variance of three draws with ddof 1 is 7, of their mean 7/3, relative to the mean 3.
     assert sample.estimate.error == pytest.approx(math.sqrt(7.0 / 3.0) / 3.0, rel=1e-12)
     np.testing.assert_allclose(sample.weights, [1 / 9, 2 / 9, 6 / 9])
+
+
+def test_only_the_spread_within_strata_counts():
     sample = weighted(np.log([1.0, 3.0] * 10 + [10.0] * 20), strata=[0] * 20 + [1] * 20)
     # Stratum 0 has variance 20/19 and stratum 1 none: √(20 · 20/19) / 40 relative to the mean 6.
     assert sample.estimate.error == pytest.approx(20.0 / np.sqrt(19.0) / 40.0 / 6.0, rel=1e-12)
+
+
+def test_a_draw_alone_in_its_stratum_counts():
     strata = [0] * 40 + [1, 2, 3]
     weights = np.array([1.0] * 40 + [0.0, 0.0, 5.0])
     with np.errstate(divide="ignore"):
@@ -90,9 +96,12 @@ def test_the_estimate_is_the_log_of_the_mean_weight_and_its_error_the_spread_wit
     assert sample.estimate.error == pytest.approx(5.0 / 45.0, rel=1e-12)
 
 
-def test_mean_log_likelihood_is_weighted_without_draws_of_likelihood_zero():
+def test_mean_log_likelihood_is_weighted():
     sample = weighted(np.log([1.0, 3.0]), log_likelihoods=[-5.0, -1.0])
     assert sample.log_likelihood_mean == pytest.approx(-2.0)
+
+
+def test_a_draw_of_likelihood_zero_has_no_part_in_the_mean():
     with np.errstate(divide="ignore"):
         sample = ImportanceSample(
             None, np.zeros((2, 1)), np.array([-1.0, -np.inf]), np.zeros(2), np.zeros(2, dtype=int)
@@ -126,7 +135,7 @@ def test_posterior_draws_beyond_the_heaviest_importance_draw_are_counted(target)
     assert sampler.sample(wide).share_beyond([ensemble]) < 2e-3
 
 
-def test_importance_sampling_reaches_the_wanted_error_or_at_the_posterior_has_none(target, mixture):
+def test_importance_sampling_reaches_the_wanted_error(target, mixture):
     result = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
     errors = np.array([sample.estimate.error for sample in result])
     off = np.array([sample.estimate.log_evidence for sample in result]) - LOG_EVIDENCE
@@ -134,12 +143,25 @@ def test_importance_sampling_reaches_the_wanted_error_or_at_the_posterior_has_no
     assert errors.min() > 0.002  # no more draws than it takes
     assert (np.abs(off) < 4.0 * errors).all()
     assert 0.6 < off.std(ddof=1) / errors.mean() < 1.5
+
+
+def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
     exact = StudentMixture(np.ones(1), MEAN[None], np.diag(SD)[None], np.array([1e9]))
     sample = importance(target, exact, 0)
     assert sample.estimate.log_evidence == pytest.approx(LOG_EVIDENCE, abs=0.005)
     assert sample.effective_sample_size > 0.95 * len(sample.z)
     assert len(sample.z) == BATCH  # one is enough
     assert sample.mixture.n_components == 1
+
+
+def test_every_component_draws_in_proportion_to_its_weight(target, mixture):
+    sample = sampler_of(target, 0).sample(mixture)
+    counts = np.bincount(sample.strata, minlength=3)
+    expected = len(sample.z) * sample.mixture.all_weights
+    np.testing.assert_array_less(np.abs(counts - expected), 1.0 + 1e-9)
+    # The last stratum is the prior: there the draws are standard normal.
+    assert sample.mixture.prior_share > 0
+    assert counts[2] > 0
 
 
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3

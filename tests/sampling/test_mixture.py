@@ -51,7 +51,7 @@ def test_far_away_the_density_stays_finite(mixture):
     assert np.isfinite(mixture.log_pdf(np.full((1, 2), 1e8)))
 
 
-def test_draws_have_the_moments_and_tails_of_their_component(mixture, rng):
+def test_draws_have_the_moments_of_their_component(mixture, rng):
     counts = np.array([40_000, 60_000, 50_000])
     draws = mixture.draw(counts, rng)
     assert draws.shape == (150_000, 2)
@@ -62,10 +62,21 @@ def test_draws_have_the_moments_and_tails_of_their_component(mixture, rng):
     ):
         np.testing.assert_allclose(part.mean(0), mean, atol=0.02)
         np.testing.assert_allclose(np.cov(part.T), covariance, atol=0.05)
+
+
+def test_draws_have_the_tails_of_their_component(mixture, rng):
     draws = mixture.draw(np.array([20_000, 0, 0]), rng)
     distances = mixture.squared_distances(draws)[0] / 2.0
     # Mahalanobis distance squared over d is F-distributed with d and ν degrees of freedom.
     assert stats.kstest(distances, stats.f(2, DOF[0]).cdf).pvalue > 1e-3
+
+
+def test_importance_weights_average_to_one(mixture, rng):
+    mixture = mixture.with_prior_component(0.1)
+    z = mixture.draw(rng.multinomial(20_000, mixture.all_weights), rng)
+    normal = stats.multivariate_normal([1.0, 0.0], [[0.5, 0.1], [0.1, 0.3]])
+    weights = np.exp(normal.logpdf(z) - mixture.log_pdf(z))
+    assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / len(z) ** 0.5)
 
 
 def test_joined_mixtures(mixture, rng):
@@ -95,13 +106,17 @@ def test_widened_mixtures(mixture, rng):
     assert widened.prior_share == 0.0
 
 
-def test_reweighting_finds_the_shares_of_weighted_draws_and_keeps_a_component_without(mixture, rng):
+def test_reweighting_finds_the_shares_of_weighted_draws(mixture, rng):
     far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 500, 0]), rng)
     weights = np.repeat([0.9, 0.1], 500) / 500.0
     # A tenth is shared equally.
     reweighted = far_apart.reweighted(draws, weights).weights
     np.testing.assert_allclose(reweighted, [0.86, 0.14], atol=1e-6)
+
+
+def test_a_component_without_weight_is_kept(mixture, rng):
+    far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 0, 0]), rng)
     weights = far_apart.reweighted(draws, np.full(500, 1.0 / 500.0)).weights
     assert weights.sum() == pytest.approx(1.0)
@@ -123,6 +138,12 @@ def test_fitting_recovers_the_scale_under_heavy_tails(rng):
     np.testing.assert_allclose(fitted.means[0], MEANS[0], atol=0.03)
     scale = fitted.factors[0] @ fitted.factors[0].T
     np.testing.assert_allclose(scale, SCALES[0], atol=0.03)
+
+
+def test_fitting_works_in_one_dimension(rng):
+    fitted = fit_mixture(3.0 + 0.1 * rng.standard_normal((2000, 1)), 1, 30.0, rng)
+    assert fitted.means[0, 0] == pytest.approx(3.0, abs=0.01)
+    assert fitted.factors[0, 0, 0] == pytest.approx(0.1, rel=0.1)
 
 
 def test_components_without_draws_are_dropped(rng):

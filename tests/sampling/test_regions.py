@@ -112,6 +112,19 @@ def test_two_shells_are_two_regions(d):
     np.testing.assert_array_equal(result.assign(draws) == result.assign(centre[None])[0], right)
 
 
+def test_three_regions_in_four_dimensions():
+    rng = np.random.default_rng(9)
+    centres = np.array([[0.0] * 4, [8.0] * 4, [8.0, -8.0, 8.0, -8.0]])
+    draws = np.concatenate([c + rng.standard_normal((500, 4)) for c in centres])
+
+    def log_density(z):
+        return np.logaddexp.reduce([log_standard_normal(z - c) for c in centres])
+
+    result = regions_of(log_density, draws)
+    assert result.n_regions == 3
+    np.testing.assert_allclose(result.shares(draws), 1.0 / 3.0)
+
+
 def test_a_few_stray_draws_are_no_region():
     log_density, draws = bumps(0.0, n=500)
     stray = np.array([[9.0, 9.0], [9.1, 9.0], [-9.0, 9.0]])

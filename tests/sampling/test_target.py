@@ -36,14 +36,25 @@ def column(*values):
     return np.array(values, dtype=float)[:, None]
 
 
-def test_log_posterior_adds_the_standard_normal_prior():
+def test_log_standard_normal():
     z = np.random.default_rng(1).standard_normal((6, 3))
     expected = stats.multivariate_normal(np.zeros(3)).logpdf(z)
     np.testing.assert_allclose(log_standard_normal(z), expected, rtol=1e-13)
+
+
+def test_log_posterior_adds_the_prior():
     target = Target(lambda z: 2.0 * z[:, 0], 2)
     assert target.log_posterior(np.array([[3.0, 4.0]]))[0] == pytest.approx(
         6.0 - 12.5 - np.log(2.0 * np.pi), rel=1e-14
     )
+
+
+def test_evaluations_and_failures_are_counted():
+    target = Target(lambda z: np.where(z[:, 0] > 0, z[:, 0], np.nan), 1)
+    values = target.log_likelihood(np.array([[1.0], [-1.0], [2.0], [-2.0], [-3.0]]))
+    np.testing.assert_array_equal(values, [1.0, -np.inf, 2.0, -np.inf, -np.inf])
+    target.log_likelihood(np.array([[1.0]]))
+    assert (target.n_evaluations, target.n_failed) == (6, 3)
 
 
 def test_likelihood_zero_is_no_failure():
@@ -64,7 +75,10 @@ def test_parameters_never_overflow_however_heavy_the_tails_of_proposals():
     assert stats.norm.pdf(FARTHEST + 1.0) == 0.0
 
 
-@pytest.mark.parametrize(("first", "reason"), [(-2.0, NO_EQUILIBRIUM), (30.0, "the answer is NaN")])
+@pytest.mark.parametrize(
+    ("first", "reason"),
+    [(-2.0, NO_EQUILIBRIUM), (30.0, "the answer is NaN")],
+)
 def test_the_first_failure_is_kept_with_its_reason(first, reason):
     target = Target(Fragile(), 1)
     batch = column(1.0, first, 3.0, -5.0, 20.0)
@@ -136,3 +150,16 @@ def test_suggested_starts_are_recalled_and_counted(tmp_path):
 def test_an_empty_batch_does_not_reach_the_function():
     target = Target(lambda _: 1 / 0, 2)
     assert target.log_likelihood(np.empty((0, 2))).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda z: z, r"expected one value for each of 3 points, got shape \(3, 2\)"),
+        (lambda z: z.sum(), r"expected one value for each of 3 points, got shape \(\)"),
+        (lambda z: np.where(z[:, 0] > 1, np.inf, 0.0), r"\+inf at coordinates \[2\. 0\.\]"),
+    ],
+)
+def test_wrong_likelihoods_are_refused(function, message):
+    with pytest.raises(ValueError, match=message):
+        Target(function, 2).log_likelihood(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.0]]))

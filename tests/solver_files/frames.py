@@ -16,10 +16,15 @@ def portal():
     column[0, 2] = column[2, 0] = 6 * ei / h**2
     a, b, c = ea / span, 12 * ei / span**3, 6 * ei / span**2
     beam = np.array(
-        [[a, 0, 0, -a, 0, 0], [0, b, -c, 0, -b, -c], [0, -c, 4 * ei / span, 0, c, 2 * ei / span],
-         [-a, 0, 0, a, 0, 0], [0, -b, c, 0, b, c],
-         [0, -c, 2 * ei / span, 0, c, 4 * ei / span]],
-    )  # fmt: skip
+        [
+            [a, 0, 0, -a, 0, 0],
+            [0, b, -c, 0, -b, -c],
+            [0, -c, 4 * ei / span, 0, c, 2 * ei / span],
+            [-a, 0, 0, a, 0, 0],
+            [0, -b, c, 0, b, c],
+            [0, -c, 2 * ei / span, 0, c, 4 * ei / span],
+        ]
+    )
     beam[:3, :3] += column
     beam[3:, 3:] += column
     return beam, np.diag([2e3, 2e3, 0.0, 3e3, 3e3, 0.0])

@@ -68,10 +68,12 @@ def test_without_labels(tmp_path):
         ({"mass": ["3,1, 3,1, 2.0"]}, r"MASS2.mtx: node 3, degree of freedom 1 is not in the stif"),
         ({"mass": ["2,1, 2,1"]}, r"MASS2.mtx: line 1: expected row node, .* got 2 1 2 1"),
         ({"stiffness": ["2,1, 2,1, 1.0", "2,1, 2.5,1, 1"]}, r"STIF2.mtx: line 2: node and degree"),
-        ({"stiffness": ["2,1, 7,1, 1.0", "7,1, 2,1, 2.0"], "mass": ["2,1, 2,1, 5"]},
-         r"STIF2.mtx must be symmetric"),
+        (
+            {"stiffness": ["2,1, 7,1, 1.0", "7,1, 2,1, 2.0"], "mass": ["2,1, 2,1, 5"]},
+            r"STIF2.mtx must be symmetric",
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_files_are_refused_in_one_line(tmp_path, changed, message):
     path = written(tmp_path, **changed)
     with pytest.raises(ValueError, match=message) as refused:
@@ -90,9 +92,13 @@ def test_the_file_of_the_mass_is_found_by_its_name_or_asked_for(tmp_path):
 def substructure(stiffness, mass):
     """The lower triangle row by row, four numbers a line, as *SUBSTRUCTURE MATRIX OUTPUT writes."""
     lines = [
-        "**", "** GENERATION OF SUBSTRUCTURE Z1", "*USER ELEMENT, NODES=         2, LINEAR",
-        "** ELEMENT NODES", "**          2,          7", "          1,          3,          5",
-    ]  # fmt: skip
+        "**",
+        "** GENERATION OF SUBSTRUCTURE Z1",
+        "*USER ELEMENT, NODES=         2, LINEAR",
+        "** ELEMENT NODES",
+        "**          2,          7",
+        "          1,          3,          5",
+    ]
     for kind, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
         lines.append(f"*MATRIX,TYPE={kind}")
         for row in range(len(matrix)):

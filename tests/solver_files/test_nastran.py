@@ -69,9 +69,12 @@ def test_small_and_free_fields_and_scalar_points(tmp_path):
     lines = [
         "DMIG    KGG            0       6       1",
         "DMIG    KGG            2       1               2       1   2.5+3",
-        "*              9       0  -1.0+3", "DMIG,KGG,9,0,,9,0,1.0+3", "DMIG,MGG,0,6,1",
-        "DMIG,MGG,2,1,,2,1,3.0", "DMIG,MGG,9,0,,9,0,1.0",
-    ]  # fmt: skip
+        "*              9       0  -1.0+3",
+        "DMIG,KGG,9,0,,9,0,1.0+3",
+        "DMIG,MGG,0,6,1",
+        "DMIG,MGG,2,1,,2,1,3.0",
+        "DMIG,MGG,9,0,,9,0,1.0",
+    ]
     lines[2] = "        " + lines[2][8:]
     model = bs.read_model(write(tmp_path / "frame.bdf", lines))
     assert model.labels == ("2 x", "9")

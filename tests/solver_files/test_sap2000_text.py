@@ -7,14 +7,18 @@ from frames import assert_is_portal, lower_entries, portal
 import bayes_ssi as bs
 
 HEADINGS = {
-    "TXE": "Joint\tU1\tU2\tU3\tR1\tR2\tR3", "TXK": "Row\tColumn\tStiffness",
-    "TXM": "Row\tColumn\tMass", "TXC": "Constraint\tEquation\tCoefficient",
-}  # fmt: skip
+    "TXE": "Joint\tU1\tU2\tU3\tR1\tR2\tR3",
+    "TXK": "Row\tColumn\tStiffness",
+    "TXM": "Row\tColumn\tMass",
+    "TXC": "Constraint\tEquation\tCoefficient",
+}
 # Joints 1 and 4 are clamped; the frame stands in the plane of U1, U3 and R2.
 EQUATIONS = [
-    "1\t0\t0\t0\t0\t0\t0", "2\t1\t0\t2\t0\t3\t0", "Top right\t4\t0\t5\t0\t6\t0",
+    "1\t0\t0\t0\t0\t0\t0",
+    "2\t1\t0\t2\t0\t3\t0",
+    "Top right\t4\t0\t5\t0\t6\t0",
     "4\t0\t0\t0\t0\t0\t0",
-]  # fmt: skip
+]
 LABELS = ("2 x", "2 z", "2 ry", "Top right x", "Top right z", "Top right ry")
 
 
@@ -59,7 +63,10 @@ def test_constraints_tie_displacements_to_rows(tmp_path):
     equations = [*EQUATIONS, "5\t4\t0\t0\t0\t0\t0", "6\t-1\t0\t0\t0\t0\t0"]
     written(tmp_path, TXE=equations, TXC=["-1\t1\t1.0", "-1\t3\t-3.0"])
     model = bs.read_model(tmp_path / "Portal.TXK")
-    assert dict(model.dependent) == {"5 x": {"Top right x": 1.0}, "6 x": {"2 x": 1.0, "2 ry": -3.0}}
+    assert dict(model.dependent) == {
+        "5 x": {"Top right x": 1.0},
+        "6 x": {"2 x": 1.0, "2 ry": -3.0},
+    }
     assert any("constraints tie" in note for note in model.notes)
     # In mm, the rotation moves by 3 mm per radian.
     in_si = bs.read_model(tmp_path / "Portal.TXK", units="N, mm")

@@ -94,16 +94,49 @@ def test_as_mass(building, element, added):
 @pytest.mark.parametrize(
     ("element", "springs", "masses"),
     [
-        (bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2), [(PENDULUM, [-0.6, 0, 0.8, 1])],
-         [0, 0, 0, 0.2]),
+        (
+            bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2),
+            [(PENDULUM, [-0.6, 0, 0.8, 1])],
+            [0, 0, 0, 0.2],
+        ),
         (bs.InPlaneInfill((0, {1: 0.6, 3: 0.8}), 1e-12, 250.0), [(250.0, [0.6, 0, 0.8])], []),
     ],
-)  # fmt: skip
+)
 def test_a_place_may_be_a_combination(building, element, springs, masses):
     stiffness, mass = bare_matrices(len(springs[0][1]) - 3)
     for k, direction in springs:
         stiffness += k * np.outer(direction, direction)
     check(building.with_element(element), stiffness, mass + (masses or 0.0))
+
+
+@pytest.mark.parametrize("mu", [0.01, 0.05, 0.3])
+def test_a_tuned_absorber_splits_the_frequency(mu):
+    # Equal frequencies: (f/f0)^2 = 1 + mu/2 -+ sqrt(mu + mu^2/4).
+    f0 = 1.5
+    oscillator = bs.ShearBuilding((2.0,), (2.0 * (math.tau * f0) ** 2,))
+    split = oscillator.with_element(bs.Pendulum(1, 2.0 * mu, f0)).modes(NO_VALUES)
+    root = math.sqrt(mu + mu**2 / 4.0)
+    expected = f0 * np.sqrt([1.0 + mu / 2.0 - root, 1.0 + mu / 2.0 + root])
+    np.testing.assert_allclose(split.frequencies_hz[0], expected, rtol=1e-12)
+
+
+def test_resonant_infill_of_the_numerical_study(augmented):
+    frequencies = augmented.modes(np.ones((1, 4))).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, [0.98275928, 2.6042925, 3.00473295, 3.98405175], 1e-8)
+    assert round(frequencies[1], 3) == 2.604
+    assert round(frequencies[2], 3) == 3.005
+
+
+def test_shapes_of_the_numerical_study(augmented, case_c):
+    shapes = augmented.modes(np.ones((1, 4))).shapes[0, :3]
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
+    cosines = np.abs((shapes * case_c.unit_shapes).sum(0))
+    np.testing.assert_allclose(cosines, 1.0, atol=1e-13)
+
+
+def test_infill_as_mass_of_the_numerical_study(rigid):
+    frequencies = rigid.modes(np.ones((1, 3))).frequencies_hz[0]
+    np.testing.assert_allclose(frequencies, [0.9832, 2.7372, 3.9213], atol=5e-5)
 
 
 @pytest.mark.parametrize(
@@ -134,12 +167,16 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
         (lambda: bs.Pendulum("tank", 0.1, 1.0, label="tank"), "tank: an appendage must stand on"),
         (lambda: bs.Pendulum(1, -0.2, 1.0), "pendulum 1: mass must be positive .* -0.2"),
         (lambda: bs.Pendulum(1, 0.2, 0.0), "pendulum 1: frequency must be positive .* 0.0"),
-        (lambda: bs.Pendulum(1, 0.2, 1.0, stiffness_factor=-1.0, label="tank"),
-         "tank: stiffness_factor must be positive .* -1.0"),
+        (
+            lambda: bs.Pendulum(1, 0.2, 1.0, stiffness_factor=-1.0, label="tank"),
+            "tank: stiffness_factor must be positive .* -1.0",
+        ),
         (lambda: bs.OutOfPlaneInfill((1, 2), 0.0, 1.0), "infill 1-2: mass must be positive"),
         (lambda: bs.OutOfPlaneInfill((1, 2), 0.1, -1.0), "infill 1-2: frequency must be positive"),
-        (lambda: bs.OutOfPlaneInfill((1, 2), 0.1, 1.0, stiffness_factor=0.0),
-         "infill 1-2: stiffness_factor must be positive"),
+        (
+            lambda: bs.OutOfPlaneInfill((1, 2), 0.1, 1.0, stiffness_factor=0.0),
+            "infill 1-2: stiffness_factor must be positive",
+        ),
         (lambda: bs.InPlaneInfill((1, 2), -1.0, 1.0), "in-plane infill 1-2: mass must be"),
         (lambda: bs.InPlaneInfill((1, 2), 1.0, 0.0), "in-plane infill 1-2: stiffness must be"),
         (lambda: bs.AddedMass(-1.0, ((1, 1.0),)), "added mass: mass must be positive .* -1.0"),
@@ -150,10 +187,21 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
         (lambda: bs.InPlaneInfill(("a", {"b": 0.0}), 1.0, 1.0), "infill: between .* of zeros"),
         (lambda: bs.AddedMass(1.0, (({"a": 0.0}, 1.0),)), "a place is a direction of zeros"),
     ],
-)  # fmt: skip
+)
 def test_impossible_elements_are_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_an_element_quantity_that_is_no_number_is_refused():
+    with pytest.raises(TypeError, match=r"pendulum 1: mass must be a number, a Parameter .* None"):
+        bs.Pendulum(1, None, 1.0)
+
+
+def test_an_element_mass_that_can_be_negative_is_refused():
+    mass = bs.Parameter("m", bs.Normal(1.0, 1.0))
+    with pytest.raises(ValueError, match="infill 1-2: mass must be positive, but parameter 'm'"):
+        bs.OutOfPlaneInfill((1, 2), mass, 1.0)
 
 
 @pytest.mark.parametrize("annotation", [Value, "Value"])

@@ -4,13 +4,29 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import bayes_ssi as bs
+
+NO_VALUES = np.empty((1, 0))
 
 
 @pytest.fixture
 def fixed():
     return bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
+
+
+def test_batch_against_hand_assembled_matrices(augmented):
+    k1, k2, k3, ks = values = np.array([1.2, 0.8, 1.1, 0.9])
+    storey = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
+    stiffness = np.zeros((4, 4))
+    stiffness[:3, :3] = [[k1 + k2, -k2, 0], [-k2, k2 + k3, -k3], [0, -k3, k3]]
+    v = np.array([-0.5, -0.5, 0.0, 1.0])
+    second = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
+    stiffness = storey * stiffness + ks * 0.075 * (math.tau * second) ** 2 * np.outer(v, v)
+    squares = eigh(stiffness, np.diag([1.0375, 1.0375, 1.0, 0.075]), eigvals_only=True)
+    modes = augmented.modes(np.array([np.ones(4), values]))
+    np.testing.assert_allclose(modes.frequencies_hz[1], np.sqrt(squares) / math.tau, rtol=1e-12)
 
 
 def test_a_structure_without_parameters_answers_for_every_row(fixed):
@@ -52,6 +68,13 @@ def test_rows_that_are_not_positive_definite_are_nan(frame):
     np.testing.assert_allclose(frequencies[[0, 3]], [bare, 2.0 * bare], rtol=1e-8)
 
 
+def test_a_negative_mass_row_is_nan():
+    m = bs.Parameter("m", bs.LogNormal(1.0, 0.3))
+    frequencies = bs.ShearBuilding((m,), (1.0,)).modes(np.array([[-1.0], [1.0]])).frequencies_hz
+    assert np.isnan(frequencies[0, 0])
+    assert frequencies[1, 0] == pytest.approx(1.0 / math.tau)
+
+
 def test_medians_are_one_row(augmented):
     k = bs.Parameter("k", bs.Uniform(2.0, 6.0))
     building = bs.ShearBuilding((1.0,), (k,))
@@ -64,6 +87,13 @@ def test_sensors_are_rows_of_the_shapes(augmented):
     rows = matrix.apply(np.eye(4), axis=0)
     assert rows.tolist() == [[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0]]
     assert augmented.sensor_matrix([]).apply(np.eye(4), axis=0).shape == (0, 4)
+
+
+def test_a_sensor_off_the_structure_is_refused(frame):
+    with pytest.raises(
+        ValueError, match=r"sensor 'roof': .*choose from 'floor 1', 'floor 2', 'floor 3'"
+    ):
+        frame.sensor_matrix(["floor 1", "roof"])
 
 
 @pytest.mark.parametrize(

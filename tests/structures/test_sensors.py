@@ -26,6 +26,9 @@ def test_a_point_of_a_floor_moves_with_it_rigidly():
         floor = {"floor 2 x": u, "floor 2 y": v, "floor 2 torsion": turn}
         result = sum(share * floor[label] for label, share in sensor.motion)
         assert result == pytest.approx(expected, abs=1e-10)
+
+
+def test_along_an_axis_no_rounding_error_is_left():
     assert bs.floor_sensor("a", 1, (0.0, 0.0), "y").motion == (("floor 1 y", 1.0),)
     assert bs.floor_sensor("a", 1, (1.0, 0.0), "x").motion == (("floor 1 x", 1.0),)
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import bayes_ssi as bs
 
@@ -32,6 +33,15 @@ def test_shapes_of_a_uniform_building(n):
     np.testing.assert_allclose(np.abs((shapes * expected).sum(0)), 1.0, rtol=1e-12)
 
 
+def test_storey_i_stands_below_floor_i():
+    building = bs.ShearBuilding(masses=(1.0, 2.0, 3.0), stiffnesses=(10.0, 20.0, 40.0))
+    stiffness = [[30.0, -20.0, 0.0], [-20.0, 60.0, -40.0], [0.0, -40.0, 40.0]]
+    squares, vectors = eigh(stiffness, np.diag([1.0, 2.0, 3.0]))
+    modes = building.modes(NO_VALUES)
+    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), rtol=1e-10)
+
+
 def test_parameters_in_masses_and_stiffnesses():
     m = bs.Parameter("m", bs.LogNormal(2.0, 0.1))
     k = bs.Parameter("k", bs.LogNormal(3.0, 0.1))
@@ -54,7 +64,11 @@ CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
         ((1.0, -2.0), (1.0, 1.0), "masses, number 2 from below, must be positive .* got -2.0"),
         ((1.0, 1.0), (0.0, 1.0), "stiffnesses, number 1 from below, must be .* got 0.0"),
         ((1.0,), (math.nan,), "stiffnesses, number 1 from below, must be .* got nan"),
-        ((1.0, 1.0), (1.0, CAN_BE_NEGATIVE), "stiffnesses, number 2 .* must be positive, but .*k"),
+        (
+            (1.0, 1.0),
+            (1.0, CAN_BE_NEGATIVE),
+            "stiffnesses, number 2 .* must be positive, but .*k",
+        ),
         (("1",), (1.0,), "masses, number 1 from below, must be a number, .* '1'"),
     ],
 )

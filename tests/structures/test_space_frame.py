@@ -49,6 +49,14 @@ def test_a_portal_has_its_closed_form():
     np.testing.assert_array_equal(mass, [[10.0, 10.0, 30.0]])
 
 
+def test_stiff_beams_make_a_shear_building_and_none_makes_cantilevers():
+    stiff, _ = portal(beam=1e12).matrices(NONE)
+    slender, _ = portal(beam=1e-12).matrices(NONE)
+    one_column = 200.0 * 3.0 / 2.5**3
+    assert stiff[0, 0, 0] == pytest.approx(4 * 12.0 * one_column)
+    assert slender[0, 0, 0] == pytest.approx(4 * 3.0 * one_column)
+
+
 # A whole frame in space with 12 degrees of freedom a member, assembled directly.
 def member_stiffness(length, modulus, inertia_y, inertia_z):
     """In local axes, x along the member; no resistance to stretching or twisting is needed."""
@@ -135,6 +143,33 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
             np.testing.assert_allclose(omega**2 * flexible @ (mass @ mode), mode, atol=1e-7)
 
 
+@pytest.fixture
+def steel_frame():
+    def made(**changed):
+        given = {
+            "column_inertias_x": (1509e-8, 1509e-8),
+            "column_inertias_y": (549.7e-8, 549.7e-8),
+            "beam_inertias_x": (1317e-8, 1317e-8),
+            "beam_inertias_y": (1317e-8, 1317e-8),
+            "masses": (3533.0, 3398.0),
+            "rotational_inertias": (9010.0, 8167.0),
+        }
+        return SpaceFrame((2.0, 2.0), (-2.0, 2.0), (-1.5, 1.5), 210e9, **{**given, **changed})
+
+    return made
+
+
+def test_frequencies_of_the_papers_bare_frame(steel_frame):
+    modes = steel_frame().modes(NONE)
+    np.testing.assert_allclose(
+        modes.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3
+    )
+    largest = np.abs(modes.shapes[0]).reshape(2, 3, 6).max(axis=0)  # direction, mode
+    assert largest[:, [0, 3]].argmax(axis=0).tolist() == [1, 1]  # y, the second one is the fourth
+    second = modes.shapes[0].reshape(2, 3, 6)[:, 1, 3]
+    assert second[0] * second[1] < 0.0
+
+
 def test_a_block_counts_with_mass_static_moment_and_polar_inertia():
     """One block on one floor, against the mass matrix written out by hand."""
     m, (x, y) = 3.0, (1.2, -0.7)
@@ -147,6 +182,9 @@ def test_a_block_counts_with_mass_static_moment_and_polar_inertia():
     np.testing.assert_allclose(modes.frequencies_hz[0], expected, rtol=1e-12)
     shapes = modes.shapes[0]
     np.testing.assert_allclose(shapes.T @ mass[0] @ shapes, np.eye(3), atol=1e-13)
+
+
+def test_blocks_that_balance_each_other_leave_the_mass_diagonal():
     structure = portal()
     for x, y in itertools.product((-1.3, 1.3), (-0.8, 0.8)):
         structure = structure.with_element(bs.FloorBlock(1, 340.0, (x, y), label=f"{x} {y}"))
@@ -175,6 +213,9 @@ def test_the_ground_moves_in_one_direction():
         assert model.influence.tolist() == [*expected, own]
         effective = (model.participation[0] ** 2).sum()
         assert effective == pytest.approx(10.0 + 0.5 * own)
+
+
+def test_the_ground_s_motion_with_a_block_off_centre():
     structure = portal().with_element(bs.FloorBlock(1, 3.0, (1.2, -0.7)))
     model = structure.modal_model(NONE)
     assert (model.participation[0] ** 2).sum() == pytest.approx(13.0)
@@ -186,7 +227,10 @@ def refused(match, **changed):
 
 
 def test_bad_fields_are_refused():
-    refused("one of each per storey, at least one, got 2 column", column_inertias_x=(1.0, 1.0))
+    refused(
+        "one of each per storey, at least one, got 2 column",
+        column_inertias_x=(1.0, 1.0),
+    )
     refused("storey_heights must be positive", storey_heights=(-2.0,))
     refused("x_lines must be two or more coordinates in ascending order", x_lines=(1.0,))
     refused("y_lines must be two or more", y_lines=(1.0, 1.0))

@@ -63,13 +63,16 @@ def test_every_cell_is_whole(all_tables, width):
         assert_every_cell_is_whole(table, width)
 
 
-def test_what_does_not_fit_continues_below_with_the_names_repeated_or_folds():
+def test_what_does_not_fit_continues_below_with_the_names_repeated():
     table = new_table("", ["class"], ["first", "second", "third"])
     add_row(table, "one of two", "1.000 ± 0.001", "2.000 ± 0.001", "3.000 ± 0.001")
     assert len([line for line in printed(table, 60) if "one of two" in line]) == 1
     narrow = printed(table, 45)
     assert len([line for line in narrow if "one of two" in line]) == 2
     assert [line.split() for line in narrow if "third" in line] == [["class", "third"]]
+
+
+def test_numbers_fold_where_not_even_one_column_fits():
     table = new_table("", ["class"], ["log evidence"])
     add_row(table, "name", "123456.789")
     text = "".join("".join(line.split()) for line in printed(table, 14))

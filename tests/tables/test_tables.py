@@ -171,3 +171,13 @@ def test_names_with_brackets_are_shown_literally(make_posterior, case_c, name):
         shown = [line for line in lines(table) if name in line]
         assert len(shown) >= 1
         assert all("\x1b" not in line for line in shown)
+
+
+def test_no_table_is_wider_than_80_columns(make_posterior):
+    names = [f"a model class with a long name, number {i}" for i in range(3)]
+    posteriors = [make_posterior(name, -1234.5678 * i) for i, name in enumerate(names)]
+    posteriors[0] = replace(posteriors[0], failed_checks=("x",))
+    for table in (ranking_table(bs.compare(posteriors), "t"), evidence_table(posteriors)):
+        text = lines(table)
+        assert max(map(len, text)) <= 80
+        assert not any("…" in line for line in text)

@@ -42,7 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
-LEAST_WIDTH = 1e-6  # cosines of smaller turns are 1 by rounding
+LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
 
