@@ -16,7 +16,7 @@ from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.result_files import write_digests
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.structures.response import Output
-from bayes_ssi.studies.appendages.candidates import SearchSettings
+from bayes_ssi.studies.appendages.candidates import SearchSettings, appendages_among
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
 
@@ -117,7 +117,7 @@ def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
     }  # fmt: skip
     for hypothesis in actual.record.hypotheses:
         built = predicted.model_classes[hypothesis.name]
-        places = [each.place for each in hypothesis.features]
+        places = appendages_among(each.place for each in hypothesis.features)
         assert built.structure.appendages == tuple(f"appendage {place.name}" for place in places)
         (sampled,) = (c for c in actual.ranking.study.model_classes if c.name == hypothesis.name)
         assert class_record(built) == class_record(sampled)

@@ -113,5 +113,8 @@ def test_settings_reach_the_sampling(tiny_study):
 def test_progress_names_class_and_step(tiny_study):
     seen = []
     bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
-    assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k"]
-    assert seen[-1] == ("each k", "evidence", 1.0)
+    # Last, whether an appendage on the most probable class explains the data as well.
+    names = list(dict.fromkeys(name for name, _, _ in seen))
+    assert names == ["one k", "each k", "all hypotheses"]
+    assert [call for call in seen if call[0] == "each k"][-1] == ("each k", "evidence", 1.0)
+    assert seen[-1][2] == pytest.approx(1.0)

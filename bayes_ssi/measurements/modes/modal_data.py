@@ -205,7 +205,7 @@ class ModalData(Displayed):
 
     @property
     def full_digest(self) -> str:
-        """Digest of all that a run from the data depends on: labels and sizes of errors, too."""
+        """Digest of all that a run from the data depends on, with labels and sizes of errors."""
         errors = [(mode.label, mode.frequency_cov, mode.shape_sd) for mode in self.modes]
         text = json.dumps([self.digest, self.sensors, errors, self.covariance_digest])
         return hashlib.sha256(text.encode()).hexdigest()[:16]

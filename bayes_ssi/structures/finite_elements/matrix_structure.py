@@ -272,8 +272,6 @@ class ReducedStructure(ApproximateStructure):
             rows = slice(start, start + step)
             k, m = (each.evaluate(values[rows]) for each in self._in_basis)
             frequencies_hz[rows], y[rows] = modal.solve_modes(k, m, n)
-        if len(values) == 1 and np.isnan(frequencies_hz).any():
-            modal.lowest_eigenpairs(k[0], m[0], n)  # raises, and says why
         return Modes(frequencies_hz, y)
 
     @cached_property
