@@ -126,10 +126,10 @@ def plan(
         with style():
             save_figure(plot_layout(planned), out / "layout.png")
             save_figure(plot_gains(planned), out / "gains.png")
+    terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
+    terminal.say_in_paragraphs(plan_answer(planned), "")
     terminal.show(layout_table(planned), number_table(planned), change_table(planned))
     terminal.say(*plan_notes(planned))
-    terminal.say_in_paragraphs(plan_answer(planned))
-    terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     if out is not None:
         terminal.say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
     terminal.conclude({"plan": planned}, planned.failed_checks)

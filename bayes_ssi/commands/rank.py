@@ -29,7 +29,7 @@ def rank(study: Path, names: tuple[str, ...], any_pairing: bool, sampling: RunOp
     classes where there are at least as many classes as workers, or where models are small; else
     they share the evaluations of one class.
     """
-    from bayes_ssi.report.tables.ranking_tables import ranked
+    from bayes_ssi.report.tables.ranking_tables import further_tables, ranked
     from bayes_ssi.studies.questions import rank as rank_study
     from bayes_ssi.studies.ranking.study import averaged_parameters
 
@@ -43,4 +43,4 @@ def rank(study: Path, names: tuple[str, ...], any_pairing: bool, sampling: RunOp
         averages = averaged_parameters(ranking.posteriors, ranking.comparison)
         return ranking, {"averaged_parameters.json": averages}
 
-    sampling.answer(loaded, study, study.stem, ("rank",), sample, ranked)
+    sampling.answer(loaded, study, study.stem, ("rank",), sample, ranked, further_tables)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -46,6 +47,7 @@ class RunOptions:
     workers: int | None
     dask: str | None
     accept_failed_checks: bool
+    verbose: bool
 
     @property
     def settings(self) -> SamplingSettings:
@@ -62,15 +64,18 @@ class RunOptions:
         name: str,
         inputs: Sequence[object],
         sample: Sample,
-        screen: Callable[[StoredResult], Iterable[RenderableType]],
+        first: Callable[[StoredResult], Iterable[RenderableType]],
+        others: Callable[[StoredResult], Iterable[RenderableType]],
         n_classes: int | None = None,
     ) -> None:
         """Sample a study or resume its run, save what was found, print it and exit.
 
+        Printed are failed checks, the answer and the first tables; the others if wanted.
+
         Args:
             name: of the result directory.
             inputs: what the run depends on besides the study and these options.
-            screen: tables and notes, in the order in which they are read.
+            first, others: tables and notes, in the order in which they are read.
             n_classes: number of classes that are sampled, at least; the study's by default.
 
         The exit code says whether a check failed that was not accepted.
@@ -87,15 +92,21 @@ class RunOptions:
         checkpoint.remove()
         answered = say_answer(result)
         terminal.say_warnings(answered.warnings)
-        for each in screen(result):
-            if isinstance(each, str):
-                terminal.say(each)
-            else:
-                terminal.show(each)
-        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
-        terminal.say(*_notes(result), f"Saved in {result.directory}, with {n_figures} figures.")
         terminal.say_in_paragraphs(*answered.paragraphs)
-        terminal.say(*(line for command in answered.commands for line in ("", command)))
+        terminal.say(*(line for command in answered.commands for line in ("", command)), "")
+        terminal.show(*first(result))
+        terminal.say(*_said_of_data(result))
+        if self.verbose:
+            for each in (*others(result), *_notes(result)):
+                if isinstance(each, str):
+                    terminal.say(each)
+                else:
+                    terminal.show(each)
+        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
+        terminal.say(
+            f"Saved in {result.directory}, with {n_figures} figures. Everything, on one page:",
+            f"bayes-ssi report {shlex.quote(str(result.directory))}",
+        )
         failed = () if self.accept_failed_checks else result.comparison.failed_checks
         terminal.conclude(_json_record(result, answered.paragraphs, records), failed)
 
@@ -204,7 +215,7 @@ class RunOptions:
         findings: Callable[..., FamilyRecord],
     ) -> None:
         """Search a family of hypotheses, save what was found, print it and exit."""
-        from bayes_ssi.report.tables.search_tables import found
+        from bayes_ssi.report.tables.search_tables import found, further_tables
         from bayes_ssi.results.stored_result import SEARCH
         from bayes_ssi.studies.questions import searched
 
@@ -213,7 +224,9 @@ class RunOptions:
             return result.ranking, {SEARCH: result.record}
 
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
-        self.answer(study, study_file, name, (kind, *inputs), sample, found, n_classes)
+        self.answer(
+            study, study_file, name, (kind, *inputs), sample, found, further_tables, n_classes
+        )
 
 
 def run_options(command: options.Command, error: float = 0.01) -> options.Command:
@@ -240,6 +253,7 @@ def run_options(command: options.Command, error: float = 0.01) -> options.Comman
         "dask": click.option(
             "--dask", metavar="ADDRESS",
             help="Sample on a Dask cluster, by its scheduler's address."),
+        "verbose": options.flag("--verbose", text="Print all tables and notes."),
         "accept_failed_checks": options.flag(
             "--accept-failed-checks", text="Exit with code 0 where checks failed; they are shown "
             "and saved all the same."),
@@ -296,13 +310,17 @@ def _json_record(
     }
 
 
+def _said_of_data(result: StoredResult) -> list[str]:
+    """Sensors that measured nothing, by each test."""
+    identifications = (each for data in result.tests.values() for each in data.identifications)
+    return [f"(!) {text}." for each in identifications for text in each.said_of_sensors]
+
+
 def _notes(result: StoredResult) -> list[str]:
     from bayes_ssi.report.tables.ranking_tables import comparison_notes, pairing_notes, region_notes
 
     of_search = result.search is not None
     notes = comparison_notes(result.comparison, with_scales=not of_search)
-    for data in result.tests.values():
-        notes += [f"(!) {text}." for each in data.identifications for text in each.said_of_sensors]
     for posterior in result.ranked_posteriors[: 1 if of_search else None]:
         for heading, items in (*pairing_notes(posterior), *region_notes(posterior)):
             notes += [heading, *(f"  {item}" for item in items)]

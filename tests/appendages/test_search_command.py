@@ -35,7 +35,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     )
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
     out = tmp_path / "r"
-    result = run("search", tiny_study_file, *ONE_K, "--out", out, "--seed", 3)
+    result = run("search", tiny_study_file, *ONE_K, "--out", out, "--seed", 3, "--verbose")
     assert result.exit_code == 0, result.output
     *levels, rivals = levels
     assert rivals == ["each k"]
@@ -99,7 +99,7 @@ def test_a_baseline_that_another_class_beats_is_said_aloud(
     run, tiny_study_file, tmp_path, fake_sampling, options, lead, warned, noted
 ):
     fake_sampling(lambda made: lead * made.name.startswith("each k"))
-    result = run("search", tiny_study_file, *options, "--out", tmp_path / "r")
+    result = run("search", tiny_study_file, *options, "--verbose", "--out", tmp_path / "r")
     text = " ".join(result.stdout.split())
     assert result.exit_code == 0, result.output
     assert ("(!) The answer rests on a baseline that another class beats by far." in text) == warned

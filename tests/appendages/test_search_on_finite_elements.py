@@ -21,7 +21,7 @@ def test_the_pipe_on_the_footbridge(run, tmp_path):
     rows = "".join(f"{place},{place}\n" for place in places)
     candidates.write_text(f"name,place\n{rows}", encoding="utf-8")
     result = run("search", STUDY, "--candidates", candidates, "--most", 1, "--error", 0.5,
-                 "--accept-failed-checks", "--out", out)  # fmt: skip
+                 "--accept-failed-checks", "--out", out, "--verbose")  # fmt: skip
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
     assert "Appendages by place, averaged over all hypotheses" in text

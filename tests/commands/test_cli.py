@@ -54,7 +54,10 @@ def test_rank(run, tiny_study_file, tmp_path):
     assert result.stderr == "sampled one k\nsampled each k\n"
     for words in ("one k", "each k", f"Saved in {out}, with 3 figures."):
         assert words in result.stdout
-    assert max(map(len, result.stdout.split("Evidence against:")[0].splitlines())) <= 80
+    *screen, _, page = result.stdout.splitlines()
+    assert page == f"bayes-ssi report {out}"
+    assert max(map(len, screen)) <= 80
+    assert len(screen) <= 40
     stored = load_result(out)
     assert stored.record.seed == 7
     assert stored.record.study_file == str(tiny_study_file)
@@ -333,7 +336,13 @@ def test_rank_over_all_pairings(run, tiny_study_file, tmp_path):
     new = '(K * k, K * k)), modes, error,\n                      pairing={"1": 2, "2": 1}),'
     tiny_study_file.write_text(text.replace(old, new), encoding="utf-8")
     result = run(
-        "rank", tiny_study_file, "--any-pairing", "--accept-failed-checks", "--out", tmp_path / "r"
+        "rank",
+        tiny_study_file,
+        "--any-pairing",
+        "--accept-failed-checks",
+        "--verbose",
+        "--out",
+        tmp_path / "r",
     )
     assert result.exit_code == 0, result.output
     assert "Modes of 'one k or each k':" in result.stdout

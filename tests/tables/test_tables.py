@@ -46,8 +46,8 @@ def test_ranking(make_posterior):
     actual = bs.compare([worse, make_posterior("3", 16.067, 0.004)])
     table = ranking_table(actual, "Case (c)")
     assert lines(table)[0] == "Case (c)"
-    assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "-", "best"]
-    expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "3.3", "sd", "very", "strong"]
+    assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "-"]
+    expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "no", "(3.3", "sd)"]
     assert cells(table, ["1-a"]) == expected
 
 
@@ -72,8 +72,8 @@ def test_a_remark_marks_no_class(make_posterior):
 
 def test_notes_name_the_scale(make_posterior):
     actual = bs.compare([make_posterior("a"), make_posterior("b", -0.1)])
-    evidence, misfit, unseen = comparison_notes(actual)
-    assert evidence == "Evidence against: scale of Kass and Raftery (1995)."
+    misfit, evidence, unseen = comparison_notes(actual)
+    assert evidence == "Words for evidence: scale of Kass and Raftery (1995)."
     # A standard-normal variable is farther from zero one time in a hundred.
     assert misfit.endswith("one right class in a hundred is beyond 2.6 sd.")
     assert unseen == actual.unseen
@@ -82,7 +82,7 @@ def test_notes_name_the_scale(make_posterior):
 def test_prior_probabilities_have_a_column_where_they_differ(make_posterior):
     both = [make_posterior("a"), make_posterior("b")]
     table = ranking_table(bs.compare(both, {"a": 3.0, "b": 1.0}))
-    assert cells(table, ["a"])[-4:] == ["0.7500", "0.7500", "-", "best"]
+    assert cells(table, ["a"])[-3:] == ["0.7500", "0.7500", "-"]
     assert "prior" not in "\n".join(lines(ranking_table(bs.compare(both))))
 
 

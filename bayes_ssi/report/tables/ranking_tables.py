@@ -11,7 +11,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
-from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass, probability_text
 from bayes_ssi.studies.ranking.study import AveragedParameter, averaged_parameters
 
 # A heading and the items of the list below it.
@@ -19,8 +19,12 @@ Note = tuple[str, list[str]]
 
 
 def ranked(result: StoredResult) -> Iterator[Table]:
-    """The tables of a ranking, in the order in which they are read."""
+    """The model classes of a ranking."""
     yield ranking_table(result.comparison, result.record.study)
+
+
+def further_tables(result: StoredResult) -> Iterator[Table]:
+    """The other tables of a ranking, in the order in which they are read."""
     yield evidence_table(result.ranked_posteriors)
     yield parameter_table(result.ranked_posteriors[0])
     if averages := averaged_parameters(result.posteriors, result.comparison):
@@ -30,7 +34,7 @@ def ranked(result: StoredResult) -> Iterator[Table]:
 def ranking_table(comparison: Comparison, title: str = "") -> Table:
     """Model classes by probability; prior probabilities have a column unless they are equal."""
     priors_differ = not comparison.has_equal_priors
-    numbers = ["log evidence", "ln B", *["prior"] * priors_differ, "probability", "misfit"]
+    numbers = ["log evidence", "ln B", *["prior"] * priors_differ, "probability"]
     rows = [
         (
             marked(row.name, row.failed_checks),
@@ -38,12 +42,17 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             f"{row.log_bayes_factor:.2f}",
             *[probability_text(row.prior_probability)] * priors_differ,
             row.probability_text,
-            row.misfit_text,
-            row.against,
+            _explains(row),
         )
         for row in comparison.classes
     ]
-    return new_table(title, ["model class"], numbers, rows, last=["evidence against"])
+    return new_table(title, ["model class"], numbers, rows, last=["explains the data"])
+
+
+def _explains(row: RankedClass) -> str:
+    if row.misfit_sds is None:
+        return "-"
+    return f"{'no' if row.misfit_sds > INADEQUATE_SDS else 'yes'} ({row.misfit_text})"
 
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:
@@ -65,10 +74,10 @@ def evidence_table(posteriors: Sequence[Posterior]) -> Table:
 def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[str]:
     """Notes on the table of a ranking: the scales of its columns, and the mark of failed checks."""
     scales = [
-        f"Evidence against: scale of {comparison.scale}.",
-        "Misfit: how far the data are from what the class itself expects, in standard deviations "
-        "of a normal variable; one right class in a hundred is beyond "
+        "Explains the data: how far they are from what the class itself expects, in standard "
+        "deviations of a normal variable; one right class in a hundred is beyond "
         f"{INADEQUATE_SDS:.1f} sd.",
+        f"Words for evidence: scale of {comparison.scale}.",
     ]
     notes = scales if with_scales else []
     notes += [comparison.unseen] if comparison.unseen else []

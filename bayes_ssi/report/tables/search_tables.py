@@ -18,20 +18,26 @@ APPROXIMATELY = "≈ "
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
 
-def found(result: StoredResult) -> Iterator[Table | str]:
-    """Tables and notes on a search, in the order in which they are read."""
+def found(result: StoredResult) -> Iterator[Table]:
+    """The hypotheses of a search, and the places."""
+    record = result.search
+    assert record is not None
+    yield search_table(record, result.comparison, result.record.study)
+    if isinstance(record, SearchRecord):
+        yield appendage_place_table(record)
+    else:
+        yield place_table(record)
+
+
+def further_tables(result: StoredResult) -> Iterator[Table | str]:
+    """The other tables and the notes on a search, in the order in which they are read."""
     record = result.search
     assert record is not None
     if isinstance(record, SearchRecord):
         if len(record.baselines) > 1:
             yield baseline_table(record)
         yield from baseline_notes(record)
-    yield search_table(record, result.comparison, result.record.study)
-    if isinstance(record, SearchRecord):
-        yield appendage_place_table(record)
         yield from several_table(record)
-    else:
-        yield place_table(record)
     yield averaged_table(record)
     yield from search_notes(record)
 
