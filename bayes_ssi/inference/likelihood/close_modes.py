@@ -44,6 +44,7 @@ DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
+GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
 CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
 
 
@@ -209,7 +210,8 @@ class Turned(NamedTuple):
 
         Nodes are about the highest of the turns that the density of turns, each shape, or all of
         them together ask for. Where another of these may be a maximum by itself, or every other
-        node would give another mean, they are about each of them, and more.
+        node would give another mean, they are about each of them and about the highest turn of a
+        grid, and more.
         """
         turns = np.isfinite(concentrations)
         kappa = np.where(turns, concentrations, 0.0)
@@ -240,10 +242,35 @@ class Turned(NamedTuple):
             if n == NUMBERS_OF_NODES[0]:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)
+            if n == NUMBERS_OF_NODES[0]:
+                centres[:, 0, left], widths[0, left] = _highest(kappa[left], shapes.cases(left))
         distances = shapes.distances(*(of(2.0 * angles)[None] for of in (np.cos, np.sin)))[:, 0]
         exponents = row_sums((distances / shapes.variances)[None])[0]
         log_means = np.where(turns, log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
+
+
+def _highest(kappa: FloatArray, shapes: TurningShapes) -> tuple[FloatArray, FloatArray]:
+    """The turns (2, E) with the highest exponents, cosines and sines of twice them, and widths.
+
+    Shapes that disagree are nearest at a turn to which none of them points. About the best of a
+    grid, a finer one takes its place several times.
+    """
+    turns, steps = np.zeros((1, len(kappa))), np.arange(GRID)[:, None] - 0.5 * GRID
+    spacing = math.pi / GRID
+    for _ in range(FINER_GRIDS):
+        tried = turns + spacing * steps
+        exponents = shapes.exponents(kappa, np.cos(2.0 * tried), np.sin(2.0 * tried))
+        best = exponents.argmax(axis=0), np.arange(len(kappa))
+        turns = tried[best][None]
+        steps, spacing = np.arange(-4.0, 5.0)[:, None], 0.25 * spacing
+    below, at, above = (
+        shapes.exponents(kappa, np.cos(twice), np.sin(twice))[0]
+        for twice in (2.0 * (turns + shift) for shift in (-spacing, 0.0, spacing))
+    )
+    bend = np.maximum((2.0 * at - below - above) / spacing**2, 1.0)
+    widths = np.clip(SPREAD / np.sqrt(bend), LEAST_WIDTH, 1.0)
+    return np.array([np.cos(2.0 * turns[0]), np.sin(2.0 * turns[0])]), widths
 
 
 def _mean_over_turns(
