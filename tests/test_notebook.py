@@ -47,8 +47,10 @@ def test_tables_in_a_notebook(executed):
 
 def test_progress_and_a_ranking_in_a_notebook(executed):
     progress, ranking = of_cell(executed, "ranking = bs.rank")
+    # Last, whether an appendage on the most probable class explains the data as well.
     assert sorted(progress["text/plain"].splitlines()) == [
-        f"{name}: evidence 100 %" for name in ("1-a", "1-b", "2", "3")
+        *(f"{name}: evidence 100 %" for name in ("1-a", "1-b", "2", "3")),
+        "all hypotheses: screening 3 100 %",
     ]
     assert ranking["text/html"].index("<td>3</td>") < ranking["text/html"].index("<td>1-a</td>")
 
