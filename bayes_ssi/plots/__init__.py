@@ -6,11 +6,8 @@ for others.
 """
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner
-from bayes_ssi.plots.class_plots import plot_frequency_change as plot_frequency_change
 from bayes_ssi.plots.class_plots import plot_mac as plot_mac
-from bayes_ssi.plots.class_plots import plot_mac_change as plot_mac_change
 from bayes_ssi.plots.class_plots import plot_modal_sensitivities as plot_modal_sensitivities
-from bayes_ssi.plots.class_plots import plot_pairing as plot_pairing
 from bayes_ssi.plots.class_plots import plot_parameters as plot_parameters
 from bayes_ssi.plots.class_plots import plot_population as plot_population
 from bayes_ssi.plots.figure_style import style as style

@@ -108,8 +108,7 @@ def draw_figures(
             drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
             figures[section].append(drawn)
     for path in predictions.get("figures", ()):
-        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
-        caption = f"Predictions: {name.replace('_', ' ')}"
+        caption = f"Predictions: {path.stem.replace('_', ' ')}"
         figures["predictions"].append(embedded_file(path, caption))
     return figures
 
@@ -166,27 +165,12 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
 
 def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> Iterator[Plot]:
     of = f"of model class {posterior.name!r}"
-    # Figures of one kind together: those of shapes are often as wide as the page.
     for modes in posterior.configurations:
         if modes.updated.modes and modes.updated.places:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
             yield (
                 f"{where}Mode shapes {of}, {SHAPE_SCALE}",
                 plots.plot_mode_shapes(modes.updated, data),
-            )
-    for modes in posterior.configurations:
-        where, updated = label_in(modes.name, ""), modes.updated.modes
-        if updated:
-            yield (
-                f"{where}Frequencies {of} before and after updating",
-                plots.plot_frequency_change(updated, stored.tests[modes.name]),
-            )
-        if any(mode.mac_after is not None for mode in updated):
-            yield f"{where}MACs {of} before and after updating", plots.plot_mac_change(updated)
-        if modes.inferred_pairing is not None:
-            yield (
-                f"{where}Probabilities of pairings {of}",
-                plots.plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
     parameters = stored.record.model_class(posterior.name).parameters
     units = {each.name: each.unit for each in parameters if each.unit}

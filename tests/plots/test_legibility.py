@@ -9,16 +9,9 @@ import pytest
 from searches import places_in_space, search_of
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
+from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
@@ -54,8 +47,6 @@ def updated(model_classes):
 def plots(posteriors, updated, case_c, make_posterior):
     """Name → how a figure of a report is drawn, of a study with long names."""
     rows = [SensitivityRow(name, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
-    of_modes = {label: {i: 0.5, 0: 0.5} for i, label in enumerate(case_c.labels, 1)}
-    inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), of_modes)
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
     return {
@@ -64,10 +55,7 @@ def plots(posteriors, updated, case_c, make_posterior):
         "identified": lambda: plot_identified_modes(case_c, configuration="as built"),
         "shapes": lambda: plot_mode_shapes(updated, case_c),
         "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
-        "change": lambda: plot_frequency_change(updated.modes, case_c),
-        "MAC": lambda: plot_mac_change(updated.modes),
         "parameters": lambda: plot_parameters(posteriors[0]),
-        "pairing": lambda: plot_pairing(inferred, 4),
         "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
@@ -89,9 +77,8 @@ def texts_of(figure):
     return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
-NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "change", "MAC",
-         "parameters", "pairing", "sensitivity", "bars", "corner",
-         "corner of small ranges")  # fmt: skip
+NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "parameters",
+         "sensitivity", "bars", "corner", "corner of small ranges")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -123,7 +110,7 @@ def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
     assert float(least) * SMALL_TEXT >= 7.0  # points
     with figures_for_files():
         drawn = {name: embedded_drawing(whole_figure(plots[name]()), "x", "x")
-                 for name in ("evidence", "shapes", "change")}  # fmt: skip
+                 for name in ("evidence", "shapes", "parameters")}  # fmt: skip
     for figure in drawn.values():
         assert figure.width == round(96 * FIGURE_WIDTH)
         # 420 pixels less the margins of the page and of a model class: 0.7 + 0.6 rem, a border.

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
+from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
@@ -56,25 +49,6 @@ def test_modes_without_shapes(case_c):
     assert len(figure.axes) == 1
 
 
-def test_before_and_after(updated, case_c):
-    ax = Figure().subplots()
-    assert plot_frequency_change(updated.modes, case_c, ax) is ax
-    (before,) = [at for text, at in points(ax).items() if text.startswith("mode 1 before")]
-    assert before == pytest.approx([0.0, 0.0], abs=1e-4)
-    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 3 after")]
-    median = updated.modes[3].after_hz[1]
-    assert after == pytest.approx([100.0 * (median / 3.98405175 - 1.0), 3])
-
-
-def test_macs(updated):
-    ax = plot_mac_change(updated.modes)
-    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 2b after")]
-    assert after == pytest.approx([updated.modes[2].mac_after[1], 2])
-    none = [replace(mode, mac_after=None) for mode in updated.modes]
-    with pytest.raises(ValueError, match="no paired mode has an identified shape"):
-        plot_mac_change(none)
-
-
 def test_shapes_on_floors(updated, case_c):
     figure = plot_mode_shapes(updated, case_c)
     assert [ax.get_title().split("\n")[0] for ax in figure.axes] == [
@@ -99,14 +73,6 @@ def test_shapes_without_floors_are_bars(updated, case_c):
     assert labels == ["model", "appendage", "identified", beyond]
     with pytest.raises(ValueError, match="no mode is paired"):
         plot_mode_shapes(replace(updated, modes=()), case_c)
-
-
-def test_pairing():
-    inferred = InferredPairing((PairingShare({"a": 2}, 1.0),), {"a": {2: 0.9, 0: 0.1}})
-    ax = plot_pairing(inferred, 3)
-    assert {text.get_text(): text.get_position() for text in ax.texts} == {
-        "0.900": (2, 0), "0.100": (0, 0),
-    }  # fmt: skip
 
 
 def test_parameters(make_posterior):
