@@ -19,7 +19,6 @@ from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_hist
 from bayes_ssi.plots.prediction_plots import plot_transfer_functions as plot_transfer_functions
 from bayes_ssi.plots.ranking_plots import plot_evidence as plot_evidence
 from bayes_ssi.plots.ranking_plots import plot_frequencies as plot_frequencies
-from bayes_ssi.plots.ranking_plots import plot_sensitivity as plot_sensitivity
 from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
 from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
 from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation

@@ -25,7 +25,6 @@ from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_fi
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 # A caption, and the figure that is drawn when it is asked for.
@@ -96,15 +95,12 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
 
 
 def draw_figures(
-    stored: StoredResult,
-    predictions: Mapping[str, Any],
-    sensitivity: Sensitivity | None = None,
-    plan: Plan | None = None,
+    stored: StoredResult, predictions: Mapping[str, Any], plan: Plan | None = None
 ) -> dict[str, list[EmbeddedFigure]]:
     """The figures of a report by section: ``"test NAME"`` and ``"class NAME"`` are of one each."""
     figures: dict[str, list[EmbeddedFigure]] = defaultdict(list)
     with figures_for_files():
-        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan), 1):
+        for i, (section, caption, plot) in enumerate(_drawn(stored, plan), 1):
             drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
             figures[section].append(drawn)
     for path in predictions.get("figures", ()):
@@ -113,21 +109,13 @@ def draw_figures(
     return figures
 
 
-def _drawn(
-    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None
-) -> Iterator[tuple[str, str, Axes | Figure]]:
+def _drawn(stored: StoredResult, plan: Plan | None) -> Iterator[tuple[str, str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
     evidence = plots.plot_evidence(stored.comparison, most=MOST_CLASSES)
     yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"
         yield "search", caption, plots.plot_places(stored.search)
-    if sensitivity is not None:
-        yield (
-            "sensitivity",
-            "How the ranking changes with settings",
-            plots.plot_sensitivity(sensitivity),
-        )
     if plan is not None:
         yield "plan", "Sensors of the next test", plots.plot_layout(plan)
         yield "plan", "What they are worth", plots.plot_gains(plan)

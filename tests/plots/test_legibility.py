@@ -14,7 +14,7 @@ from bayes_ssi.plots import figure_style
 from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
     DrawnShape,
@@ -25,7 +25,6 @@ from bayes_ssi.plots.shape_plots import (
 )
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 LONG = "each storey, free errors, infill of mass 0.15"
 
@@ -46,7 +45,6 @@ def updated(model_classes):
 @pytest.fixture
 def plots(posteriors, updated, case_c, make_posterior):
     """Name → how a figure of a report is drawn, of a study with long names."""
-    rows = [SensitivityRow(name, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
     return {
@@ -56,7 +54,6 @@ def plots(posteriors, updated, case_c, make_posterior):
         "shapes": lambda: plot_mode_shapes(updated, case_c),
         "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
         "parameters": lambda: plot_parameters(posteriors[0]),
-        "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
@@ -78,7 +75,7 @@ def texts_of(figure):
 
 
 NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "parameters",
-         "sensitivity", "bars", "corner", "corner of small ranges")  # fmt: skip
+         "bars", "corner", "corner of small ranges")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,9 +8,7 @@ from matplotlib.figure import Figure
 
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
-from bayes_ssi.plots.ranking_plots import plot_sensitivity
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -92,25 +90,3 @@ def test_units_stand_beside_the_names_of_parameters(make_posterior):
     assert [text.endswith(") N/m") for text in of_k2] == [True]
     corner = plot_corner(make_posterior("a"), units=units)
     assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
-
-
-def test_sensitivity():
-    rows = [
-        SensitivityRow("unchanged", {"a": 0.75, "b": 0.25}),
-        SensitivityRow("σ_f × 2", {"a": 0.2, "b": 0.8}),
-    ]
-    ax = plot_sensitivity(Sensitivity(tuple(rows)))
-    actual = points(ax)
-    assert actual["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
-    assert actual["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
-
-
-def test_classes_far_behind_do_not_hide_a_close_one():
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-200})
-    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
-    # ln 1e-20 is -46: there is a mark at less than half and at no more than twice of it.
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-20})
-    ax = plot_sensitivity(Sensitivity((row,)))
-    assert set(ax.get_xticks()) >= {-50.0, -20.0, -1.0, 0.0}
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3})
-    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"
