@@ -158,10 +158,7 @@ class Hierarchy(Displayed):
         return above - below
 
     def next_test(
-        self,
-        n_draws: int = 1000,
-        covariate: float | None = None,
-        name: str = AVERAGE,
+        self, n_draws: int = 1000, covariate: float | None = None, name: str = AVERAGE
     ) -> FloatArray:
         """Draws of the parameters in the next test, (n_draws, n_parameters), in their units.
 
