@@ -17,11 +17,9 @@ from bayes_ssi.plots.place_plots import plot_place_bars
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
-    DrawnShape,
     plot_identified_modes,
     plot_mode_shapes,
     plot_shape_components,
-    plot_shapes,
 )
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.posterior_draws import Band
@@ -116,12 +114,14 @@ def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
         assert f'width="{72 * FIGURE_WIDTH:.6g}pt"' in figure.html
 
 
-def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(augmented):
-    places = augmented.degrees_of_freedom
+def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(updated, case_c):
     near, far = (np.array([0.7, 0.2, -1.0, component]) for component in (0.5, -3.4))
-    shapes = [DrawnShape(str(i), Band(at - 0.1, at, at + 0.1)) for i, at in enumerate((near, far))]
+    modes = tuple(
+        replace(mode, shape_after=(at - 0.1, at, at + 0.1))
+        for mode, at in zip(updated.modes, (near, far), strict=False)
+    )
     for sideways in (True, False):
-        figure = plot_shapes(augmented, places, shapes, sideways=sideways)
+        figure = plot_mode_shapes(replace(updated, modes=modes, has_floors=sideways), case_c)
         figure.draw_without_rendering()
         legend = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
         assert {"appendage", BEYOND} <= set(legend)
