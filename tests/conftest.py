@@ -176,7 +176,7 @@ def make_posterior():
             "evidence": Evidence(
                 log_evidence, error, 1500.0, 0.2, 2000, log_evidence + 3.0, (check,)
             ),
-            "regions": (Region(1.0, 0.0, 4, (1.0, 1.0), (0.0,) * len(names)),),
+            "regions": (Region(1.0, 0.0, 4, (0.0,) * len(names)),),
             "maxima": np.zeros((1, len(names))),
             "r_hat": 1.001,
             "burn_in": 25,

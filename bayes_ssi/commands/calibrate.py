@@ -95,7 +95,7 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
     """Calibrations in groups of which all that is shown is the same, as where errors differ."""
     groups: dict[str, list[Calibration]] = {}
     for each in calibrations:
-        shown = each.determination if each.with_prior or each.determination.undetermined else None
+        shown = each.standard_errors if each.with_prior or not each.determines_all else None
         groups.setdefault(repr((each.before, each.minima, shown)), []).append(each)
     return list(groups.values())
 
@@ -106,9 +106,10 @@ def _show(group: list[Calibration]) -> None:
     calibration, *others = group
     terminal.show(calibration_tables.calibration_table(calibration, [each.name for each in others]))
     terminal.show(calibration_tables.calibration_modes_table(calibration))
-    tables = calibration_tables.determination_tables(calibration)
-    terminal.show(*tables)
-    if calibration.errors_are_correlated and tables:
+    table = calibration_tables.standard_errors_table(calibration)
+    if table is not None:
+        terminal.show(table)
+    if calibration.errors_are_correlated and table:
         terminal.show(
             "(!) The model class has correlated prediction errors, but a calibration takes them "
             "for independent: standard errors differ from those of a ranking."
@@ -120,7 +121,7 @@ def _show(group: list[Calibration]) -> None:
             "parameters undetermined: minimum 1 is, among equally good points, the one "
             "closest to the prior median."
         )
-    elif calibration.determination.undetermined and not calibration.with_prior:
+    elif not calibration.determines_all and not calibration.with_prior:
         terminal.show(
             "(!) The data do not determine every parameter, and their errors enter the minima "
             "where they do not; --with-prior fits the data and the prior."

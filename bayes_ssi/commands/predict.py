@@ -79,6 +79,7 @@ def predict(
     motions, all with credible bands. Nothing is sampled: draws are those stored, structures those
     of the study file. The exit code is 3 where a failed check of RESULT was not accepted.
     """
+    from bayes_ssi.foundations.displayed import counted
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
     from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
@@ -114,7 +115,7 @@ def predict(
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, record)
         save_predictions(partial, responses)
-        save_prediction_figures(partial / "figures", predicted.data, responses)
+        save_prediction_figures(partial / "figures", responses)
 
     from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
 
@@ -130,8 +131,11 @@ def predict(
         terminal.show(shapes)
     if request.frequencies_hz is not None or request.motions:
         terminal.show(peak_table(responses))
-    n_tables, n_figures = (len(list(directory.glob(f"**/*.{kind}"))) for kind in ("csv", "png"))
-    terminal.say(f"Saved in {directory}: {n_tables} tables and {n_figures} figures.")
+    tables, figures = (
+        counted(len(list(directory.glob(f"**/*.{kind}"))), what)
+        for kind, what in (("csv", "table"), ("png", "figure"))
+    )
+    terminal.say(f"Saved in {directory}: {tables} and {figures}.")
     terminal.say_warnings(answer(predicted.stored).warnings)
     failed = predicted.stored.comparison.failed_checks
     modes = {

@@ -6,11 +6,8 @@ for others.
 """
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner
-from bayes_ssi.plots.class_plots import plot_frequency_change as plot_frequency_change
 from bayes_ssi.plots.class_plots import plot_mac as plot_mac
-from bayes_ssi.plots.class_plots import plot_mac_change as plot_mac_change
 from bayes_ssi.plots.class_plots import plot_modal_sensitivities as plot_modal_sensitivities
-from bayes_ssi.plots.class_plots import plot_pairing as plot_pairing
 from bayes_ssi.plots.class_plots import plot_parameters as plot_parameters
 from bayes_ssi.plots.class_plots import plot_population as plot_population
 from bayes_ssi.plots.figure_style import style as style
@@ -22,7 +19,6 @@ from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_hist
 from bayes_ssi.plots.prediction_plots import plot_transfer_functions as plot_transfer_functions
 from bayes_ssi.plots.ranking_plots import plot_evidence as plot_evidence
 from bayes_ssi.plots.ranking_plots import plot_frequencies as plot_frequencies
-from bayes_ssi.plots.ranking_plots import plot_sensitivity as plot_sensitivity
 from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
 from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
 from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation

@@ -1,4 +1,4 @@
-"""One model class: its modes and parameters before and after updating, and matrices of its modes.
+"""One model class: its parameters before and after updating, and matrices of its modes.
 
 And its parameters in many tests.
 """
@@ -15,86 +15,13 @@ from matplotlib.ticker import MaxNLocator
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import arviz
-from bayes_ssi.foundations.summaries import LEVEL, LEVELS
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
-from bayes_ssi.inference.likelihood.pairings import InferredPairing
-from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
-from bayes_ssi.results.predictions.predictions import PredictedMode
 
 MOST_NAMED_TESTS = 12  # whose names fit next to one another
-
-
-def plot_frequency_change(
-    modes: Sequence[UpdatedMode | PredictedMode],
-    data: ModalData,
-    ax: Axes | None = None,
-    *,
-    level: float = LEVEL,
-) -> Axes:
-    """Frequencies of modes before and after updating, relative to the identified ones.
-
-    Args:
-        level: probability of the intervals.
-    """
-    identified = [data.mode(mode.label).frequency_hz for mode in modes]
-    names = [f"{mode.label}\n{hz:.4g} Hz" for mode, hz in zip(modes, identified, strict=True)]
-    ax = look.rows_of(ax, names, 1.1)
-    ax.axvline(0.0, color="black", linewidth=0.8)
-    for y, (mode, hz) in enumerate(zip(modes, identified, strict=True)):
-        before, *after = 100.0 * (np.array([mode.before_hz, *mode.after_hz]) / hz - 1.0)
-        low, median, high = after
-        _draw_change(
-            ax, y, before, after, level,
-            f"mode {mode.label} before: {mode.before_hz:.4g} Hz, {before:+.2f} %",
-            f"mode {mode.label} after: {mode.after_hz[1]:.4g} Hz, {median:+.2f} % "
-            f"({low:+.2f} to {high:+.2f} %)",
-        )  # fmt: skip
-    return _finished(ax, "model / identified - 1 (%)")
-
-
-def plot_mac_change(modes: Sequence[UpdatedMode], ax: Axes | None = None) -> Axes:
-    """MACs of paired modes with the identified shapes, before and after updating.
-
-    Modes without an identified shape are left out.
-    """
-    macs = {
-        mode.label: (mode.mac_before, mode.mac_after)
-        for mode in modes
-        if mode.mac_before is not None and mode.mac_after is not None
-    }
-    if not macs:
-        raise ValueError("plot_mac_change: no paired mode has an identified shape")
-    ax = look.rows_of(ax, list(macs), 1.1)
-    for y, (label, (before, after)) in enumerate(macs.items()):
-        low, median, high = after
-        _draw_change(
-            ax, y, before, after, LEVEL, f"mode {label} before: MAC {before:.4f}",
-            f"mode {label} after: MAC {median:.4f} ({low:.4f} to {high:.4f})",
-        )  # fmt: skip
-    return _finished(ax, "MAC with the identified shape\n(1: the same shape)")
-
-
-def _draw_change(
-    ax: Axes, y: int, before: float, after: Sequence[float], level: float, *texts: str
-) -> None:
-    """A circle before updating, joined to a square with its interval (low, median, high) after."""
-    ax.plot([before, after[1]], [y, y], color=look.GREY, linewidth=0.8)
-    (circle,) = ax.plot(before, y, "o", color=look.VERMILION, markerfacecolor="white",
-                        markersize=6, label=None if y else "before: prior medians")  # fmt: skip
-    look.hover(circle, texts[0])
-    look.interval_after(ax, y, after, f"after: posterior, {100 * level:g} %", texts[1])
-
-
-def _finished(ax: Axes, label: str) -> Axes:
-    ax.set_xlabel(label)
-    ax.set_ylabel("identified mode")
-    ax.grid(axis="x", alpha=0.3)
-    look.legend_below(ax, columns=2)
-    return ax
 
 
 def plot_mac(
@@ -114,20 +41,6 @@ def plot_mac(
     ax = look.axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
     image = _annotate(ax, matrix, rows, columns, of, ".2f")
     ax.figure.colorbar(image, ax=ax, label="MAC")
-    return ax
-
-
-def plot_pairing(inferred: InferredPairing, n_modes: int, ax: Axes | None = None) -> Axes:
-    """The probability that each identified mode is each model mode, or spurious."""
-    labels = list(inferred.of_modes)
-    columns = ["spurious", *(str(number) for number in range(1, n_modes + 1))]
-    ax = look.axes_of(ax, (1.3 + 0.5 * len(columns), 1.1 + 0.34 * len(labels)))
-    probabilities = np.array(
-        [[inferred.of_modes[label].get(i, 0.0) for i in range(n_modes + 1)] for label in labels]
-    )
-    # Values that round to 0.000 are left blank.
-    shown = np.where(probabilities < 0.0005, np.nan, probabilities)
-    _annotate(ax, shown, labels, columns, ("identified mode", "model mode"), ".3f")
     return ax
 
 
@@ -204,7 +117,10 @@ def plot_parameters(
             for value in after
         ]
         text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g}){unit}"
-        look.interval_after(ax, y, scaled, "posterior, 90 %", text)
+        square = ax.errorbar(scaled[1], y, xerr=[[scaled[1] - scaled[0]], [scaled[2] - scaled[1]]],
+                             fmt="s", color=look.BLUE, markersize=5, capsize=3,
+                             label=None if y else "posterior, 90 %")  # fmt: skip
+        look.hover(square, text)
     ax.set_xlabel("0: prior median\n-1 and 1: ends of the prior's 90 % interval")
     ax.grid(axis="x", alpha=0.3)
     look.legend_below(ax, columns=2)

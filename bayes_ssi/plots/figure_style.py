@@ -13,8 +13,6 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_ssi.foundations.arrays import FloatArray
-
 # The name of a figure's file without its suffix, and the figure.
 NamedFigure = tuple[str, "Axes | Figure"]
 
@@ -156,17 +154,6 @@ def rows_of(ax: Axes | None, names: Sequence[str], extra: float) -> Axes:
     without_math(*ax.get_yticklabels())
     ax.set_ylim(len(names) - 0.5, -0.5)
     return ax
-
-
-def interval_after(
-    ax: Axes, y: int, interval: Sequence[float] | FloatArray, label: str, text: str
-) -> None:
-    """A square with its interval after updating, low, median and high, in a named row."""
-    low, median, high = interval
-    square = ax.errorbar(median, y, xerr=[[median - low], [high - median]], fmt="s",
-                         color=BLUE, markersize=5, capsize=3,
-                         label=None if y else label)  # fmt: skip
-    hover(square, text)
 
 
 def letters_across(inches: float, points: float = TEXT_SIZE) -> float:

@@ -55,7 +55,9 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
         figure.suptitle(title, x=0.02, ha="left", fontsize=look.TEXT_SIZE, parse_math=False)
         height = figure.get_figheight()
         bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
-    scale = _colour_scale(best.probability)
+    # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
+    # colour-blind readers, and greyscale, keep the order.
+    scale: Any = ScalarMappable(Normalize(0.0, best.probability or 1.0), "YlOrRd")
     dots = sorted({*at} - {each.place.coordinates for each in shown})
     if dots:
         drawn.scatter(*np.transpose(dots), s=4.0, color=[scale.to_rgba(0.0)], edgecolors=look.GREY,
@@ -110,13 +112,6 @@ def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     if any(each.place.coordinates is not None for each in search.places):
         return plot_place_map(search, ax)
     return plot_place_bars(search, ax)
-
-
-def _colour_scale(highest: float) -> Any:
-    """Colours of probabilities from zero to the highest that is drawn, a ``ScalarMappable``."""
-    # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
-    # colour-blind readers, and greyscale, keep the order.
-    return ScalarMappable(Normalize(0.0, highest or 1.0), "YlOrRd")
 
 
 def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> None:

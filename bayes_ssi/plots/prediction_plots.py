@@ -1,4 +1,4 @@
-"""Predictions: responses with their bands, and the figures of all that is predicted."""
+"""Predicted responses with their bands."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -9,15 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.posterior.model_at_draws import moves_sideways
-from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
-from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
-from bayes_ssi.plots.shape_plots import DrawnShape, plot_shapes
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.results.predictions.predictions import Predictions, predicted_modes, shown_places
 from bayes_ssi.results.predictions.requested_predictions import ResponseBands
-from bayes_ssi.structures.modal import SHAPE_SCALE, mac
 
 
 def plot_transfer_functions(
@@ -91,19 +85,17 @@ def _draw(
 
 
 def save_prediction_figures(
-    directory: str | Path, data: ModalData, responses: Sequence[ResponseBands]
+    directory: str | Path, responses: Sequence[ResponseBands]
 ) -> list[Path]:
     """Write figures of predictions of one request into ``directory``, which is created.
 
-    Transfer functions and time histories of the first four model classes, where requested;
-    for the most probable class of the first one its mode shapes, their MACs with the
-    identified shapes, and its frequencies before and after updating.
+    Transfer functions and time histories of the first four model classes, where requested.
     """
     Path(directory).mkdir()
-    return look.save_figures(Path(directory), _figures(data, responses[: len(look.LINES)]))
+    return look.save_figures(Path(directory), _figures(responses[: len(look.LINES)]))
 
 
-def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
+def _figures(responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
     request = responses[0].request
     places, level = request.output.labels, 100 * request.level
     if request.frequencies_hz is not None:
@@ -123,7 +115,6 @@ def _figures(data: ModalData, responses: Sequence[ResponseBands]) -> Iterator[lo
         title = f"{motion.name}, median and {level:g} % envelope"
         number = f"_{i}" if len(request.motions) > 1 else ""
         yield f"time_histories{number}", _by_place(places, bands, plot, title)
-    yield from _mode_figures(responses[0].predictions, data, request.level)
 
 
 def _by_place(
@@ -139,33 +130,3 @@ def _by_place(
         ax.label_outer()
     look.legend_of_figure(figure, axes)
     return figure
-
-
-def _mode_figures(
-    predictions: Predictions, data: ModalData, level: float
-) -> Iterator[look.NamedFigure]:
-    """Shapes, MACs and frequencies of the class that has most of the draws."""
-    best = max(predictions.classes, key=lambda each: len(each.values))
-    paired = [label for label in data.labels if label in best.pairing]
-    if not paired:
-        return
-    own, structure = Predictions(best.name, (best,)), best.structure
-    places = (*shown_places(own, data), *structure.appendages)
-    if places:
-        shapes = [
-            DrawnShape(f"mode {label}", own.shapes(label, places).band(level)) for label in paired
-        ]
-        figure = plot_shapes(structure, places, shapes, sideways=moves_sideways(structure))
-        title = f"{own.name!r}: mode shapes, {100 * level:g} % bands, {SHAPE_SCALE}"
-        title = look.wrapped(title, figure.get_figwidth())
-        figure.suptitle(title, fontsize=look.TEXT_SIZE, x=0.02, ha="left", parse_math=False)
-        yield "mode_shapes", figure
-    measured = [mode for mode in data.modes if mode.unit_shape is not None]
-    if measured:
-        identified = np.stack([np.asarray(mode.unit_shape) for mode in measured], axis=1)
-        model = [own.shapes(label, data.sensors).band().median for label in paired]
-        matrix = mac(identified, np.stack(model, axis=1))
-        names = ("identified mode", f"median mode of {own.name!r}")
-        yield "mac", plot_mac(matrix, [mode.label for mode in measured], paired, of=names)
-    modes = list(predicted_modes(data, own, level))
-    yield "frequency_change", plot_frequency_change(modes, data, level=level)

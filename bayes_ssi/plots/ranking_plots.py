@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import SymmetricalLogLocator
 
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.model_class.configuration import label_in
@@ -15,8 +14,7 @@ from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.moving_shapes import save_scenes
 from bayes_ssi.plots.place_plots import plot_places
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity
-from bayes_ssi.studies.ranking.comparison import Comparison, probability_text
+from bayes_ssi.studies.ranking.comparison import Comparison
 from bayes_ssi.studies.ranking.study import Ranking
 from bayes_ssi.studies.search.findings import FamilyRecord
 
@@ -127,42 +125,6 @@ def _draw_class(
         look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
               f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
         name = None
-
-
-def plot_sensitivity(sensitivity: Sensitivity, ax: Axes | None = None) -> Axes:
-    """Log of each class's probability over that of the first class, setting by setting.
-
-    Each row is a setting; the first row is the ranking itself. A class to the right of the line is
-    more probable than the first class of that ranking. The five best classes are drawn.
-    """
-    rows = sensitivity.known
-    first, *others = rows[0].ranked
-    ax = look.rows_of(ax, [row.name for row in rows], 1.4)
-    ax.axvline(0.0, color="black", linewidth=0.8, label=f"{first}: first in the ranking")
-    looks = list(zip(others, look.COLOURS[:4], look.MARKERS, strict=False))
-    for y, row in enumerate(rows):
-        if row.best != first:
-            ax.axhspan(y - 0.5, y + 0.5, color=look.VERMILION, alpha=0.12, linewidth=0)
-        for name, colour, marker in looks:
-            probability, of_first = row.probabilities[name], row.probabilities[first]
-            if probability <= 0.0 or of_first <= 0.0 or name in row.unsaid:
-                continue
-            (point,) = ax.plot(np.log(probability / of_first), y, marker, color=colour,
-                               markersize=5, linestyle="none",
-                               label=None if y else name)  # fmt: skip
-            look.hover(point, f"{name}, {row.name}: probability {probability_text(probability)}")
-    # Classes further behind than 30 nats would compress the scale for those that matter.
-    if max(map(abs, ax.get_xlim())) > 30.0:
-        ax.set_xscale("symlog", linthresh=1.0)
-        # Marks at decades alone may be far from every point.
-        subs = (1.0, 2.0, 5.0) if max(map(abs, ax.get_xlim())) < 200.0 else (1.0,)
-        ax.xaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=1.0, subs=subs))
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.margins(x=0.06)
-    ax.set_xlabel("log of the probability over that of\nthe first class (nats)")
-    ax.grid(axis="x", alpha=0.3)
-    look.legend_below(ax, columns=2)
-    return ax
 
 
 def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory: Path) -> None:

@@ -5,7 +5,6 @@ Shapes are drawn on the building, or component by component; in space, they move
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import cycle
 
 import numpy as np
@@ -31,46 +30,6 @@ Building = Structure | UpdatedModes
 Reference = tuple[str, Sequence[str], FloatArray]
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnShape:
-    """A mode shape of a figure; its attributes are arguments of :func:`plot_building_shape`."""
-
-    title: str
-    shape: Band
-    reference: Reference | None = None
-    before: Sequence[float] | None = None
-
-
-def plot_shapes(
-    structure: Building,
-    places: Sequence[str],
-    shapes: Sequence[DrawnShape],
-    figure: Figure | None = None,
-    *,
-    sideways: bool,
-) -> Figure:
-    """Mode shapes of one structure next to one another, with one legend.
-
-    Args:
-        places: degrees of freedom of the shapes.
-        sideways: whether the places are floors that move sideways, to be drawn as a building; if
-            not, shapes are drawn component by component.
-    """
-    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
-    figure, axes = look.panels_of(figure, len(shapes), 0.6, height)
-    for drawn, ax in zip(shapes, axes, strict=True):
-        if sideways:
-            plot_building_shape(structure, places, drawn.shape, ax, reference=drawn.reference,
-                                before=drawn.before, title=drawn.title)  # fmt: skip
-        else:
-            plot_shape_components(structure, places, drawn.shape, ax, reference=drawn.reference,
-                                  title=drawn.title)  # fmt: skip
-        ax.tick_params("y", labelsize=look.SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
-                       labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
-    look.legend_of_figure(figure, axes, columns=4)
-    return figure
-
-
 def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
     """The paired modes' shapes, with 90 % bands and the identified components.
 
@@ -80,16 +39,21 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
     """
     if not (modes.modes and modes.places):
         raise ValueError("plot_mode_shapes: no mode is paired, or the model has no shapes")
-    shapes = [
-        DrawnShape(
-            f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz",
-            Band(*map(np.array, mode.shape_after)),
-            _identified(modes, mode, data),
-            mode.shape_before,
-        )
-        for mode in modes.modes
-    ]
-    return plot_shapes(modes, modes.places, shapes, figure, sideways=modes.has_floors)
+    places, sideways = modes.places, modes.has_floors
+    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
+    figure, axes = look.panels_of(figure, len(modes.modes), 0.6, height)
+    for mode, ax in zip(modes.modes, axes, strict=True):
+        title = f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz"
+        shape, reference = Band(*map(np.array, mode.shape_after)), _identified(modes, mode, data)
+        if sideways:
+            plot_building_shape(modes, places, shape, ax, reference=reference,
+                                before=mode.shape_before, title=title)  # fmt: skip
+        else:
+            plot_shape_components(modes, places, shape, ax, reference=reference, title=title)
+        ax.tick_params("y", labelsize=look.SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
+                       labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
+    look.legend_of_figure(figure, axes, columns=4)
+    return figure
 
 
 def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Reference | None:
@@ -304,11 +268,9 @@ def plot_identified_modes(
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
     grid = figure.add_gridspec(1 + n_rows, across, height_ratios=ratios)
     _band(figure.add_subplot(grid[0, :]), data, configuration)
-    for i, each in enumerate(shapes):
+    for i, (title, shape) in enumerate(shapes):
         ax = figure.add_subplot(grid[1 + i // across, i % across])
-        plot_shape_components(
-            None, data.sensors, each.shape, ax, title=each.title, name="identified"
-        )
+        plot_shape_components(None, data.sensors, shape, ax, title=title, name="identified")
         ax.tick_params("y", labelleft=i % across == 0)
     return figure
 
@@ -360,8 +322,8 @@ def half_widths(data: ModalData) -> FloatArray:
     return look.SDS_OF_90_PERCENT * sds
 
 
-def _shapes(data: ModalData) -> list[DrawnShape]:
-    """Shapes with largest component ±1, and 90 % intervals in their scale."""
+def _shapes(data: ModalData) -> list[tuple[str, Band]]:
+    """Titles, and shapes with largest component ±1 and 90 % intervals in their scale."""
     shapes = []
     for mode, of_unit_shape in zip(data.modes, half_widths(data), strict=True):
         if mode.scaled_shape is None:
@@ -369,5 +331,5 @@ def _shapes(data: ModalData) -> list[DrawnShape]:
         scaled = np.asarray(mode.scaled_shape)
         half = of_unit_shape * np.linalg.norm(scaled[np.isfinite(scaled)])
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
-        shapes.append(DrawnShape(title, Band(scaled - half, scaled, scaled + half)))
+        shapes.append((title, Band(scaled - half, scaled, scaled + half)))
     return shapes

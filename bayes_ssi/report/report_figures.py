@@ -25,7 +25,6 @@ from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_fi
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 # A caption, and the figure that is drawn when it is asked for.
@@ -96,39 +95,27 @@ def embedded_file(path: Path, caption: str) -> EmbeddedFigure:
 
 
 def draw_figures(
-    stored: StoredResult,
-    predictions: Mapping[str, Any],
-    sensitivity: Sensitivity | None = None,
-    plan: Plan | None = None,
+    stored: StoredResult, predictions: Mapping[str, Any], plan: Plan | None = None
 ) -> dict[str, list[EmbeddedFigure]]:
     """The figures of a report by section: ``"test NAME"`` and ``"class NAME"`` are of one each."""
     figures: dict[str, list[EmbeddedFigure]] = defaultdict(list)
     with figures_for_files():
-        for i, (section, caption, plot) in enumerate(_drawn(stored, sensitivity, plan), 1):
+        for i, (section, caption, plot) in enumerate(_drawn(stored, plan), 1):
             drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
             figures[section].append(drawn)
     for path in predictions.get("figures", ()):
-        name = "MAC with the identified shapes" if path.stem == "mac" else path.stem
-        caption = f"Predictions: {name.replace('_', ' ')}"
+        caption = f"Predictions: {path.stem.replace('_', ' ')}"
         figures["predictions"].append(embedded_file(path, caption))
     return figures
 
 
-def _drawn(
-    stored: StoredResult, sensitivity: Sensitivity | None, plan: Plan | None
-) -> Iterator[tuple[str, str, Axes | Figure]]:
+def _drawn(stored: StoredResult, plan: Plan | None) -> Iterator[tuple[str, str, Axes | Figure]]:
     """The section, the caption and the drawing of each figure, drawn one after the other."""
     evidence = plots.plot_evidence(stored.comparison, most=MOST_CLASSES)
     yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
         caption = f"Probability of {stored.search.a_feature} by place"
         yield "search", caption, plots.plot_places(stored.search)
-    if sensitivity is not None:
-        yield (
-            "sensitivity",
-            "How the ranking changes with settings",
-            plots.plot_sensitivity(sensitivity),
-        )
     if plan is not None:
         yield "plan", "Sensors of the next test", plots.plot_layout(plan)
         yield "plan", "What they are worth", plots.plot_gains(plan)
@@ -166,27 +153,12 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
 
 def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> Iterator[Plot]:
     of = f"of model class {posterior.name!r}"
-    # Figures of one kind together: those of shapes are often as wide as the page.
     for modes in posterior.configurations:
         if modes.updated.modes and modes.updated.places:
             where, data = label_in(modes.name, ""), stored.tests[modes.name]
             yield (
                 f"{where}Mode shapes {of}, {SHAPE_SCALE}",
                 plots.plot_mode_shapes(modes.updated, data),
-            )
-    for modes in posterior.configurations:
-        where, updated = label_in(modes.name, ""), modes.updated.modes
-        if updated:
-            yield (
-                f"{where}Frequencies {of} before and after updating",
-                plots.plot_frequency_change(updated, stored.tests[modes.name]),
-            )
-        if any(mode.mac_after is not None for mode in updated):
-            yield f"{where}MACs {of} before and after updating", plots.plot_mac_change(updated)
-        if modes.inferred_pairing is not None:
-            yield (
-                f"{where}Probabilities of pairings {of}",
-                plots.plot_pairing(modes.inferred_pairing, modes.n_modes),
             )
     parameters = stored.record.model_class(posterior.name).parameters
     units = {each.name: each.unit for each in parameters if each.unit}

@@ -59,7 +59,7 @@ def write_report(
         can_be_varied = all(each.sensor_shapes is not None for each in stored.posteriors)
         several = len(stored.posteriors) > 1
         sensitivity = every_setting(stored) if several and can_be_varied else None
-        figures = draw_figures(stored, predictions, sensitivity, plan)
+        figures = draw_figures(stored, predictions, plan)
         page = environment.get_template(f"{PAGE}.j2").render(
             page_content(stored, predictions, sensitivity, figures, plan),
             page_versions=versions(),

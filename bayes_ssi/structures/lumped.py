@@ -44,12 +44,7 @@ from bayes_ssi.structures.matrix_terms import (
     own_labels,
     parameters_of,
 )
-from bayes_ssi.structures.modal import (
-    ModalModel,
-    Modes,
-    modal_model,
-    solve_modes,
-)
+from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.structures.structure import Structure
 
 MOST_ENTRIES = 2**19  # entries of the matrices that are assembled at once

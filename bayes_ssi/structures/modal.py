@@ -93,8 +93,7 @@ class FreeBody(NamedTuple):
             return raised
         squares = (2.0 * math.pi * raised.frequencies_hz[..., self.number :]) ** 2
         return Modes(
-            frequencies_hz(np.maximum(squares - self.shift, 0.0)),
-            raised.shapes[..., self.number :],
+            frequencies_hz(np.maximum(squares - self.shift, 0.0)), raised.shapes[..., self.number :]
         )
 
 

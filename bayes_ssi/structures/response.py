@@ -369,11 +369,7 @@ def checked_frequencies(frequencies_hz: FloatArray) -> FloatArray:
 
 
 def time_histories(
-    structure: Structure,
-    values: FloatArray,
-    motion: GroundMotion,
-    output: Output,
-    damping: Damping,
+    structure: Structure, values: FloatArray, motion: GroundMotion, output: Output, damping: Damping
 ) -> FloatArray:
     """Response (B, n_places, n_samples) to a ground motion from rest, in m/s² or m.
 

@@ -26,6 +26,9 @@ from bayes_ssi.structures.elements import Contribution
 from bayes_ssi.structures.matrix_terms import AffineArray, parameters_of
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
+# Per E I over the span: rotations of the two ends, which do not move up or down.
+BEAM = np.array([[4.0, 2.0], [2.0, 4.0]])
+
 
 @dataclass(frozen=True)
 class SpaceFrame(RigidFloors):
@@ -173,7 +176,7 @@ class SpaceFrame(RigidFloors):
                 np.add.at(of_columns, np.ix_(at, at), _column(height)[-len(at) :, -len(at) :])
             for i, span in enumerate(np.diff(lines)):
                 ends = joints[i : i + 2]
-                np.add.at(of_beams, np.ix_(ends, ends), _beam(float(span)))
+                np.add.at(of_beams, np.ix_(ends, ends), BEAM / span)
             terms.append((modulus * as_product(column), of_columns))
             terms.append((modulus * as_product(beam), of_beams))
         return AffineArray.of(terms, self.parameters, (size, size))
@@ -203,11 +206,6 @@ def _column(height: float) -> FloatArray:
         [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
     ]
     return np.array(rows) / h**3
-
-
-def _beam(span: float) -> FloatArray:
-    """Beam stiffness per E I: rotations of the two ends, which do not move up or down."""
-    return np.array([[4.0, 2.0], [2.0, 4.0]]) / span
 
 
 def _numbers(values: Sequence[float], name: str) -> tuple[float, ...]:

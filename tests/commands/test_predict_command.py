@@ -103,7 +103,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
         "Natural frequencies (Hz) before and after updating, 90 % band",
         "Mode shapes of 'average'",
         "Peak acceleration, absolute value, 90 % band",
-        f"Saved in {out / 'predictions'}: 4 tables and 4 figures.",
+        f"Saved in {out / 'predictions'}: 4 tables and 1 figure.",
     ):
         assert words in text
     tables = done.stdout.split("Natural")[1].split("Saved in")[0]

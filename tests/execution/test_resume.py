@@ -112,10 +112,7 @@ REPLACING = {
     "the old result is half removed": when_the_old_result_is_half_removed,
     "the old result is removed": instead_of("pathlib.Path.rename"),
 }
-STOPS = {
-    "an interrupt": in_batch(30, interrupt),
-    "a full disk": in_batch(30, fill_the_disk),
-}
+STOPS = {"an interrupt": in_batch(30, interrupt), "a full disk": in_batch(30, fill_the_disk)}
 # Bytes that some files of the result exceed: all records, result.json, figures, draws.
 LIMITS = {n_bytes: where_files_have_at_most(n_bytes) for n_bytes in (700, 17_000, 20_000, 100_000)}
 NOTHING_LOST = "no evaluation is lost, the same command resumes the run"

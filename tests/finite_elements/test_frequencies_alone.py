@@ -147,7 +147,7 @@ def test_commands_on_a_result_say_nothing_of_shapes(study):
     assert "Natural frequencies (Hz)" in predicted
     assert not OF_SHAPES.search(predicted)
     files = {path.name for path in (result / "predictions").rglob("*.*")}
-    assert files == {"predictions.json", "frequencies.csv", "frequency_change.png"}
+    assert files == {"predictions.json", "frequencies.csv"}
     assert "its frequencies alone are known" in run("predict", result, "--at", "roof", code=2)
     run("report", result)
     page = (result / "report" / "report.html").read_text(encoding="utf-8")

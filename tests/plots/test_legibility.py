@@ -9,30 +9,20 @@ import pytest
 from searches import places_in_space, search_of
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
+from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies, plot_sensitivity
+from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
-    DrawnShape,
     plot_identified_modes,
     plot_mode_shapes,
     plot_shape_components,
-    plot_shapes,
 )
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 LONG = "each storey, free errors, infill of mass 0.15"
 
@@ -53,9 +43,6 @@ def updated(model_classes):
 @pytest.fixture
 def plots(posteriors, updated, case_c, make_posterior):
     """Name → how a figure of a report is drawn, of a study with long names."""
-    rows = [SensitivityRow(name, {"3": 0.6, LONG: 0.4}) for name in ("unchanged", "σ_f × 2")]
-    of_modes = {label: {i: 0.5, 0: 0.5} for i, label in enumerate(case_c.labels, 1)}
-    inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), of_modes)
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
     small = replace(small, draws=0.9 + 1e-3 * small.draws)
     return {
@@ -64,11 +51,7 @@ def plots(posteriors, updated, case_c, make_posterior):
         "identified": lambda: plot_identified_modes(case_c, configuration="as built"),
         "shapes": lambda: plot_mode_shapes(updated, case_c),
         "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
-        "change": lambda: plot_frequency_change(updated.modes, case_c),
-        "MAC": lambda: plot_mac_change(updated.modes),
         "parameters": lambda: plot_parameters(posteriors[0]),
-        "pairing": lambda: plot_pairing(inferred, 4),
-        "sensitivity": lambda: plot_sensitivity(Sensitivity(tuple(rows))),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
@@ -89,9 +72,8 @@ def texts_of(figure):
     return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
-NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "change", "MAC",
-         "parameters", "pairing", "sensitivity", "bars", "corner",
-         "corner of small ranges")  # fmt: skip
+NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "parameters",
+         "bars", "corner", "corner of small ranges")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -123,7 +105,7 @@ def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
     assert float(least) * SMALL_TEXT >= 7.0  # points
     with figures_for_files():
         drawn = {name: embedded_drawing(whole_figure(plots[name]()), "x", "x")
-                 for name in ("evidence", "shapes", "change")}  # fmt: skip
+                 for name in ("evidence", "shapes", "parameters")}  # fmt: skip
     for figure in drawn.values():
         assert figure.width == round(96 * FIGURE_WIDTH)
         # 420 pixels less the margins of the page and of a model class: 0.7 + 0.6 rem, a border.
@@ -132,12 +114,14 @@ def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
         assert f'width="{72 * FIGURE_WIDTH:.6g}pt"' in figure.html
 
 
-def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(augmented):
-    places = augmented.degrees_of_freedom
+def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(updated, case_c):
     near, far = (np.array([0.7, 0.2, -1.0, component]) for component in (0.5, -3.4))
-    shapes = [DrawnShape(str(i), Band(at - 0.1, at, at + 0.1)) for i, at in enumerate((near, far))]
+    modes = tuple(
+        replace(mode, shape_after=(at - 0.1, at, at + 0.1))
+        for mode, at in zip(updated.modes, (near, far), strict=False)
+    )
     for sideways in (True, False):
-        figure = plot_shapes(augmented, places, shapes, sideways=sideways)
+        figure = plot_mode_shapes(replace(updated, modes=modes, has_floors=sideways), case_c)
         figure.draw_without_rendering()
         legend = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
         assert {"appendage", BEYOND} <= set(legend)

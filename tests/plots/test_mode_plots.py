@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots.class_plots import (
-    plot_corner,
-    plot_frequency_change,
-    plot_mac_change,
-    plot_pairing,
-    plot_parameters,
-)
-from bayes_ssi.plots.ranking_plots import plot_sensitivity
+from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -56,25 +47,6 @@ def test_modes_without_shapes(case_c):
     assert len(figure.axes) == 1
 
 
-def test_before_and_after(updated, case_c):
-    ax = Figure().subplots()
-    assert plot_frequency_change(updated.modes, case_c, ax) is ax
-    (before,) = [at for text, at in points(ax).items() if text.startswith("mode 1 before")]
-    assert before == pytest.approx([0.0, 0.0], abs=1e-4)
-    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 3 after")]
-    median = updated.modes[3].after_hz[1]
-    assert after == pytest.approx([100.0 * (median / 3.98405175 - 1.0), 3])
-
-
-def test_macs(updated):
-    ax = plot_mac_change(updated.modes)
-    (after,) = [at for text, at in points(ax).items() if text.startswith("mode 2b after")]
-    assert after == pytest.approx([updated.modes[2].mac_after[1], 2])
-    none = [replace(mode, mac_after=None) for mode in updated.modes]
-    with pytest.raises(ValueError, match="no paired mode has an identified shape"):
-        plot_mac_change(none)
-
-
 def test_shapes_on_floors(updated, case_c):
     figure = plot_mode_shapes(updated, case_c)
     assert [ax.get_title().split("\n")[0] for ax in figure.axes] == [
@@ -101,14 +73,6 @@ def test_shapes_without_floors_are_bars(updated, case_c):
         plot_mode_shapes(replace(updated, modes=()), case_c)
 
 
-def test_pairing():
-    inferred = InferredPairing((PairingShare({"a": 2}, 1.0),), {"a": {2: 0.9, 0: 0.1}})
-    ax = plot_pairing(inferred, 3)
-    assert {text.get_text(): text.get_position() for text in ax.texts} == {
-        "0.900": (2, 0), "0.100": (0, 0),
-    }  # fmt: skip
-
-
 def test_parameters(make_posterior):
     posterior = make_posterior("a")
     ax = plot_parameters(posterior)
@@ -126,25 +90,3 @@ def test_units_stand_beside_the_names_of_parameters(make_posterior):
     assert [text.endswith(") N/m") for text in of_k2] == [True]
     corner = plot_corner(make_posterior("a"), units=units)
     assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
-
-
-def test_sensitivity():
-    rows = [
-        SensitivityRow("unchanged", {"a": 0.75, "b": 0.25}),
-        SensitivityRow("σ_f × 2", {"a": 0.2, "b": 0.8}),
-    ]
-    ax = plot_sensitivity(Sensitivity(tuple(rows)))
-    actual = points(ax)
-    assert actual["b, unchanged: probability 0.2500"] == pytest.approx([-np.log(3.0), 0])
-    assert actual["b, σ_f × 2: probability 0.8000"] == pytest.approx([np.log(4.0), 1])
-
-
-def test_classes_far_behind_do_not_hide_a_close_one():
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-200})
-    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "symlog"
-    # ln 1e-20 is -46: there is a mark at less than half and at no more than twice of it.
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3, "c": 1e-20})
-    ax = plot_sensitivity(Sensitivity((row,)))
-    assert set(ax.get_xticks()) >= {-50.0, -20.0, -1.0, 0.0}
-    row = SensitivityRow("unchanged", {"a": 0.7, "b": 0.3})
-    assert plot_sensitivity(Sensitivity((row,))).get_xscale() == "linear"

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-import bayes_ssi as bs
-from bayes_ssi.plots.class_plots import plot_frequency_change, plot_mac
+from bayes_ssi.plots.class_plots import plot_mac
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
 from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.results.predictions.predictions import PredictedMode
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 
@@ -118,20 +116,3 @@ def test_the_mac_matrix_is_written_out():
     np.testing.assert_array_equal(ax.images[0].get_array().filled(np.nan), matrix)
     assert (ax.get_ylabel(), ax.get_xlabel()) == ("correct", "incorrect")
     assert [t.get_text() for t in ax.get_yticklabels()] == ["2a", "2b"]
-
-
-def test_frequencies_before_and_after():
-    data = bs.ModalData([bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", 4.0)], (0.0, 5.0))
-    modes = [
-        PredictedMode("1", 1.0, 0.9, Band(0.99, 1.0, 1.01), 1.0),
-        PredictedMode("2", 4.0, 4.4, Band(3.92, 4.0, 4.08), 1.0),
-    ]
-    ax = plot_frequency_change(modes, data)
-    before = [own.get_xydata()[0] for own in ax.lines if own.get_markerfacecolor() == "white"]
-    np.testing.assert_allclose(before, [[-10.0, 0], [10.0, 1]])
-    assert line(ax, "before: prior medians").get_markerfacecolor() == "white"
-    medians = [bar[0].get_xdata()[0] for bar in ax.containers]
-    np.testing.assert_allclose(medians, [0.0, 0.0], atol=1e-12)
-    ends = [segment[:, 0] for bar in ax.containers for segment in bar[2][0].get_segments()]
-    np.testing.assert_allclose(ends, [[-1.0, 1.0], [-2.0, 2.0]], atol=1e-9)
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["1\n1 Hz", "2\n4 Hz"]

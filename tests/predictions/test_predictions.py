@@ -9,19 +9,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.results.predictions.posterior_draws import (
-    PosteriorDraws,
-    Prediction,
-    thinned_draws,
-)
+from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws, Prediction, thinned_draws
 from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
 from bayes_ssi.results.stored_result import as_stored
-from bayes_ssi.structures.response import (
-    GroundMotion,
-    Output,
-    time_histories,
-    transfer_functions,
-)
+from bayes_ssi.structures.response import GroundMotion, Output, time_histories, transfer_functions
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 FLOORS = ("floor 1", "floor 2")
@@ -120,8 +111,7 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
         replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=data)),))
         for data in (
             replace(
-                each.data,
-                modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes),
+                each.data, modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes)
             ),
             each.data.without_shapes(),
         )

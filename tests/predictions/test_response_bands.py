@@ -152,12 +152,12 @@ def test_what_is_not_asked_for_is_not_computed(predicted, out, monkeypatch):
     save_predictions(out, [actual])
     assert not (out / "time_histories.csv").exists()
     assert "ground to floor 1" in printed(peak_table([actual]))
-    drawn = save_prediction_figures(out / "figures", predicted.data, [actual])
+    drawn = save_prediction_figures(out / "figures", [actual])
     assert "time_histories" not in {path.stem for path in drawn}
     actual = predict_responses(predicted, "each k", ResponseRequest(OUTPUT, 0.02))
     assert actual.transfer is None
-    drawn = save_prediction_figures(out / "again", predicted.data, [actual])
-    assert [path.stem for path in drawn] == ["mode_shapes", "mac", "frequency_change"]
+    drawn = save_prediction_figures(out / "again", [actual])
+    assert drawn == []
 
 
 def test_tables_fit_a_terminal(predicted, responses):
@@ -173,15 +173,14 @@ def test_tables_fit_a_terminal(predicted, responses):
     assert "1.000" in printed(table)
 
 
-def test_figures(predicted, responses, tmp_path):
-    drawn = save_prediction_figures(tmp_path / "figures", predicted.data, responses)
+def test_figures(responses, tmp_path):
+    drawn = save_prediction_figures(tmp_path / "figures", responses)
     assert [path.stem for path in drawn] == [
-        "transfer_functions", "time_histories_1", "time_histories_2", "mode_shapes", "mac",
-        "frequency_change",
+        "transfer_functions", "time_histories_1", "time_histories_2",
     ]  # fmt: skip
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
     with pytest.raises(FileExistsError):
-        save_prediction_figures(tmp_path / "figures", predicted.data, responses)
+        save_prediction_figures(tmp_path / "figures", responses)
 
 
 def test_defaults(predicted):

@@ -161,10 +161,10 @@ def test_a_hypothesis_on_a_structure_that_has_changed(searched, tmp_path):
         predicted.of("no appendage")
 
 
-@pytest.fixture
-def of_two_tests(tmp_path):
+@pytest.fixture(scope="module")
+def of_two_tests(tmp_path_factory):
     """The tiny building bare, and with a known mass of 0.5 on its roof, as two configurations."""
-    path = tmp_path / "two.py"
+    path = tmp_path_factory.mktemp("two") / "two.py"
     path.write_text(
         TINY_STUDY.split("study = bs.Study(")[0]
         + """
@@ -181,7 +181,8 @@ study = bs.Study("Two tests", [
         "utf-8",
     )
     ranking = bs.rank(load_study(path), settings=searches.COARSE)
-    return save_result(ranking, tmp_path / "two", study_file=str(path)).directory, ranking
+    directory = path.with_suffix("")
+    return save_result(ranking, directory, study_file=str(path)).directory, ranking
 
 
 def test_several_configurations_each_predict_their_own(of_two_tests):
@@ -212,13 +213,12 @@ def test_a_configuration_must_be_chosen(of_two_tests, saved):
         load_predictions(saved, configuration="x")
 
 
-def test_configurations_that_have_changed(of_two_tests):
+def test_configurations_that_have_changed(of_two_tests, tmp_path):
     directory, ranking = of_two_tests
-    path = directory.with_suffix(".py")
-    text = path.read_text("utf-8")
+    text, path = directory.with_suffix(".py").read_text("utf-8"), tmp_path / "changed.py"
     path.write_text(text.replace('"bare"', '"empty"'), "utf-8")
     with pytest.raises(ValueError, match="no configuration 'empty'; choose from 'bare', 'heavy'"):
-        load_predictions(directory, configuration="empty")
+        load_predictions(directory, path, configuration="empty")
     (model_class,) = load_study(path).model_classes
     with pytest.raises(ValueError, match="no stored configuration 'empty'; choose from 'bare'"):
         thinned_draws(ranking.posteriors[0], model_class, configuration="empty")

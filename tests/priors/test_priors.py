@@ -57,16 +57,8 @@ CASES = {
         stats.truncnorm(-1.0, 2.5, 1.0, 0.8),
         (0.2, 3.0),
     ),
-    "positive": (
-        TruncatedNormal(1.0, 0.8),
-        stats.truncnorm(-1.25, np.inf, 1.0, 0.8),
-        (0.0, 12.0),
-    ),
-    "upper tail": (
-        TruncatedNormal(0.0, 1.0, 6.0, 8.0),
-        stats.truncnorm(6.0, 8.0),
-        (6.0, 8.0),
-    ),
+    "positive": (TruncatedNormal(1.0, 0.8), stats.truncnorm(-1.25, np.inf, 1.0, 0.8), (0.0, 12.0)),
+    "upper tail": (TruncatedNormal(0.0, 1.0, 6.0, 8.0), stats.truncnorm(6.0, 8.0), (6.0, 8.0)),
     "lower tail": (
         TruncatedNormal(0.0, 1.0, -math.inf, -5.0),
         stats.truncnorm(-np.inf, -5.0),

@@ -94,11 +94,7 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     save_result(ranking(RECORD, doubtful, other), tmp_path / "r")
     shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
     parts = shown.split("Modes were sought from 0 to 4 Hz.")[1:]
-    for words in (
-        "does not explain the record",
-        "failed: damping and shape left out",
-        "not known",
-    ):
+    for words in ("does not explain the record", "failed: damping and shape left out", "not known"):
         assert [words in part for part in parts] == [False, True, False], words
     assert "NExT-ERA is quoted, near the modes of the Bayesian FFT." in parts[2]
 

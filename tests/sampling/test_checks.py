@@ -119,10 +119,7 @@ def spoil_size(s):
     [
         (spoil_r_hat, r"^the chains differ: R-hat is 1\.\d{3}, above 1\.01, after \d+ steps$"),
         (spoil_bridge, r"and bridge sampling disagree on the log evidence: -?0\.\d+ ± 0\.\d+ and "),
-        (
-            spoil_compression,
-            r"importance sampling and compression of the prior disagree on the",
-        ),
+        (spoil_compression, r"importance sampling and compression of the prior disagree on the"),
         (spoil_weights, r"^the standard error of the log evidence is 0\.03\d after \d+ importance"),
         (spoil_tail, r"^a few importance draws may carry .* Pareto k is 0\.[89]\d, above 0\.7$"),
         (spoil_coverage, r"^the importance draws may miss 6\.\d % of the posterior: draws of the"),

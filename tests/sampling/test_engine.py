@@ -70,8 +70,7 @@ def test_far_regions_keep_their_shares(bumps):
     order = np.argsort(-result.region_shares)
     assert (result.region_errors < 0.02).all()
     np.testing.assert_array_less(
-        np.abs(result.region_shares[order] - [0.9, 0.1]),
-        4.0 * result.region_errors[order],
+        np.abs(result.region_shares[order] - [0.9, 0.1]), 4.0 * result.region_errors[order]
     )
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
 

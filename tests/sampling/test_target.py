@@ -75,10 +75,7 @@ def test_parameters_never_overflow_however_heavy_the_tails_of_proposals():
     assert stats.norm.pdf(FARTHEST + 1.0) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("first", "reason"),
-    [(-2.0, NO_EQUILIBRIUM), (30.0, "the answer is NaN")],
-)
+@pytest.mark.parametrize(("first", "reason"), [(-2.0, NO_EQUILIBRIUM), (30.0, "the answer is NaN")])
 def test_the_first_failure_is_kept_with_its_reason(first, reason):
     target = Target(Fragile(), 1)
     batch = column(1.0, first, 3.0, -5.0, 20.0)

@@ -64,11 +64,7 @@ CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
         ((1.0, -2.0), (1.0, 1.0), "masses, number 2 from below, must be positive .* got -2.0"),
         ((1.0, 1.0), (0.0, 1.0), "stiffnesses, number 1 from below, must be .* got 0.0"),
         ((1.0,), (math.nan,), "stiffnesses, number 1 from below, must be .* got nan"),
-        (
-            (1.0, 1.0),
-            (1.0, CAN_BE_NEGATIVE),
-            "stiffnesses, number 2 .* must be positive, but .*k",
-        ),
+        ((1.0, 1.0), (1.0, CAN_BE_NEGATIVE), "stiffnesses, number 2 .* must be positive, but .*k"),
         (("1",), (1.0,), "masses, number 1 from below, must be a number, .* '1'"),
     ],
 )

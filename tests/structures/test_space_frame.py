@@ -227,10 +227,7 @@ def refused(match, **changed):
 
 
 def test_bad_fields_are_refused():
-    refused(
-        "one of each per storey, at least one, got 2 column",
-        column_inertias_x=(1.0, 1.0),
-    )
+    refused("one of each per storey, at least one, got 2 column", column_inertias_x=(1.0, 1.0))
     refused("storey_heights must be positive", storey_heights=(-2.0,))
     refused("x_lines must be two or more coordinates in ascending order", x_lines=(1.0,))
     refused("y_lines must be two or more", y_lines=(1.0, 1.0))

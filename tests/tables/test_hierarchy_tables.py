@@ -26,9 +26,9 @@ def made():
     parameter = ParameterRecord("k", "N/m", bs.Normal(100.0, 20.0), False)
     population = Population("varies", ("k",), True, True, bs.PopulationPriors())
     draws = np.tile([0.5, 0.2, 0.1], (400, 1))
-    ranked = RankedPopulation(population, -3.0, 0.1, 0.05, 1.0, 0.0, 0.0, "best", draws, ("bad",))
+    ranked = RankedPopulation(population, -3.0, 0.1, 1.0, 0.0, 0.0, "best", draws, ("bad",))
     tests = tuple(
-        SingleTestSummary(str(i), str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),), 900, 0.01, 90)
+        SingleTestSummary(str(i), str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),), 900, 90)
         for i in range(3)
     )
     scale = CovariateScale("temperature", 10.0, 10.0)

@@ -7,7 +7,7 @@ import bayes_ssi as bs
 from bayes_ssi.report.tables.calibration_tables import (
     calibration_modes_table,
     calibration_table,
-    determination_tables,
+    standard_errors_table,
 )
 from bayes_ssi.report.tables.layout import add_row, new_table
 from bayes_ssi.report.tables.mode_tables import modes_table
@@ -47,7 +47,7 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         averages_table(averaged_parameters(posteriors, comparison)),
         calibration_table(calibration),
         calibration_modes_table(calibration),
-        *determination_tables(open_),
+        standard_errors_table(open_),
         modes_table(case_c),
         search_table(record, of_search.comparison, "A search"),
         appendage_place_table(record),

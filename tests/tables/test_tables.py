@@ -122,8 +122,8 @@ def test_the_shift_of_a_changed_mean_has_its_sign_and_its_unit():
 
 def test_regions(make_posterior):
     regions = (
-        Region(0.75, 0.01, 4, (0.7, 0.8), (1.0, 2.0)),
-        Region(0.25, 0.01, 4, (0.3, 0.2), (3.0, 4.0)),
+        Region(0.75, 0.01, 4, (1.0, 2.0)),
+        Region(0.25, 0.01, 4, (3.0, 4.0)),
     )
     assert region_notes(make_posterior("x")) == []
     assert region_notes(make_posterior("x", regions=regions)) == [

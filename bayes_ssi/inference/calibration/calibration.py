@@ -17,17 +17,14 @@ where they know more of it than the prior did, s > 1.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import EQUAL_SIZES, FloatArray, place_of_largest
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import Displayed
 from bayes_ssi.inference.calibration.least_squares import (
     DIFFERENCE_STEP,
@@ -41,7 +38,6 @@ SAME_MINIMUM = 1e-2  # largest distance between the ends of searches at one mini
 EQUALLY_GOOD = 1e-7  # to about this misfits are computed: exact fits differ by less
 MOST_ROUNDS = 20  # to the nearest fit: two or three where the fit is smooth at all
 ZERO_SENSITIVITY = 1e-6  # over the largest: far below real ones, far above rounding
-MIXED = 1e-3  # share of what is determined that would not be seen in three digits
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,9 +58,11 @@ class Calibration(Displayed):
         with_prior: whether the prior was fitted, too; minima are then those of
             ``Σ r²/σ² + Σ z²`` over residuals r with standard errors σ and standard-normal
             coordinates z of the parameters, which is the posterior density's exponent.
-        determination: what the data determine of the parameters at the best minimum.
+        standard_errors: of every parameter at the best minimum, in its own unit; from the data, and
+            from the prior where it was fitted. Infinite where the data alone know less of it than
+            the prior did.
         errors_are_correlated: whether the class's error model has correlations. These are not
-            considered here: the determination, and a fit with the prior, take all residuals for
+            considered here: standard errors, and a fit with the prior, take all residuals for
             independent.
     """
 
@@ -77,12 +75,17 @@ class Calibration(Displayed):
     n_starts: int
     n_converged: int
     with_prior: bool
-    determination: "Determination"
+    standard_errors: tuple[float, ...]
     errors_are_correlated: bool
 
     @property
     def has_shapes(self) -> bool:
         return any(not math.isnan(mode.mac) for mode in self.before.modes)
+
+    @property
+    def determines_all(self) -> bool:
+        """Whether the data determine every parameter by itself."""
+        return all(map(math.isfinite, self.standard_errors))
 
     @property
     def best(self) -> DeterministicFit:
@@ -172,7 +175,7 @@ def calibrate(
         n_starts=n_starts,
         n_converged=len(ends),
         with_prior=with_prior,
-        determination=determination(problem, minima[0]),
+        standard_errors=standard_errors(problem, minima[0]),
         errors_are_correlated=model_class.error.is_correlated,
     )
 
@@ -231,136 +234,21 @@ def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
     return rows[sizes > ZERO_SENSITIVITY * sizes.max()].T
 
 
-@dataclass(frozen=True)
-class Combination:
-    """A sum of components times parameters, or a change of several parameters at once.
-
-    Attributes:
-        components: parameter name → component of ``ln θ``, or of θ itself where it may be zero or
-            negative; the largest is 1.
-        standard_error: of a sum that is determined; of a change that is not, in prior standard
-            deviations, infinite where the data say nothing of it.
-    """
-
-    components: Mapping[str, float]
-    standard_error: float
-
-
-@dataclass(frozen=True)
-class Determination:
-    """What the data determine at a fit, to first order.
-
-    Attributes:
-        standard_errors: of every parameter, in its own unit; from the data, and from the prior
-            where the calibration has it. Infinite where the data alone do not determine it.
-        positive: whether each parameter is positive, and combinations hold its logarithm.
-        singular_values: of the residuals over their standard errors, the largest first, in
-            standard errors per prior standard deviation.
-        determined: the combinations of several parameters that are determined where these are
-            not one by one.
-        undetermined: changes that the data notice less than the prior, the least noticed first.
-            There are as many of them and of ``determined`` together as parameters that are not
-            determined one by one.
-    """
-
-    standard_errors: tuple[float, ...]
-    positive: tuple[bool, ...]
-    singular_values: tuple[float, ...]
-    determined: tuple[Combination, ...]
-    undetermined: tuple[Combination, ...]
-
-
-def determination(problem: CalibrationProblem, z: FloatArray) -> Determination:
-    """What the data determine around ``z`` (d,)."""
+def standard_errors(problem: CalibrationProblem, z: FloatArray) -> tuple[float, ...]:
+    """Standard errors of :class:`Calibration` around ``z`` (d,), to first order."""
     jacobian = problem.sensitivities(z)
-    positive = [p.prior.probability_below(0.0) == 0.0 for p in problem.parameters]
-    slopes = _slopes(problem, z, positive)
-    alone = [float(np.linalg.norm(_marginal(jacobian, [column]))) for column in range(len(z))]
-    open_ = [column for column, size in enumerate(alone) if size <= 1.0]
-    determined: list[Combination] = []
-    undetermined: list[Combination] = []
-    negligible = ZERO_SENSITIVITY * float(np.linalg.norm(jacobian))
-    for group in _groups(jacobian, open_):
-        columns, names = _marginal(jacobian, group), [problem.names[c] for c in group]
-        sums, changes = _combinations(columns, names, slopes[group], negligible)
-        determined += sums
-        undetermined += changes
-    own_unit = _slopes(problem, z, [False] * len(z))
     if problem.with_prior:
-        variance = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(z))).diagonal()
-        in_prior_sds = np.sqrt(variance)
+        in_prior_sds = np.sqrt(np.linalg.inv(jacobian.T @ jacobian + np.eye(len(z))).diagonal())
     else:
-        in_prior_sds = np.array([1.0 / size if size > 1.0 else math.inf for size in alone])
-    singular_values = np.zeros(len(z))
-    found = np.linalg.svd(jacobian, compute_uv=False)
-    singular_values[: len(found)] = found
-    return Determination(
-        standard_errors=tuple((in_prior_sds * own_unit).tolist()),
-        positive=tuple(positive),
-        singular_values=tuple(singular_values.tolist()),
-        determined=tuple(determined),
-        undetermined=tuple(sorted(undetermined, key=lambda change: -change.standard_error)),
-    )
-
-
-def _slopes(problem: CalibrationProblem, z: FloatArray, logarithm: Sequence[bool]) -> FloatArray:
-    """Change of every parameter, or of its logarithm, per prior standard deviation, (d,)."""
+        sizes = [float(np.linalg.norm(_marginal(jacobian, i))) for i in range(len(z))]
+        in_prior_sds = np.array([1.0 / size if size > 1.0 else math.inf for size in sizes])
     low, high = problem.values(z[None] + DIFFERENCE_STEP * np.array([[-1.0], [1.0]]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = (np.where(logarithm, np.log(at), at) for at in (low, high))
-    return (high - low) / (2.0 * DIFFERENCE_STEP)
+    return tuple((in_prior_sds * (high - low) / (2.0 * DIFFERENCE_STEP)).tolist())
 
 
-def _marginal(jacobian: FloatArray, columns: Sequence[int]) -> FloatArray:
-    """The columns (m, k) without what changes of the other parameters can make up for."""
-    chosen, rest = jacobian[:, columns], np.delete(jacobian, columns, axis=1)
+def _marginal(jacobian: FloatArray, column: int) -> FloatArray:
+    """A column (m,) without what changes of the other parameters can make up for."""
+    chosen, rest = jacobian[:, column], np.delete(jacobian, column, axis=1)
     if not rest.size:
         return chosen
     return chosen - rest @ (np.linalg.pinv(rest, rcond=ZERO_SENSITIVITY) @ chosen)
-
-
-def _groups(jacobian: FloatArray, columns: list[int]) -> list[list[int]]:
-    """Parameters that are only determined together, or each alone where nothing is."""
-    if not columns:
-        return []
-    shared = _determined_rows(_marginal(jacobian, columns))
-    mixed: NDArray[np.bool_] = np.abs(shared.T @ shared) > MIXED
-    n_groups, group = connected_components(mixed, directed=False)
-    return [[c for c, g in zip(columns, group, strict=True) if g == i] for i in range(n_groups)]
-
-
-def _determined_rows(jacobian: FloatArray) -> FloatArray:
-    """Unit directions (r, d) that are determined, the best first."""
-    _, singular_values, rows = np.linalg.svd(jacobian, full_matrices=False)
-    return rows[singular_values > 1.0]
-
-
-def _combinations(
-    columns: FloatArray, names: Sequence[str], slopes: FloatArray, negligible: float
-) -> tuple[list[Combination], list[Combination]]:
-    """The determined sums of a group of parameters, from its ``columns`` (m, k), and other changes.
-
-    Each of these changes as few parameters as possible: one that is free, and as many as the group
-    has sums, which make up for it.
-    """
-    rows = _determined_rows(columns)
-    sums, changes = [], []
-    for row in rows:
-        components, scale = _scaled(names, row / slopes)
-        error = 1.0 / (scale * float(np.linalg.norm(columns @ row)))
-        sums.append(Combination(components, error))
-    null = scipy.linalg.null_space(rows) if len(rows) else np.eye(columns.shape[1])
-    # Of parameters that are equally free, the first.
-    preferred = null.T * (1.0 - EQUAL_SIZES * np.arange(len(null)))
-    free = scipy.linalg.qr(preferred, pivoting=True, mode="r")[1][: null.shape[1]]
-    for change in np.linalg.solve(null[free].T, null.T):
-        noticed = float(np.linalg.norm(columns @ (change / np.linalg.norm(change))))
-        error = math.inf if noticed <= negligible else 1.0 / noticed
-        changes.append(Combination(_scaled(names, change * slopes)[0], error))
-    return sums, changes
-
-
-def _scaled(names: Sequence[str], components: FloatArray) -> tuple[dict[str, float], float]:
-    """Components over the largest, by name, and the size of that."""
-    size = float(components[place_of_largest(np.abs(components))])
-    return dict(zip(names, (components / size).tolist(), strict=True)), abs(size)

@@ -279,10 +279,7 @@ class _Descents:
         return widest / narrowing ** np.arange(n + 1.0)
 
     def _extended(
-        self,
-        z: FloatArray,
-        chosen: Sequence[NDArray[np.intp]],
-        orders: Sequence[NDArray[np.intp]],
+        self, z: FloatArray, chosen: Sequence[NDArray[np.intp]], orders: Sequence[NDArray[np.intp]]
     ) -> FloatArray:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
         if not any(test.inferred for test in self.tests):

@@ -156,7 +156,9 @@ def adequacy(
     ]
     of_frequencies = np.concatenate([part.frequency_log_p for part in parts], axis=1)
     of_shapes = np.concatenate([part.shape_log_p for part in parts], axis=1)
-    of_modes = _of_each_mode(of_frequencies, of_shapes)
+    # Of each mode's frequency and shape together; zero where it is spurious.
+    of_both = np.stack([of_frequencies, of_shapes], axis=2).reshape(-1, 2)
+    of_modes = log_joint(of_both, ~np.isnan(of_both)).reshape(of_frequencies.shape)
     of_counts = np.stack([[part.spurious_log_p, part.detected_log_p] for part in parts])
     z = np.column_stack(
         [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
@@ -239,13 +241,6 @@ def _of_errors(
         joint_tests = [errors.modes[position].test for position in in_joint]
         rest = ~np.isin(np.repeat(np.arange(len(counts)), counts), joint_tests)
         yield log_combined(np.column_stack([of_modes[:, rest], *together]))
-
-
-def _of_each_mode(frequency: FloatArray, shape: FloatArray) -> FloatArray:
-    """Log p-values (B, J) of each mode's frequency and shape together; zero where spurious."""
-    both = np.stack([frequency, shape], axis=2)
-    rows = both.reshape(-1, 2)
-    return log_joint(rows, ~np.isnan(rows)).reshape(frequency.shape)
 
 
 def _mode_rows(

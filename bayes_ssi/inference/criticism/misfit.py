@@ -107,10 +107,7 @@ class Misfit(NamedTuple):
 
 
 def misfit(
-    likelihood: ModalLikelihood,
-    values: FloatArray,
-    modes: ComparedModes,
-    rng: np.random.Generator,
+    likelihood: ModalLikelihood, values: FloatArray, modes: ComparedModes, rng: np.random.Generator
 ) -> Misfit:
     """The misfit of one configuration's identified modes at posterior draws (B, n_parameters).
 

@@ -160,10 +160,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
         },
         parameters=tuple(
             ParameterRecord(
-                p.name,
-                p.unit,
-                p.prior,
-                is_error=p not in model_class.structural_parameters,
+                p.name, p.unit, p.prior, is_error=p not in model_class.structural_parameters
             )
             for p in model_class.parameters
         ),

@@ -76,15 +76,12 @@ class Region:
         share: probability of the region, by importance sampling.
         error: its standard error.
         n_searches: number of independent searches for maxima that found one in it.
-        shares_of_compressions: share of the particles of each compression of the prior; none where
-            the maxima sufficed.
         mean: posterior mean of every parameter within the region.
     """
 
     share: float
     error: float
     n_searches: int
-    shares_of_compressions: tuple[float, ...]
     mean: tuple[float, ...]
 
 

@@ -372,7 +372,6 @@ def _quoted_draws(
 def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
     regions = sampled.regions
     shares, errors = sampled.region_shares, sampled.region_errors
-    of_compressions = [regions.shares(each.draws) for each in sampled.compressions]
     labels = regions.assign(z.reshape(-1, z.shape[-1]))
     flat = values.reshape(-1, values.shape[-1])
     records = [
@@ -380,7 +379,6 @@ def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tupl
             share=float(shares[k]),
             error=float(errors[k]),
             n_searches=int(sampled.searches_of_regions[k]),
-            shares_of_compressions=tuple(float(shares[k]) for shares in of_compressions),
             mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
         )
         for k in range(regions.n_regions)

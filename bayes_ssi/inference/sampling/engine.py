@@ -49,10 +49,7 @@ from bayes_ssi.inference.sampling.importance import (
 )
 from bayes_ssi.inference.sampling.maxima import Maxima, along_ridges, reached
 from bayes_ssi.inference.sampling.mixture import DRAWS_PER_DIMENSION, StudentMixture, choose_mixture
-from bayes_ssi.inference.sampling.multistart import (
-    MultistartSearch,
-    search_maxima,
-)
+from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_maxima
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult

@@ -63,10 +63,7 @@ class Journal:
     """The evaluations of one run, written to disk as they are made."""
 
     def __init__(
-        self,
-        path: str | Path,
-        run: Mapping[str, Any],
-        say: Callable[[str], None] = lambda _: None,
+        self, path: str | Path, run: Mapping[str, Any], say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.path, self._say = Path(path), say
         with self._errors_of_file():

@@ -33,7 +33,6 @@ class SingleTestSummary:
     # 5, 50 and 95 % quantiles of the population's parameters in this test alone.
     intervals: tuple[tuple[float, float, float], ...]
     n_draws: int  # of its posterior that were used
-    fit_error: float  # root mean square, of their logarithm at the draws, in nats
     effective_sample_size: float  # of its draws where the most probable population has them
 
 
@@ -44,7 +43,6 @@ class RankedPopulation:
     population: Population
     log_evidence: float  # in nats, of all tests together
     error: float  # standard error of the log evidence
-    error_from_draws: float  # the part that more draws of the single tests would lower
     probability: float  # among the populations compared, with equal prior weights
     log_bayes_factor: float  # log evidence less that of the best one
     log_bayes_factor_error: float
@@ -158,10 +156,7 @@ class Hierarchy(Displayed):
         return above - below
 
     def next_test(
-        self,
-        n_draws: int = 1000,
-        covariate: float | None = None,
-        name: str = AVERAGE,
+        self, n_draws: int = 1000, covariate: float | None = None, name: str = AVERAGE
     ) -> FloatArray:
         """Draws of the parameters in the next test, (n_draws, n_parameters), in their units.
 

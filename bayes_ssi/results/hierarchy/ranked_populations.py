@@ -164,7 +164,7 @@ def _rows(
     """A row for each test, with what the most probable population's coverage says of it."""
     sizes = np.median(covered.effective_sample_sizes, axis=0)
     rows = []
-    for i, (test, fit) in enumerate(zip(sampler.tests, sampler.fits, strict=True)):
+    for i, test in enumerate(sampler.tests):
         quantiles = np.quantile(test.z[:, sampler.columns], [0.05, 0.5, 0.95], axis=0)
         own = [test.parameters[column].prior for column in sampler.columns]
         intervals = [p.from_normal(of_p) for p, of_p in zip(own, quantiles.T, strict=True)]
@@ -176,7 +176,6 @@ def _rows(
                 log_evidence=test.evidence.log_evidence,
                 intervals=tuple((float(a), float(b), float(c)) for a, b, c in intervals),
                 n_draws=len(test.z),
-                fit_error=fit.error,
                 effective_sample_size=float(sizes[i]),
             )
         )
@@ -207,7 +206,6 @@ def _ranked(sampled: Sequence[populations.SampledPopulation]) -> list[RankedPopu
                 population=each.population,
                 log_evidence=each.log_evidence,
                 error=each.error,
-                error_from_draws=each.coverage.error,
                 probability=probabilities[each.population.name],
                 log_bayes_factor=difference,
                 log_bayes_factor_error=error,
