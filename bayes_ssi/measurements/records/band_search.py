@@ -15,7 +15,7 @@ from bayes_ssi.measurements.records.explained_band import (
     NATS_OF_A_MODE,
     Explained,
     ExplainedPeak,
-    nats_of_a_pair,
+    one_in_place_of,
     share_a_peak,
     two_in_place_of,
     with_others,
@@ -27,9 +27,6 @@ from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transforms, local_spectra
 
 NATS_OF_PHASES = 5.0  # sensors are in step but for few records
-# One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
-# misleads more than a missed one.
-NATS_OF_A_PAIR = 7.0
 NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
 SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
 DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
@@ -238,14 +235,16 @@ def _peaks(
     peaks: list[ExplainedPeak] = []
     i = 0
     while i < best.modes.n_modes:
-        if share_a_peak(best.modes, i):
-            peaks.append(ExplainedPeak((i, i + 1), by_phases, nats_of_a_pair(fitter, best, i)))
-        else:
-            gain, two = two_in_place_of(fitter, best, i)
-            by_two = max(0.0, by_phases) + gain - NATS_OF_A_PAIR
-            is_pair = two is not None and gain > NATS_OF_A_PAIR and not fixed
-            peaks.append(ExplainedPeak((i, i + 1) if is_pair else (i,), by_phases, by_two))
-            best = two if two is not None and is_pair else best
+        is_pair = share_a_peak(best.modes, i)
+        found = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
+        nats = found.nats
+        is_other = nats is not None and nats > 0.0 if not is_pair else nats is not None and nats < 0
+        if is_other and found.other is not None and not fixed:
+            best, is_pair = found.other, not is_pair
+        places = (i, i + 1) if is_pair else (i,)
+        if nats is not None:
+            nats += max(0.0, by_phases)
+        peaks.append(ExplainedPeak(places, by_phases, nats, found.is_undecided))
         i += len(peaks[-1].modes)
     return best, peaks
 
