@@ -41,7 +41,8 @@ FEWEST_LINES_OF_REACH = 40
 LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
 MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
-SHARED_BAND = 1.25  # times the sum of bandwidths: modes that are closer share a band
+SHARED_BAND = 2.5  # times the sum of bandwidths: modes that are closer share a band
+MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
 # are grouped, and bands made, as for dampings within these.
 DAMPINGS_OF_GROUPS = (0.004, 0.04)
@@ -224,8 +225,20 @@ def _all_explained(
 
 
 def _with_phases_if_needed(real: LocalFit, turned: LocalFit) -> LocalFit:
-    needed = real.log_evidence + NATS_OF_PHASES
-    return real if needed > turned.log_evidence else turned
+    """The fit with phases where the evidence asks for it, or real shapes move the poles.
+
+    Phases that are too small to be seen may still be what the damping of a broad mode turns on:
+    real shapes then claim to know it far too well. Where the model holds, the variance of the
+    difference of both estimates is the difference of their variances (Hausman 1978).
+    """
+    if turned.log_evidence > real.log_evidence + NATS_OF_PHASES:
+        return turned
+    m = real.modes.n_modes
+    moves = np.log(np.concatenate(turned.modes[:2]) / np.concatenate(real.modes[:2]))
+    variances = [fit.covariance.diagonal()[: 2 * m] for fit in (turned, real)]
+    apart = moves**2 > MOST_SDS_BY_PHASES**2 * (variances[0] - variances[1]).clip(0.0)
+    is_suspect = apart & (np.abs(moves) > np.sqrt(variances[1]))
+    return turned if is_suspect.any() and turned.converged and turned.are_modes.all() else real
 
 
 def _peaks(

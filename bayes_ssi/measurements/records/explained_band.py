@@ -187,6 +187,30 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
     return solution[:m].T, np.asarray(variances, dtype=np.float64)
 
 
+def complex_shapes(fit: LocalFit) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """The modes of a band with phases, whether these are needed or not.
+
+    Returns:
+        Frequencies (m,) in Hz; turned shapes (n, m) in channels, at unit length; and the
+        covariances (m, n, n) of their imaginary parts.
+    """
+    if not fit.has_phases:
+        fit = Fitter(fit.spectra, fit.one_source).fit(fit, has_phases=True)
+    data = fit.data
+    rest, variances = rest_of_shapes(fit)
+    r, m = fit.modes.shapes.shape
+    shapes = data.to_channels @ fit.modes.shapes + data.rest_to_channels @ rest
+    lengths = np.linalg.norm(shapes, axis=0)
+    of_rest = data.rest_to_channels @ data.rest_to_channels.T
+    covariances = np.empty((m, len(shapes), len(shapes)))
+    for i in range(m):
+        at = slice(2 * m + (m + i) * r, 2 * m + (m + i + 1) * r)
+        inside = data.to_channels @ fit.covariance[at, at] @ data.to_channels.T
+        covariances[i] = (inside + variances[i] * of_rest) / lengths[i] ** 2
+    covariances *= max(1.0, fit.whiteness / fit.allowed_whiteness)
+    return fit.modes.frequencies_hz, turned(shapes / lengths), covariances
+
+
 # The shapes of a pair at first: shares of the one mode's shape, and of what it leaves unexplained.
 SHARES_OF_PAIRS = (
     ((1.0, 1.0), (0.3, -0.3)),
