@@ -125,10 +125,12 @@ def main() -> None:
     for kind in (True, False):
         of = [row for row in rows if row["damper"] == kind]
         lost = [row for row in of if row["lost"]]
-        pulls, pulls_z = (np.array(sum((row[k] for row in of), [])) for k in ("pulls", "pulls_z"))
+        pulls, pulls_z = (
+            np.array([pull for row in of for pull in row[key]]) for key in ("pulls", "pulls_z")
+        )
         print(
-            f"{'damper' if kind else 'none'}: {len(of)} records; modes lost in {len(lost)}, silently "
-            f"in {[row['seed'] for row in lost if not row['failed']]}; false modes "
+            f"{'damper' if kind else 'none'}: {len(of)} records; modes lost in {len(lost)}, "
+            f"silently in {[row['seed'] for row in lost if not row['failed']]}; false modes "
             f"{sum(row['false'] for row in of)}; failed checks in "
             f"{sum(row['failed'] > 0 for row in of)}; within three deviations: frequencies "
             f"{(abs(pulls) < 3).mean():.0%}, rms {(pulls**2).mean() ** 0.5:.2f}, dampings "

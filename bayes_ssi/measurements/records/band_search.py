@@ -81,6 +81,9 @@ class _Band:
         if one_source not in self._fits:
             real = self.fitters[one_source].fit(self.start, has_phases=False)
             turned = self.fitters[one_source].fit(real, has_phases=True)
+            if turned.whiteness > turned.allowed_whiteness:
+                other = self.fitters[one_source].fit(self.start, has_phases=True)
+                turned = max(turned, other, key=lambda fit: fit.log_evidence)
             self._fits[one_source] = real, turned
         return self._fits[one_source]
 
@@ -213,8 +216,9 @@ def _all_explained(
             if not fit.modes.n_modes:
                 continue
         if fit is not real and fit is not turned:
-            real = fitter.fit(fit.modes, has_phases=False)
-            turned = fitter.fit(real, has_phases=True)
+            # Of late sensors real shapes may go astray, and phases that begin from these with them.
+            other = fitter.fit(fit.modes if fit.has_phases else fit, not fit.has_phases)
+            real, turned = (other, fit) if fit.has_phases else (fit, other)
         best = _with_phases_if_needed(real, turned)
         peaks: list[ExplainedPeak] = []
         if is_wanted:
