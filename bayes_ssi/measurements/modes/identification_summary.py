@@ -7,7 +7,6 @@ BAYESIAN_FFT = "bayesian-fft"
 METHOD_NAMES = {
     BAYESIAN_FFT: "Bayesian FFT",
     "next-era": "NExT-ERA",
-    "ssi-cov": "SSI-cov",
     "fdd": "FDD",
     "tfie": "TFIE",
 }

@@ -54,6 +54,8 @@ BRIDGED_PERIODS = 0.25  # of the highest frequency, which a straight line replac
 MOST_BRIDGED = 0.01  # of the instants
 LEAST_USED = 0.3  # of a record with gaps
 MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not steady
+FEWEST_DAMPINGS = 3  # with which one is compared
+LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
 GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
@@ -422,7 +424,11 @@ def _result(
                 for i in too_short
             ),
         ),
-        doubts=(*doubts, *(doubt for explained, _ in kept if (doubt := explained.doubt))),
+        doubts=(
+            *doubts,
+            *(doubt for explained, _ in kept if (doubt := explained.doubt)),
+            *_too_little_damping(quoted),
+        ),
         quoted=quoted,
         bands=tuple(bands),
         candidates=found,
@@ -430,6 +436,23 @@ def _result(
         too_short=tuple(too_short),
         ground=ground,
     )  # fmt: skip
+
+
+def _too_little_damping(quoted: ModalData) -> Iterable[str]:
+    """A sentence for each mode that may be a machine's line which wanders."""
+    if len(quoted.modes) < FEWEST_DAMPINGS:
+        return
+    dampings, sds = (
+        np.array([getattr(mode, name) for mode in quoted.modes])
+        for name in ("damping", "damping_sd")
+    )
+    for i, mode in enumerate(quoted.modes):
+        usual = float(np.median(np.delete(dampings, i)))
+        if dampings[i] + 2.0 * sds[i] < LEAST_DAMPING_OVER_USUAL * usual:
+            yield (
+                f"mode at {mode.frequency_hz:.4g} Hz: its damping, {100.0 * dampings[i]:.2g} %, is "
+                f"far below the usual {100.0 * usual:.2g} %: is it a wandering line of a machine?"
+            )
 
 
 def _not_identified(
