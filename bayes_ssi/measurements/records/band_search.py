@@ -35,17 +35,21 @@ DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 # bandwidths, and no less than a smaller share or so many lines.
 REACH_BANDWIDTHS = 7.0
 WIDEST_SHARE = 0.12
-LEAST_BANDWIDTHS = 2.5
+LEAST_BANDWIDTHS = 4.0
 NARROWEST_SHARE = 0.05
 FEWEST_LINES_OF_REACH = 40
 LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
 MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
 SHARED_BAND = 2.5  # times the sum of bandwidths: modes that are closer share a band
+# Peaks of broad modes look narrow at first, and bands of their own would leave them to backgrounds:
+# those nearer than this share one, but no more than so many.
+NEAR_SHARE = 0.2
+MOST_OF_NEAR_PEAKS = 4
 MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
 # are grouped, and bands made, as for dampings within these.
-DAMPINGS_OF_GROUPS = (0.004, 0.04)
+DAMPINGS_OF_GROUPS = (0.004, 0.06)
 DAMPINGS_OF_REACH = (0.01, 0.04)
 LEAST_SHARE_OF_MEDIAN_DAMPING = 0.7
 BLOCK_OVER_DAMPING = 0.25  # width of blocks of lines
@@ -97,7 +101,7 @@ def explain(
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
     modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
-    first = _bands(transforms, modes, band_hz)
+    first = _bands(transforms, modes, band_hz, NEAR_SHARE)
     # Where independent loads do not explain the spectra, one source may: as they stand, or when
     # more modes have been tried.
     one_source = is_driven or _is_one_source(first)
@@ -129,8 +133,13 @@ def _between_bands(
     return found.others.at(np.flatnonzero(free).tolist())
 
 
-def _bands(transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]) -> list[_Band]:
-    groups = groups_of(transforms, modes, band_hz)
+def _bands(
+    transforms: Transforms,
+    modes: Resonances,
+    band_hz: tuple[float, float],
+    near_share: float = 0.0,
+) -> list[_Band]:
+    groups = groups_of(transforms, modes, band_hz, near_share=near_share)
     spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
     return [_Band(group, at) for group, at in spectra if at is not None]
 
@@ -272,6 +281,7 @@ def groups_of(
     band_hz: tuple[float, float],
     least_bandwidths: float = LEAST_BANDWIDTHS,
     share: float = 1.0,
+    near_share: float = 0.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""
     if not modes.n_modes:
@@ -283,7 +293,13 @@ def groups_of(
     gaps = np.diff(f[order])
     sums = widths[order][1:] + widths[order][:-1]
     ends = np.flatnonzero(gaps >= SHARED_BAND * sums) + 1
-    members = [part.tolist() for part in np.split(order, ends)]
+    members: list[list[int]] = []
+    for part in np.split(order, ends):
+        if members and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
+            if f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]:
+                members[-1] += part.tolist()
+                continue
+        members.append(part.tolist())
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = np.minimum(
         REACH_BANDWIDTHS * usual,

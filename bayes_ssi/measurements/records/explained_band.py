@@ -25,7 +25,7 @@ NATS_OF_A_MODE = 3.0  # without a clear peak: one in e³ is there; also of one s
 MOST_MODES = 8  # of a band; more are not looked for
 LEAST_SEPARATION = 0.2  # of two modes, over their mean bandwidth
 SHARED_PEAK = 3.0  # times the sum of half bandwidths: modes that are closer share a peak
-PAIR_REACH = 1.25  # half bandwidths from the one mode: farther off there were a peak
+PAIR_REACH = 2.5  # half bandwidths from the one mode: farther off there were a peak
 SAME_SHAPE_MAC = 0.8  # above this, modes of one frequency are one
 # One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
 # misleads more than a missed one.

@@ -39,7 +39,7 @@ CLEAR_PEAK_DB = 6.0  # those whose mode is not left out
 CLEAR_PEAK_SDS = 4.5
 BLOCK_WIDTH = 0.006  # of the blocks of lines for peaks
 FEWEST_BLOCK_LINES = (8, 4)  # for wide and for narrow peaks
-DAMPINGS_AT_PEAKS = (0.004, 0.06)  # of poles at peaks, as of structures
+DAMPINGS_AT_PEAKS = (0.004, 0.1)  # of poles at peaks, as of structures
 
 
 class Prominence(NamedTuple):
