@@ -52,6 +52,12 @@ class Peak:
     resolution_hz: float
     resolution: float  # in half-power bandwidths
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the record cannot tell one mode from two."""
+        p = self.probability_of_two
+        return p is not None and 1.0 - SURE_PROBABILITY <= p <= SURE_PROBABILITY
+
     def __str__(self) -> str:
         at = " and ".join(f"{f:.4g}" for f in self.frequencies_hz)
         p, phases = self.probability_of_two, self.probability_of_phases
@@ -63,12 +69,12 @@ class Peak:
         text = f"peak at {at} Hz: {what}"
         if phases > 0.5:
             text += f", one mode whose sensors have phases with {_chance(phases)}"
+        if self.is_open:
+            return f"{text}: the record cannot tell"
         if p is not None and p > SURE_PROBABILITY:
             return text
         closer = f"{self.resolution_hz:.2g} Hz ({self.resolution:.2g} bandwidths)"
-        if p is None or p < 1.0 - SURE_PROBABILITY:
-            return f"{text}; modes of one shape closer than about {closer} could not be told apart"
-        return f"{text}: the record cannot tell"
+        return f"{text}; modes of one shape closer than about {closer} could not be told apart"
 
 
 def _chance(p: float) -> str:

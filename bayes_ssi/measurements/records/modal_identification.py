@@ -427,6 +427,7 @@ def _result(
         doubts=(
             *doubts,
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
+            *(f"{peak}" for peak in peaks if peak.is_open),
             *_too_little_damping(quoted),
         ),
         quoted=quoted,
