@@ -295,11 +295,11 @@ def groups_of(
     ends = np.flatnonzero(gaps >= SHARED_BAND * sums) + 1
     members: list[list[int]] = []
     for part in np.split(order, ends):
-        if members and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
-            if f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]:
-                members[-1] += part.tolist()
-                continue
-        members.append(part.tolist())
+        near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
+        if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
+            members[-1] += part.tolist()
+        else:
+            members.append(part.tolist())
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = np.minimum(
         REACH_BANDWIDTHS * usual,
