@@ -264,12 +264,11 @@ def _peaks(
         is_pair = share_a_peak(best.modes, i)
         found = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
         nats = found.nats
-        is_other = nats is not None and nats > 0.0 if not is_pair else nats is not None and nats < 0
-        if is_other and found.other is not None and not fixed:
-            best, is_pair = found.other, not is_pair
-        places = (i, i + 1) if is_pair else (i,)
         if nats is not None:
+            if (nats > 0.0) != is_pair and found.other is not None and not fixed:
+                best, is_pair = found.other, not is_pair
             nats += max(0.0, by_phases)
+        places = (i, i + 1) if is_pair else (i,)
         peaks.append(ExplainedPeak(places, by_phases, nats, found.is_undecided))
         i += len(peaks[-1].modes)
     return best, peaks
