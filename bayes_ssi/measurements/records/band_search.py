@@ -41,10 +41,12 @@ FEWEST_LINES_OF_REACH = 40
 LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
 MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
-SHARED_BAND = 2.5  # times the sum of bandwidths: modes that are closer share a band
+# Times the sum of bandwidths: modes that are closer share a band. It grows with their mean damping
+# over the usual one: what is broad reaches farther than a background follows.
+SHARED_BAND = (1.25, 2.5)
 # Peaks of broad modes look narrow at first, and bands of their own would leave them to backgrounds:
 # those nearer than this share one, but no more than so many.
-NEAR_SHARE = 0.2
+NEAR_SHARE = 0.15
 MOST_OF_NEAR_PEAKS = 4
 MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
@@ -105,14 +107,11 @@ def explain(
     # Where independent loads do not explain the spectra, one source may: as they stand, or when
     # more modes have been tried.
     one_source = is_driven or _is_one_source(first)
-    bands = _all_explained(first, one_source, found, fixed)
-    if not one_source and _n_doubtful(bands):
-        of_one_source = _all_explained(first, True, found, fixed)
-        if _n_doubtful(of_one_source) < _n_doubtful(bands):
-            one_source, bands = True, of_one_source
+    one_source, bands = _explained_by_either(first, one_source, found, fixed)
     # Again, with the neighbours that are known now.
     modes = _modes_of(bands, len(transforms.values))
-    bands = _all_explained(_bands(transforms, modes, band_hz), one_source, found, fixed)
+    again = _bands(transforms, modes, band_hz)
+    one_source, bands = _explained_by_either(again, one_source, found, fixed)
     modes = _modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
@@ -120,6 +119,18 @@ def explain(
         _of_other_reach(transforms, band, wide if band.doubt is None else narrow, modes)
         for band in bands
     ]
+
+
+def _explained_by_either(
+    bands: Sequence[_Band], one_source: bool, found: Candidates, fixed: bool
+) -> tuple[bool, list[Explained]]:
+    """Whether one source drives all, and the bands; it may where independent loads do not."""
+    explained = _all_explained(bands, one_source, found, fixed)
+    if not one_source and _n_doubtful(explained):
+        of_one_source = _all_explained(bands, True, found, fixed)
+        if _n_doubtful(of_one_source) < _n_doubtful(explained):
+            return True, of_one_source
+    return one_source, explained
 
 
 def _between_bands(
@@ -291,7 +302,9 @@ def groups_of(
     widths = 2.0 * np.maximum(modes.dampings, least).clip(*DAMPINGS_OF_GROUPS) * f
     gaps = np.diff(f[order])
     sums = widths[order][1:] + widths[order][:-1]
-    ends = np.flatnonzero(gaps >= SHARED_BAND * sums) + 1
+    mean_dampings = 0.5 * sums / (f[order][1:] + f[order][:-1])
+    shared = (SHARED_BAND[0] * mean_dampings / DAMPING).clip(*SHARED_BAND)
+    ends = np.flatnonzero(gaps >= shared * sums) + 1
     members: list[list[int]] = []
     for part in np.split(order, ends):
         near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
