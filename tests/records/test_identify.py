@@ -1,5 +1,6 @@
 """Modes from simulated records: right within their claimed errors, which the checks judge."""
 
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -12,7 +13,8 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES
+from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
+from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, next_era, tfie
@@ -244,6 +246,28 @@ def test_a_line_that_wanders_fails_a_check():
     pattern = np.array([[0.5], [1.0], [0.7]]) * record.samples.std()
     failed = bs.identify(changed(record, record.samples + pattern * line), BAND).failed_checks
     assert any("at 1.7" in text and "machine" in text for text in failed)
+
+
+@pytest.mark.parametrize(
+    ("two", "is_open", "words"),
+    [
+        (0.04, False, "0.040; modes of"),
+        (0.06, True, "0.060: the record cannot"),
+        (None, False, "no"),
+    ],
+)
+def test_a_peak_says_what_the_record_can_tell(two, is_open, words):
+    """Between 0.05 and 0.95 it cannot; an undecided one is a doubt of its band."""
+    peak = Peak((2.0,), (0,), two, 0.1, 0.05, 1.0)
+    assert peak.is_open == is_open
+    assert words in str(peak)
+    band = identified(0, ground=False).bands[1]
+    undecided = replace(band, peaks=(ExplainedPeak((0,), -5.0, None, is_undecided=True),))
+    assert band.doubt is None
+    assert undecided.doubt.endswith("it is undecided whether a peak holds one mode or two")
+    assert ExplainedPeak((0,), 0.0, two and math.log(two)).probabilities[1] == (
+        two and pytest.approx(two / (2.0 + two))
+    )
 
 
 def test_two_shapes_at_one_frequency_are_two_modes():
