@@ -25,14 +25,17 @@ from pyoma2.algorithms.data.run_params import Clustering
 from pyoma2.algorithms.ssi import SSI
 from pyoma2.setup import SingleSetup
 from random_structures import Case, case
+from scipy.signal import decimate
 
 BLOCK_ROWS, HIGHEST_ORDER = 45, 60
 
 
 def modes_of(each: Case) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies and real shapes of the clusters in the band."""
-    slow = each.record.decimated_to(each.band_hz[1])
-    setup = SingleSetup(np.array(slow.samples).T, slow.rate_hz)
+    record = each.record
+    factor = max(1, int(0.8 * record.nyquist_hz / each.band_hz[1]))
+    slow = record.samples if factor == 1 else decimate(record.samples, factor, ftype="fir")
+    setup = SingleSetup(np.array(slow).T, record.rate_hz / factor)
     algorithm = SSI(name="ssi", method="cov", br=BLOCK_ROWS, ordmax=HIGHEST_ORDER)
     algorithm.add_clustering(Clustering(name="modes", quick="Kvaale", freqlim=each.band_hz))
     setup.add_algorithms(algorithm)

@@ -7,6 +7,7 @@ import pytest
 from simulated_records import FRAME, simulated_record, truth_of
 
 from bayes_ssi.measurements.records import band_search
+from bayes_ssi.measurements.records.explained_band import OneOrTwo
 from bayes_ssi.measurements.records.mode_candidates import candidates
 from bayes_ssi.measurements.records.spectra import transforms_of
 
@@ -45,8 +46,8 @@ def test_a_pair_takes_the_place_of_its_mode_among_those_of_the_band(monkeypatch)
 
     def two_in_place_of(_, fit, i):
         if fit.names[i] == "b":
-            return 100.0, fit_of("a", "b", "b'", "c")
-        return -5.0, None
+            return OneOrTwo(100.0, fit_of("a", "b", "b'", "c"))
+        return OneOrTwo(None, None)
 
     monkeypatch.setattr(band_search, "two_in_place_of", two_in_place_of)
     monkeypatch.setattr(band_search, "share_a_peak", lambda *_: False)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lfilter, sosfiltfilt
 from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
@@ -195,6 +195,22 @@ def test_a_machine_that_drifts_slowly_is_taken_out(sound):
     left = without_lines(samples, RATE, machine_lines(samples, RATE)) - sound
     without = without_lines(sound, RATE, np.array([6.1])) - sound
     assert (left.std(axis=1) < 1.2 * without.std(axis=1) + 0.01 * samples.std(axis=1)).all()
+
+
+def test_a_mode_as_narrow_as_the_lines_is_no_machine():
+    """With ζ f T of 0.5: a twentieth of noise beside it, and the steady sine that replaces it."""
+    n, taken = 30_000, [0, 0]
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        pole = np.exp((-0.5 * RATE / n / 1.3 + 1j) * 2.0 * np.pi * 1.3 / RATE)
+        recursion = [1.0, -2.0 * pole.real, abs(pole) ** 2]
+        mode = lfilter([1.0, -2.0, 1.0], recursion, rng.standard_normal(2 * n))[n:]
+        sine = np.sin(2.0 * np.pi * 1.3 / RATE * np.arange(n))
+        noise = 0.2 * rng.standard_normal((2, n))
+        for k, motion in enumerate((mode, sine)):
+            taken[k] += len(machine_lines(noise + motion / motion.std(), RATE)) > 0
+    assert taken[0] <= 1
+    assert taken[1] == 15
 
 
 def test_a_machine_that_ran_for_a_while_is_no_line(sound):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.other_methods import correlations
 from bayes_ssi.measurements.records.spectra import transforms_of
 
 RATE = 50.0
@@ -56,7 +55,6 @@ def test_instants_that_are_not_numbers_are_gaps():
         one.samples[1, 7:11], np.interp([9, 10, 11, 12], [9, 12], SAMPLES[1, [8, 11]])
     )
     assert one.selected(["floor 3"]).gaps == one.gaps
-    assert one.decimated_to(4.9).gaps == ((2, 3),)  # of every fourth sample: 8 to 11
     assert one.warnings()[0].startswith("missing: 2 samples from 0.16 to 0.2 s; the pieces")
 
 
@@ -95,45 +93,17 @@ def test_a_band_must_be_in_the_record():
         record().checked_band((0.05, 2))
 
 
-def test_detrending_a_long_record_needs_memory_for_one_more():
-    samples = np.random.default_rng(0).standard_normal((20, 50_000))
-    long = record(samples=samples, sensors=tuple(f"sensor {i}" for i in range(20)))
-    long.detrended()  # scipy is imported
-    tracemalloc.start()
-    detrended = long.detrended()
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert most < 1.5 * detrended.samples.nbytes
-
-
 def test_what_is_identified_from_needs_no_copy_of_a_long_record():
-    """Lines of a band, and correlations at a low rate, are found sensor by sensor."""
+    """The lines of a band are found sensor by sensor."""
     samples = np.random.default_rng(0).standard_normal((20, 50_000))
     long = record(samples=samples, sensors=tuple(f"sensor {i}" for i in range(20)))
     short = record(samples=samples[:, :10_000], sensors=long.sensors)
-    correlations(short, (0.5, 1.0))  # scipy is imported
+    transforms_of(short, (0.5, 1.0))  # scipy is imported
     tracemalloc.start()
-    correlations(long, (0.5, 1.0))
     transforms_of(long, (0.5, 1.0))
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 0.5 * samples.nbytes
-
-
-def test_detrending_and_decimation():
-    np.testing.assert_allclose(record().detrended().samples[2], 0.0, atol=1e-12)
-    # Sines pass (1.4 and 1.1 of 12.5 Hz); one at 11 Hz, beyond the new Nyquist frequency, does not.
-    fast = SAMPLES + 0.5 * np.sin(2 * np.pi * 11 * TIMES)
-    slow = record(samples=fast).decimated_to(4.9)
-    assert slow.rate_hz == 12.5
-    np.testing.assert_allclose(slow.samples[:2, 10:-10], SAMPLES[:2, ::4][:, 10:-10], atol=2e-3)
-    for highest in (0.0, 26.0, float("nan")):
-        with pytest.raises(ValueError, match="highest_hz must be positive and at most 25, got "):
-            record().decimated_to(highest)
-    with pytest.raises(ValueError, match=r"0\.1 Hz leaves too few of 400 samples"):
-        record().decimated_to(0.1)
-    fast[1] = 0.2  # of which filters leave rounding
-    assert record(samples=fast).decimated_to(4.9).warnings()[0].startswith("sensor 'floor 2': dead")
 
 
 STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}

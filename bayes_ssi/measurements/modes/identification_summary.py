@@ -7,7 +7,6 @@ BAYESIAN_FFT = "bayesian-fft"
 METHOD_NAMES = {
     BAYESIAN_FFT: "Bayesian FFT",
     "next-era": "NExT-ERA",
-    "ssi-cov": "SSI-cov",
     "fdd": "FDD",
     "tfie": "TFIE",
 }
@@ -42,8 +41,8 @@ class Peak:
     """A peak of the spectra, and how many modes it holds.
 
     Probabilities are those of two modes rather than one, and of one mode whose sensors have phases,
-    rather than one or two with real shapes, each explanation equally probable before; None where
-    the spectra around it do not support a comparison.
+    rather than one or two with real shapes; None where the spectra around it do not support a
+    comparison. That of two modes is None, too, where none are fitted that differ from one.
     """
 
     frequencies_hz: tuple[float, ...]
@@ -53,20 +52,29 @@ class Peak:
     resolution_hz: float
     resolution: float  # in half-power bandwidths
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the record cannot tell one mode from two."""
+        p = self.probability_of_two
+        return p is not None and 1.0 - SURE_PROBABILITY <= p <= SURE_PROBABILITY
+
     def __str__(self) -> str:
         at = " and ".join(f"{f:.4g}" for f in self.frequencies_hz)
         p, phases = self.probability_of_two, self.probability_of_phases
-        if p is None or phases is None:
+        if phases is None:
             return f"peak at {at} Hz: the spectra around it are not explained"
-        text = f"peak at {at} Hz: two modes with a probability {_chance(p)}"
+        what = (
+            "no two modes are fitted" if p is None else f"two modes with a probability {_chance(p)}"
+        )
+        text = f"peak at {at} Hz: {what}"
         if phases > 0.5:
             text += f", one mode whose sensors have phases with {_chance(phases)}"
-        if p > SURE_PROBABILITY:
+        if self.is_open:
+            return f"{text}: the record cannot tell"
+        if p is not None and p > SURE_PROBABILITY:
             return text
         closer = f"{self.resolution_hz:.2g} Hz ({self.resolution:.2g} bandwidths)"
-        if p < 1.0 - SURE_PROBABILITY:
-            return f"{text}; modes closer than about {closer} could not be told apart"
-        return f"{text}: the record cannot tell"
+        return f"{text}; modes of one shape closer than about {closer} could not be told apart"
 
 
 def _chance(p: float) -> str:

@@ -15,7 +15,7 @@ from bayes_ssi.measurements.records.explained_band import (
     NATS_OF_A_MODE,
     Explained,
     ExplainedPeak,
-    nats_of_a_pair,
+    one_in_place_of,
     share_a_peak,
     two_in_place_of,
     with_others,
@@ -27,9 +27,6 @@ from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transforms, local_spectra
 
 NATS_OF_PHASES = 5.0  # sensors are in step but for few records
-# One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
-# misleads more than a missed one.
-NATS_OF_A_PAIR = 7.0
 NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
 SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
 DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
@@ -38,16 +35,23 @@ DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 # bandwidths, and no less than a smaller share or so many lines.
 REACH_BANDWIDTHS = 7.0
 WIDEST_SHARE = 0.12
-LEAST_BANDWIDTHS = 2.5
+LEAST_BANDWIDTHS = 4.0
 NARROWEST_SHARE = 0.05
 FEWEST_LINES_OF_REACH = 40
 LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
 MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
-SHARED_BAND = 1.25  # times the sum of bandwidths: modes that are closer share a band
+# Times the sum of bandwidths: modes that are closer share a band. It grows with their mean damping
+# over the usual one: what is broad reaches farther than a background follows.
+SHARED_BAND = (1.25, 2.5)
+# Peaks of broad modes look narrow at first, and bands of their own would leave them to backgrounds:
+# those nearer than this share one, but no more than so many.
+NEAR_SHARE = 0.15
+MOST_OF_NEAR_PEAKS = 4
+MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
 # are grouped, and bands made, as for dampings within these.
-DAMPINGS_OF_GROUPS = (0.004, 0.04)
+DAMPINGS_OF_GROUPS = (0.004, 0.06)
 DAMPINGS_OF_REACH = (0.01, 0.04)
 LEAST_SHARE_OF_MEDIAN_DAMPING = 0.7
 BLOCK_OVER_DAMPING = 0.25  # width of blocks of lines
@@ -83,6 +87,9 @@ class _Band:
         if one_source not in self._fits:
             real = self.fitters[one_source].fit(self.start, has_phases=False)
             turned = self.fitters[one_source].fit(real, has_phases=True)
+            if turned.whiteness > turned.allowed_whiteness:
+                other = self.fitters[one_source].fit(self.start, has_phases=True)
+                turned = max(turned, other, key=lambda fit: fit.log_evidence)
             self._fits[one_source] = real, turned
         return self._fits[one_source]
 
@@ -96,18 +103,15 @@ def explain(
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
     modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
-    first = _bands(transforms, modes, band_hz)
+    first = _bands(transforms, modes, band_hz, NEAR_SHARE)
     # Where independent loads do not explain the spectra, one source may: as they stand, or when
     # more modes have been tried.
     one_source = is_driven or _is_one_source(first)
-    bands = _all_explained(first, one_source, found, fixed)
-    if not one_source and _n_doubtful(bands):
-        of_one_source = _all_explained(first, True, found, fixed)
-        if _n_doubtful(of_one_source) < _n_doubtful(bands):
-            one_source, bands = True, of_one_source
+    one_source, bands = _explained_by_either(first, one_source, found, fixed)
     # Again, with the neighbours that are known now.
     modes = _modes_of(bands, len(transforms.values))
-    bands = _all_explained(_bands(transforms, modes, band_hz), one_source, found, fixed)
+    again = _bands(transforms, modes, band_hz)
+    one_source, bands = _explained_by_either(again, one_source, found, fixed)
     modes = _modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
@@ -115,6 +119,18 @@ def explain(
         _of_other_reach(transforms, band, wide if band.doubt is None else narrow, modes)
         for band in bands
     ]
+
+
+def _explained_by_either(
+    bands: Sequence[_Band], one_source: bool, found: Candidates, fixed: bool
+) -> tuple[bool, list[Explained]]:
+    """Whether one source drives all, and the bands; it may where independent loads do not."""
+    explained = _all_explained(bands, one_source, found, fixed)
+    if not one_source and _n_doubtful(explained):
+        of_one_source = _all_explained(bands, True, found, fixed)
+        if _n_doubtful(of_one_source) < _n_doubtful(explained):
+            return True, of_one_source
+    return one_source, explained
 
 
 def _between_bands(
@@ -128,8 +144,13 @@ def _between_bands(
     return found.others.at(np.flatnonzero(free).tolist())
 
 
-def _bands(transforms: Transforms, modes: Resonances, band_hz: tuple[float, float]) -> list[_Band]:
-    groups = groups_of(transforms, modes, band_hz)
+def _bands(
+    transforms: Transforms,
+    modes: Resonances,
+    band_hz: tuple[float, float],
+    near_share: float = 0.0,
+) -> list[_Band]:
+    groups = groups_of(transforms, modes, band_hz, near_share=near_share)
     spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
     return [_Band(group, at) for group, at in spectra if at is not None]
 
@@ -215,8 +236,9 @@ def _all_explained(
             if not fit.modes.n_modes:
                 continue
         if fit is not real and fit is not turned:
-            real = fitter.fit(fit.modes, has_phases=False)
-            turned = fitter.fit(real, has_phases=True)
+            # Of late sensors real shapes may go astray, and phases that begin from these with them.
+            other = fitter.fit(fit.modes if fit.has_phases else fit, not fit.has_phases)
+            real, turned = (other, fit) if fit.has_phases else (fit, other)
         best = _with_phases_if_needed(real, turned)
         peaks: list[ExplainedPeak] = []
         if is_wanted:
@@ -227,8 +249,20 @@ def _all_explained(
 
 
 def _with_phases_if_needed(real: LocalFit, turned: LocalFit) -> LocalFit:
-    needed = real.log_evidence + NATS_OF_PHASES
-    return real if needed > turned.log_evidence else turned
+    """The fit with phases where the evidence asks for it, or real shapes move the poles.
+
+    Phases that are too small to be seen may still be what the damping of a broad mode turns on:
+    real shapes then claim to know it far too well. Where the model holds, the variance of the
+    difference of both estimates is the difference of their variances (Hausman 1978).
+    """
+    if turned.log_evidence > real.log_evidence + NATS_OF_PHASES:
+        return turned
+    m = real.modes.n_modes
+    moves = np.log(np.concatenate(turned.modes[:2]) / np.concatenate(real.modes[:2]))
+    variances = [fit.covariance.diagonal()[: 2 * m] for fit in (turned, real)]
+    apart = moves**2 > MOST_SDS_BY_PHASES**2 * (variances[0] - variances[1]).clip(0.0)
+    is_suspect = apart & (np.abs(moves) > np.sqrt(variances[1]))
+    return turned if is_suspect.any() and turned.converged and turned.are_modes.all() else real
 
 
 def _peaks(
@@ -238,14 +272,15 @@ def _peaks(
     peaks: list[ExplainedPeak] = []
     i = 0
     while i < best.modes.n_modes:
-        if share_a_peak(best.modes, i):
-            peaks.append(ExplainedPeak((i, i + 1), by_phases, nats_of_a_pair(fitter, best, i)))
-        else:
-            gain, two = two_in_place_of(fitter, best, i)
-            by_two = max(0.0, by_phases) + gain - NATS_OF_A_PAIR
-            is_pair = two is not None and gain > NATS_OF_A_PAIR and not fixed
-            peaks.append(ExplainedPeak((i, i + 1) if is_pair else (i,), by_phases, by_two))
-            best = two if two is not None and is_pair else best
+        is_pair = share_a_peak(best.modes, i)
+        found = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
+        nats = found.nats
+        if nats is not None:
+            if (nats > 0.0) != is_pair and found.other is not None and not fixed:
+                best, is_pair = found.other, not is_pair
+            nats += max(0.0, by_phases)
+        places = (i, i + 1) if is_pair else (i,)
+        peaks.append(ExplainedPeak(places, by_phases, nats, found.is_undecided))
         i += len(peaks[-1].modes)
     return best, peaks
 
@@ -256,6 +291,7 @@ def groups_of(
     band_hz: tuple[float, float],
     least_bandwidths: float = LEAST_BANDWIDTHS,
     share: float = 1.0,
+    near_share: float = 0.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""
     if not modes.n_modes:
@@ -266,8 +302,16 @@ def groups_of(
     widths = 2.0 * np.maximum(modes.dampings, least).clip(*DAMPINGS_OF_GROUPS) * f
     gaps = np.diff(f[order])
     sums = widths[order][1:] + widths[order][:-1]
-    ends = np.flatnonzero(gaps >= SHARED_BAND * sums) + 1
-    members = [part.tolist() for part in np.split(order, ends)]
+    mean_dampings = 0.5 * sums / (f[order][1:] + f[order][:-1])
+    shared = (SHARED_BAND[0] * mean_dampings / DAMPING).clip(*SHARED_BAND)
+    ends = np.flatnonzero(gaps >= shared * sums) + 1
+    members: list[list[int]] = []
+    for part in np.split(order, ends):
+        near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
+        if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
+            members[-1] += part.tolist()
+        else:
+            members.append(part.tolist())
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = np.minimum(
         REACH_BANDWIDTHS * usual,

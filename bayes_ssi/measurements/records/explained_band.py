@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
@@ -24,9 +25,12 @@ NATS_OF_A_MODE = 3.0  # without a clear peak: one in e³ is there; also of one s
 MOST_MODES = 8  # of a band; more are not looked for
 LEAST_SEPARATION = 0.2  # of two modes, over their mean bandwidth
 SHARED_PEAK = 3.0  # times the sum of half bandwidths: modes that are closer share a peak
-PAIR_REACH = 1.25  # half bandwidths from the one mode: farther off there were a peak
-PAIR_SPLITS = (0.5, 1.0)  # dampings to either side, at first
-PAIR_DAMPING = 0.7  # over the one mode's, at first
+PAIR_REACH = 2.5  # half bandwidths from the one mode: farther off there were a peak
+SAME_SHAPE_MAC = 0.8  # above this, modes of one frequency are one
+# One peak in a thousand has a second mode that shows as no peak of its own, and a false pair
+# misleads more than a missed one.
+NATS_OF_A_PAIR = 7.0
+SURE_NATS = 20.0  # beyond which it does not matter whether a climb has quite arrived
 FIRST_STEPS_OF_PAIRS = 8  # of all starts
 PAIRS_TO_THE_TOP = 3  # the best of the starts
 
@@ -38,18 +42,15 @@ class ExplainedPeak(NamedTuple):
     # By which one mode whose sensors have phases explains it better; what is rarer before has fewer
     # already.
     nats_of_phases: float
-    nats_of_two: float  # by which two modes do
+    nats_of_two: float | None  # by which two modes do; None if none are fitted there
+    is_undecided: bool = False  # one mode or two
 
     @property
-    def probabilities(self) -> tuple[float, float]:
+    def probabilities(self) -> tuple[float, float | None]:
         """Of phases, and of two modes."""
-        nats = np.array([0.0, self.nats_of_phases, self.nats_of_two])
-        highest = nats.max()
-        if not math.isfinite(highest):
-            return 0.0, 0.0
-        shares = np.exp(np.maximum(nats - highest, -700.0))
-        _, phases, two = (shares / shares.sum()).tolist()
-        return phases, two
+        two = -math.inf if self.nats_of_two is None else self.nats_of_two
+        shares = softmax([0.0, self.nats_of_phases, two])
+        return float(shares[1]), None if self.nats_of_two is None else float(shares[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,8 @@ class Explained:
         where = f"from {low:.4g} to {high:.4g} Hz"
         if not self.fit.converged:
             return f"{where} the most probable modes were not reached"
+        if any(peak.is_undecided for peak in self.peaks):
+            return f"{where} it is undecided whether a peak holds one mode or two"
         if self.excess > 1.0:
             return (
                 f"{where} the modes do not explain the spectra (chi-square over degrees of freedom "
@@ -184,12 +187,43 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
     return solution[:m].T, np.asarray(variances, dtype=np.float64)
 
 
+def complex_shapes(fit: LocalFit) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """The modes of a band with phases, whether these are needed or not.
+
+    Returns:
+        Frequencies (m,) in Hz; turned shapes (n, m) in channels, at unit length; and the
+        covariances (m, n, n) of their imaginary parts.
+    """
+    if not fit.has_phases:
+        fit = Fitter(fit.spectra, fit.one_source).fit(fit, has_phases=True)
+    data = fit.data
+    rest, variances = rest_of_shapes(fit)
+    r, m = fit.modes.shapes.shape
+    shapes = data.to_channels @ fit.modes.shapes + data.rest_to_channels @ rest
+    lengths = np.linalg.norm(shapes, axis=0)
+    of_rest = data.rest_to_channels @ data.rest_to_channels.T
+    covariances = np.empty((m, len(shapes), len(shapes)))
+    for i in range(m):
+        at = slice(2 * m + (m + i) * r, 2 * m + (m + i + 1) * r)
+        inside = data.to_channels @ fit.covariance[at, at] @ data.to_channels.T
+        covariances[i] = (inside + variances[i] * of_rest) / lengths[i] ** 2
+    covariances *= max(1.0, fit.whiteness / fit.allowed_whiteness)
+    return fit.modes.frequencies_hz, turned(shapes / lengths), covariances
+
+
 # The shapes of a pair at first: shares of the one mode's shape, and of what it leaves unexplained.
 SHARES_OF_PAIRS = (
     ((1.0, 1.0), (0.3, -0.3)),
     ((1.0, 1.0), (-0.3, 0.3)),
     ((1.0, 0.3), (0.0, 1.0)),
     ((0.3, 1.0), (1.0, 0.0)),
+)
+# Dampings to either side, dampings over the one mode's, and shares. Pairs of one frequency have the
+# second shape that the spectra show there.
+STARTS_OF_PAIRS = (
+    *((split, 0.7, shares) for split in (0.5, 1.0) for shares in SHARES_OF_PAIRS),
+    (0.05, 1.0, ((1.0, 0.0), (0.0, 1.0))),
+    (0.05, 1.0, ((0.0, 1.0), (1.0, 0.0))),
 )
 
 
@@ -248,10 +282,9 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
 
 def _coinciding(fit: LocalFit) -> list[int]:
     """The weaker one of the first two modes that are one."""
-    f, half = fit.modes.frequencies_hz, fit.modes.half_widths_hz
     sizes = fit.model.drive.sizes(fit.modes)
-    for i, j in pairwise(np.argsort(f).tolist()):
-        if f[j] - f[i] < LEAST_SEPARATION * (half[i] + half[j]):
+    for i, j in pairwise(np.argsort(fit.modes.frequencies_hz).tolist()):
+        if _are_one(fit, i, j):
             return [i if sizes[i] < sizes[j] else j]
     return []
 
@@ -273,70 +306,91 @@ def share_a_peak(modes: Resonances, i: int) -> bool:
     return bool(apart < SHARED_PEAK * modes.half_widths_hz[i : i + 2].sum())
 
 
-def nats_of_a_pair(fitter: Fitter, fit: LocalFit, i: int) -> float:
-    """Nats by which modes i and i + 1 of a peak explain it better than one in their place."""
+class OneOrTwo(NamedTuple):
+    """How two modes explain a peak in place of one."""
+
+    nats: float | None  # by which two are more probable; None if that is not known
+    other: LocalFit | None  # that with two modes in place of one, or with one in place of two
+    is_undecided: bool = False  # a comparison that might matter did not arrive
+
+
+def one_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
+    """One mode in place of modes i and i + 1, which share a peak."""
     pair = [i, i + 1]
     strongest = i + int(fit.model.drive.sizes(fit.modes)[pair].argmax())
     one = fit.modes.at([strongest])
     others = fit.modes.without(*pair)
     middle = np.exp(np.log(fit.modes.frequencies_hz[pair]).mean(keepdims=True))
+    starts = (others.joined(one._replace(frequencies_hz=f)) for f in (middle, one.frequencies_hz))
     merged = max(
-        fitter.fit(others.joined(one._replace(frequencies_hz=f)), fit.has_phases).log_evidence
-        for f in (middle, one.frequencies_hz)
+        (_arrived(fitter, fitter.fit(start, fit.has_phases)) for start in starts),
+        key=lambda fit_of_one: fit_of_one.log_evidence,
     )
-    return fit.log_evidence - merged
+    # What an unfinished climb has still to gain is little beside hundreds of nats.
+    nats = fit.log_evidence - merged.log_evidence + _nats_of_place(fit, pair) - NATS_OF_A_PAIR
+    if not (merged.converged and fit.converged) and nats < SURE_NATS:
+        return OneOrTwo(None, None, is_undecided=True)
+    return OneOrTwo(nats, merged)
 
 
-def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> tuple[float, LocalFit | None]:
-    """Nats by which two modes explain a peak better than one, and the fit with two."""
+def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
+    """Two modes in place of mode i."""
     one = fit.modes.at([i])
     frequency, damping = float(one.frequencies_hz[0]), float(one.dampings[0])
-    gain, direction = _gain_on_flanks(fitter, fit, one)
+    gain, direction = _gain_of_a_second(fitter, fit, one)
     n_unknowns = 2 + (fitter.r - 1) * (1 + fit.has_phases) + 2 * fitter.r
-    n_lines = max(math.e, 2.0 * damping * frequency / fit.data.line_hz)
     if gain < 0.8 * n_unknowns:
-        return gain - 0.5 * n_unknowns * math.log(n_lines), None
+        return OneOrTwo(None, None)
     others = fit.modes.without(i)
     begun = []
-    for split in PAIR_SPLITS:
-        for of_one, of_rest in SHARES_OF_PAIRS:
-            shapes = one.shapes * np.array(of_one) + direction[:, None] * np.array(of_rest)
-            pair = Resonances(
-                frequency * (1.0 + split * damping * np.array([-1.0, 1.0])),
-                np.full(2, PAIR_DAMPING * damping),
-                shapes / np.linalg.norm(shapes, axis=0),
-            )
-            start = others.joined(pair)
-            begun.append(fitter.fit(start, fit.has_phases, FIRST_STEPS_OF_PAIRS))
+    for split, relative_damping, shares in STARTS_OF_PAIRS:
+        of_one, of_rest = shares
+        shapes = one.shapes * np.array(of_one) + direction[:, None] * np.array(of_rest)
+        pair = Resonances(
+            frequency * (1.0 + split * damping * np.array([-1.0, 1.0])),
+            np.full(2, relative_damping * damping),
+            shapes / np.linalg.norm(shapes, axis=0),
+        )
+        start = others.joined(pair)
+        begun.append(fitter.fit(start, fit.has_phases, FIRST_STEPS_OF_PAIRS))
     begun.sort(key=lambda started: started.log_likelihood, reverse=True)
-    climbed = (fitter.fit(s, fit.has_phases) for s in begun[:PAIRS_TO_THE_TOP])
-    best = max(
-        (two for two in climbed if _is_a_pair(two, frequency, damping)),
-        key=lambda two: two.log_evidence,
-        default=None,
-    )
-    if best is None:
-        return -0.5 * n_unknowns, None
+    climbed = (_arrived(fitter, fitter.fit(s, fit.has_phases)) for s in begun[:PAIRS_TO_THE_TOP])
+    pairs = [two for two in climbed if _is_a_pair(two, frequency, damping)]
+    if not pairs:
+        return OneOrTwo(None, None)
+    best = max(pairs, key=lambda two: two.log_evidence)
     order = np.argsort(best.modes.frequencies_hz)
     if (np.diff(order) < 0).any():
         best = fitter.fit(best.modes.at(order.tolist()), fit.has_phases)
-    nearest = np.sort(_two_nearest(best.modes, frequency))
-    # Given that the peak holds two modes, the second is within a bandwidth, not anywhere.
+    nearest = np.sort(_two_nearest(best.modes, frequency)).tolist()
+    nats = best.log_evidence - fit.log_evidence + _nats_of_place(best, nearest) - NATS_OF_A_PAIR
+    if best.converged and (fit.converged or nats > SURE_NATS):
+        return OneOrTwo(nats, best)
+    return OneOrTwo(None, None, is_undecided=best.log_likelihood > fit.log_likelihood + n_unknowns)
+
+
+def _arrived(fitter: Fitter, fit: LocalFit) -> LocalFit:
+    """The fit, climbed on from where its steps ended."""
+    return fit if fit.converged else fitter.fit(fit, fit.has_phases)
+
+
+def _nats_of_place(fit: LocalFit, pair: Sequence[int]) -> float:
+    """Given that a peak holds two modes, the second is within a bandwidth, not anywhere."""
     low, high = fit.data.band_hz
-    width = 2.0 * float(best.modes.dampings[nearest].mean())
-    apart = float(np.diff(np.log(best.modes.frequencies_hz[nearest]))[0])
+    width = 2.0 * float(fit.modes.dampings[pair].mean())
+    apart = float(np.diff(np.log(fit.modes.frequencies_hz[pair]))[0])
     place = math.log(math.log(high / low) / (width * math.sqrt(2.0 * math.pi)))
-    by_place = place - 0.5 * (apart / (2.0 * width)) ** 2
-    return best.log_evidence - fit.log_evidence + by_place, best
+    return place - 0.5 * (apart / (2.0 * width)) ** 2
 
 
-def _gain_on_flanks(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
-    """What a second mode on a flank of one would gain at most, and in which direction (r,)."""
+def _gain_of_a_second(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
+    """What a second mode at one or on a flank would gain at most, and in which direction (r,)."""
     frequency, damping = float(one.frequencies_hz[0]), float(one.dampings[0])
     unexplained = direction = _unexplained(fit, frequency, damping)
     gain = 0.0
-    for sign in (-1.0, 1.0):
-        for shape in (unexplained, one.shapes[:, 0]):
+    for sign in (-1.0, 0.0, 1.0):
+        # Where the one mode is, another has another shape.
+        for shape in (unexplained, one.shapes[:, 0]) if sign else (unexplained,):
             hz = np.array([frequency * (1.0 + sign * damping)])
             flank = Resonances(hz, one.dampings, shape[:, None])
             gain_of_flank, its_shape = fitter.gain_of(fit, flank)
@@ -349,13 +403,23 @@ def _gain_on_flanks(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[flo
 
 def _is_a_pair(two: LocalFit, frequency: float, damping: float) -> bool:
     """Whether the two modes nearest to one that they replace are modes, at its peak, and apart."""
-    if not (two.converged and two.are_modes.all()):
+    if not two.are_modes.all():
         return False
     nearest = _two_nearest(two.modes, frequency)
     f, half = two.modes.frequencies_hz[nearest], two.modes.half_widths_hz[nearest]
     if (np.abs(f - frequency) > PAIR_REACH * max(half.max(), damping * frequency)).any():
         return False
-    return bool(abs(float(np.diff(f)[0])) >= LEAST_SEPARATION * half.sum())
+    return not _are_one(two, *nearest.tolist())
+
+
+def _are_one(fit: LocalFit, i: int, j: int) -> bool:
+    """Whether two modes differ neither in frequency nor in shape.
+
+    Where one source drives all, two shapes at one frequency are one complex shape.
+    """
+    f, half, shapes = fit.modes.frequencies_hz, fit.modes.half_widths_hz, fit.modes.shapes
+    alike = fit.one_source or abs(np.vdot(shapes[:, i], shapes[:, j])) ** 2 > SAME_SHAPE_MAC
+    return bool(alike and abs(f[i] - f[j]) < LEAST_SEPARATION * (half[i] + half[j]))
 
 
 def _two_nearest(modes: Resonances, frequency: float) -> np.ndarray:

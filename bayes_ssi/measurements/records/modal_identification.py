@@ -20,12 +20,16 @@ from bayes_ssi.measurements.modes.identification_summary import (
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.band_search import explain
-from bayes_ssi.measurements.records.explained_band import Explained, resolution
+from bayes_ssi.measurements.records.explained_band import (
+    Explained,
+    complex_shapes,
+    resolution,
+)
+from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_checks import (
     Stationary,
-    common_delays,
     faults_of,
     filled_samples,
     machine_lines,
@@ -50,11 +54,12 @@ BRIDGED_PERIODS = 0.25  # of the highest frequency, which a straight line replac
 MOST_BRIDGED = 0.01  # of the instants
 LEAST_USED = 0.3  # of a record with gaps
 MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not steady
+FEWEST_DAMPINGS = 3  # with which one is compared
+LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
 GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
 MOST_DELAY_SEARCHES = 3  # delays are sought again where shapes still have phases
-FEWEST_MODES_OF_DELAYS = 2  # the phases of one could be its own
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -166,7 +171,7 @@ def identify(
 
     def searched(
         mask: FloatArray | None,
-    ) -> tuple[Candidates, list[Explained], FloatArray, Spectra]:
+    ) -> tuple[Candidates, list[Explained], list[Delay], Spectra]:
         if pieces is not None:
             mask = pieces if mask is None else pieces * mask
         transforms = transforms_of(still, reach, mask)
@@ -188,12 +193,16 @@ def identify(
             "is left out"
             for start, end in part.spans_s
         ]
-    remarks += [
-        f"sensor {name!r}: {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'} against the "
-        "others, by the phases of the modes; this is removed"
-        for name, delay in zip(record.sensors, late, strict=True)
-        if abs(delay) > 0.05 * np.abs(late).max()
-    ]
+    if late:
+        said = ", ".join(
+            f"{record.sensors[i]!r} by {abs(delay):.2g} ± {deviation:.1g} s "
+            f"({'late' if delay > 0.0 else 'early'})"
+            for i, delay, deviation in sorted(late)
+        )
+        remarks.append(
+            f"clocks differ from the others' by the phases of all modes, at sensor {said}; this is "
+            "removed"
+        )
     result = _result(record, band, found, bands, spectrum, remarks, doubts, ground)
     measured = replace(result.record, sensors=whole.sensors, duration_s=whole.duration_s)
     return replace(result, record=measured, left_out=tuple(left_out.items()))
@@ -228,36 +237,30 @@ def _on_time(
     band: tuple[float, float],
     fixed: bool,
     is_driven: bool,
-) -> tuple[list[Explained], FloatArray, Spectra]:
-    """Bands, delays of the sensors where they explain the spectra, and the spectrum without."""
+) -> tuple[list[Explained], list[Delay], Spectra]:
+    """Bands, sensors that are late by the phases of all modes, and the spectrum without delays."""
+    late: dict[int, Delay] = {}
+    seconds = np.zeros(len(transforms.values))
+    on_time = transforms
     bands = explain(transforms, found, band, fixed, is_driven)
-    late = np.zeros(len(transforms.values))
     for _ in range(MOST_DELAY_SEARCHES):
-        more = _delays(bands)
-        if more is None:
+        of_bands = [complex_shapes(each.fit) for each in bands if each.is_wanted]
+        if not of_bands:
             break
-        on_time, turned = transforms.turned(late + more), found.turned(late + more)
-        again = explain(on_time, turned, band, fixed, is_driven)
-        if _nats_of_phases(again) >= _nats_of_phases(bands):
+        frequencies, shapes, covariances = zip(*of_bands, strict=True)
+        more = delays_of(
+            np.concatenate(shapes, axis=1),
+            np.concatenate(covariances),
+            np.concatenate(frequencies),
+        )
+        if not more:
             break
-        bands, late = again, late + more
-    return bands, late, transforms.spectra(*band, SHOWN_WIDTH)
-
-
-def _delays(bands: Sequence[Explained]) -> FloatArray | None:
-    """Delays (n,) in s that the phases of modes have in common; None where few have phases."""
-    with_phases = [band for band in bands if band.fit.has_phases and band.is_wanted]
-    squares = [square for band in with_phases for square in band.modes.shapes.T**2]
-    if len(squares) < FEWEST_MODES_OF_DELAYS:
-        return None
-    hz = np.concatenate([band.modes.frequencies_hz for band in with_phases])
-    return common_delays(np.array(squares), 2.0 * np.pi * hz[:, None], 2001, 20)[0]
-
-
-def _nats_of_phases(bands: Sequence[Explained]) -> float:
-    """Nats by which phases explain the bands that have them."""
-    wanted = [band for band in bands if band.is_wanted and band.fit.has_phases and band.peaks]
-    return float(sum(max(0.0, band.peaks[0].nats_of_phases) for band in wanted))
+        for sensor, delay, deviation in more:
+            seconds[sensor] += delay
+            late[sensor] = Delay(sensor, float(seconds[sensor]), deviation)
+        on_time = transforms.turned(seconds)
+        bands = explain(on_time, found.turned(seconds), band, fixed, is_driven)
+    return bands, list(late.values()), on_time.spectra(*band, SHOWN_WIDTH)
 
 
 def _inside(explained: Explained, band: tuple[float, float]) -> list[int]:
@@ -421,7 +424,12 @@ def _result(
                 for i in too_short
             ),
         ),
-        doubts=(*doubts, *(doubt for explained, _ in kept if (doubt := explained.doubt))),
+        doubts=(
+            *doubts,
+            *(doubt for explained, _ in kept if (doubt := explained.doubt)),
+            *(f"{peak}" for peak in peaks if peak.is_open),
+            *_too_little_damping(quoted),
+        ),
         quoted=quoted,
         bands=tuple(bands),
         candidates=found,
@@ -429,6 +437,23 @@ def _result(
         too_short=tuple(too_short),
         ground=ground,
     )  # fmt: skip
+
+
+def _too_little_damping(quoted: ModalData) -> Iterable[str]:
+    """A sentence for each mode that may be a machine's line which wanders."""
+    if len(quoted.modes) < FEWEST_DAMPINGS:
+        return
+    dampings, sds = (
+        np.array([getattr(mode, name) for mode in quoted.modes])
+        for name in ("damping", "damping_sd")
+    )
+    for i, mode in enumerate(quoted.modes):
+        usual = float(np.median(np.delete(dampings, i)))
+        if dampings[i] + 2.0 * sds[i] < LEAST_DAMPING_OVER_USUAL * usual:
+            yield (
+                f"mode at {mode.frequency_hz:.4g} Hz: its damping, {100.0 * dampings[i]:.2g} %, is "
+                f"far below the usual {100.0 * usual:.2g} %: is it a wandering line of a machine?"
+            )
 
 
 def _not_identified(

@@ -39,7 +39,7 @@ CLEAR_PEAK_DB = 6.0  # those whose mode is not left out
 CLEAR_PEAK_SDS = 4.5
 BLOCK_WIDTH = 0.006  # of the blocks of lines for peaks
 FEWEST_BLOCK_LINES = (8, 4)  # for wide and for narrow peaks
-DAMPINGS_AT_PEAKS = (0.004, 0.06)  # of poles at peaks, as of structures
+DAMPINGS_AT_PEAKS = (0.004, 0.1)  # of poles at peaks, as of structures
 
 
 class Prominence(NamedTuple):
@@ -218,7 +218,6 @@ def poles_of_orders(
     band_hz: tuple[float, float],
     n_rows: int,
     highest: int,
-    at_sensors: NDArray[Any] | None = None,
 ) -> Iterator[Resonances]:
     """Poles in a band, and their shapes (r, m), of free decays, by every order from 1 on.
 
@@ -230,7 +229,6 @@ def poles_of_orders(
         decays: (lags, r, r), of r directions.
         step_s: from lag to lag, and ``start_hz``, the frequency from which they turn.
         n_rows: blocks in a row of the matrices, and ``highest``, the highest order.
-        at_sensors: (lags, n, r), the same at n sensors, of which shapes (n, m) are then.
     """
     from scipy.linalg import svd
 
@@ -240,9 +238,6 @@ def poles_of_orders(
     left, right = left[:, :highest], right[:highest].conj().T
     shifted = left.conj().T @ block_hankel(decays[1:], n_rows) @ right / root / root[:, None]
     first_rows = left[: decays.shape[1]] * root
-    if at_sensors is not None:
-        in_row = at_sensors[:n_rows].transpose(1, 0, 2)
-        first_rows = in_row.reshape(len(in_row), -1) @ right / root
     for order in range(1, highest + 1):
         discrete, states = np.linalg.eig(shifted[:order, :order])
         with np.errstate(divide="ignore"):

@@ -182,47 +182,6 @@ class Record(Displayed):
         rows = [self.sensors.index(name) for name in sensors]
         return replace(self, samples=_read_only(self.samples[rows]), sensors=sensors)
 
-    def detrended(self) -> "Record":
-        """The record without each sensor's mean and linear trend."""
-        from scipy.signal import detrend
-
-        samples = np.array(self.samples)
-        for row in samples:  # one by one: scipy works on copies
-            row[:] = detrend(row)
-        return replace(self, samples=_read_only(samples))
-
-    def decimated_to(self, highest_hz: float) -> "Record":
-        """The record at the lowest rate that keeps all up to ``highest_hz``.
-
-        A filter without phase shift against aliases passes 0.8 of the new Nyquist frequency
-        (``scipy.signal.decimate``).
-
-        Args:
-            highest_hz: the highest frequency that is needed.
-
-        Raises:
-            ValueError: it is beyond the record's Nyquist frequency, or too few samples are left.
-        """
-        from scipy.signal import decimate
-
-        if not 0.0 < highest_hz <= self.nyquist_hz:
-            raise ValueError(
-                f"highest_hz must be positive and at most {self.nyquist_hz:g}, got {highest_hz!r}"
-            )
-        factor = max(1, int(0.8 * self.nyquist_hz / highest_hz))
-        if self.n_samples <= len(self.sensors) * factor:
-            raise ValueError(
-                f"highest_hz: {highest_hz:g} Hz leaves too few of {self.n_samples} samples"
-            )
-        if factor == 1:
-            return self
-        # Sensor by sensor: the filter works on copies. A mean would be a step at both ends.
-        samples = np.array(
-            [decimate(row - row.mean(), factor, ftype="fir") + row.mean() for row in self.samples]
-        )
-        gaps = tuple((first // factor, -(-end // factor)) for first, end in self.gaps)
-        return replace(self, samples=_read_only(samples), rate_hz=self.rate_hz / factor, gaps=gaps)
-
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
         n, rate = len(self.gaps), self.rate_hz

@@ -66,6 +66,9 @@ COHERENT_SHARE = 0.78
 SAMPLES_AT_A_TIME = 2**16  # of a regression, so that long records need little memory
 
 HANN_SPREAD = 2  # lines to either side over which a Hann window spreads a sine
+HANN_LEAKAGE = 1e-3  # of its power beyond, at most
+FLANK_LINES, FAR_LINES = range(3, 6), range(12, LINES_AROUND + 1)  # to either side
+FLANKS_OVER_FAR = 4.0  # in power; six lines of noise alone have it once in thousands
 
 
 def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
@@ -111,8 +114,9 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     found = []
     for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
         line, direction = int(lines[k]), directions[k].conj()
-        before, here, after = np.abs(direction @ transforms[:, line - 1 : line + 2])
-        if here < max(before, after):
+        nearby = np.abs(direction @ transforms[:, line - around : line + around + 1])
+        before, here, after = nearby[around - 1 : around + 2]
+        if here < max(before, after) or _is_resonance(nearby**2):
             continue
         # Exact for a sine in a Hann window.
         beside = max(before, after) / here
@@ -120,6 +124,16 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
         if _coherence(direction @ samples, refined) > COHERENT_SHARE:
             found.append((float(shares[line]), refined))
     return found
+
+
+def _is_resonance(powers: FloatArray) -> bool:
+    """Whether a line has flanks, of its powers with those of as many lines to either side.
+
+    A mode with ζ f T of 0.3 has them, and a line that wanders; a sine's end with its window.
+    """
+    apart = np.abs(np.arange(len(powers)) - len(powers) // 2)
+    close, far = (powers[np.isin(apart, lines)].mean() for lines in (FLANK_LINES, FAR_LINES))
+    return bool(close > max(FLANKS_OVER_FAR * far, HANN_LEAKAGE * powers.max()))
 
 
 def _standing_out(

@@ -1,0 +1,131 @@
+"""Whose clock is late, and whose phases are damping's own: by evidence over all modes.
+
+A sensor that is late by τ turns in every mode by -2π f τ; damping turns each mode's motion by an
+angle of its own. The imaginary parts of turned shapes are linear in both, and in the phase of the
+whole shape, which nobody knows:
+
+    Im φ_s = Re φ_s (c - 2π f τ_s + α_s) + noise.
+
+All priors are normal, so that every explanation has its evidence in closed form. Sensors are given
+a delay, or phases of their own, one after another while that is more probable than not.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.record_checks import common_delays
+
+DELAY_SD_S = 0.02
+PHASE_SD = 0.2  # of a sensor with phases of its own in every mode
+PRIOR_NATS = -4.6  # one sensor in a hundred is late, and as many have phases of their own
+# Imaginary parts that all sensors may have over the length of a shape, whatever the reason.
+SPREADS = (0.003, 0.01, 0.03, 0.1)
+WHOLE_PHASE_SD = 10.0
+SURE = 0.99  # from which a delay is removed
+
+
+class Delay(NamedTuple):
+    """Of one sensor against the others, in s."""
+
+    sensor: int
+    seconds: float
+    deviation: float
+
+
+def delays_of(
+    shapes: ComplexArray, covariances: FloatArray, frequencies_hz: FloatArray
+) -> list[Delay]:
+    """Delays that are nearly certain.
+
+    Args:
+        shapes: (n, m) at unit length.
+        covariances: (m, n, n) of the imaginary parts of turned shapes.
+        frequencies_hz: (m,)
+    """
+    n, m = shapes.shape
+    omega = 2.0 * np.pi * frequencies_hz
+    near = common_delays((shapes**2).T, omega[:, None], 2001, 20)[0]
+    turned = shapes * np.exp(1j * near[:, None] * omega)
+    turned = turned * np.exp(-0.5j * np.angle((turned**2).sum(0)))
+    terms = [_Terms.of(turned, near, covariances, omega, spread) for spread in SPREADS]
+    # Columns: the delays of all sensors, then the phases of each sensor, mode by mode.
+    columns = [[s] for s in range(n)] + [[n + s * m + j for j in range(m)] for s in range(n)]
+    chosen: list[int] = []
+    best = _log_evidence(terms, [])
+    while len(chosen) < n:
+        left = [g for g in range(2 * n) if g % n not in {c % n for c in chosen}]
+        tried = [_log_evidence(terms, [columns[c] for c in (*chosen, g)]) for g in left]
+        if max(tried) <= best:
+            break
+        best = max(tried)
+        chosen.append(left[int(np.argmax(tried))])
+    found = []
+    for g in (g for g in chosen if g < n):
+        others = [columns[c] for c in chosen if c != g]
+        rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
+        if softmax([_log_evidence(terms, rival) for rival in rivals])[0] > SURE:
+            mean, covariance = _posterior(terms, [columns[g], *others])
+            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * covariance))
+    return found
+
+
+class _Terms(NamedTuple):
+    """ln likelihood = constant + b·x - ½ x·F x, x in units of prior standard deviations."""
+
+    constant: float
+    slope: FloatArray
+    information: FloatArray
+
+    @classmethod
+    def of(
+        cls, turned: ComplexArray, near: FloatArray, covariances: FloatArray, omega: FloatArray,
+        spread: float,
+    ) -> "_Terms":  # fmt: skip
+        n, m = turned.shape
+        constant, slope = 0.0, np.zeros(n + n * m)
+        information = np.zeros((n + n * m, n + n * m))
+        for j in range(m):
+            real = turned[:, j].real
+            imaginary = turned[:, j].imag - real * omega[j] * near  # as before turning
+            noise = covariances[j] + spread**2 / n * np.eye(n)
+            noise = noise + WHOLE_PHASE_SD**2 * np.outer(real, real)
+            places = np.r_[:n, n + np.arange(n) * m + j]
+            rows = np.concatenate(
+                [np.diag(-omega[j] * DELAY_SD_S * real), np.diag(PHASE_SD * real)]
+            )
+            solved = np.linalg.solve(noise, np.column_stack([imaginary, rows.T]))
+            constant -= 0.5 * float(imaginary @ solved[:, 0] + np.linalg.slogdet(noise)[1])
+            slope[places] += rows @ solved[:, 0]
+            information[np.ix_(places, places)] += rows @ solved[:, 1:]
+        return cls(constant, slope, information)
+
+    def part(self, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Slope and precision, with the prior's, of some columns."""
+        return self.slope[places], self.information[np.ix_(places, places)] + np.eye(len(places))
+
+
+def _of_each_spread(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> list[float]:
+    places = [place for group in groups for place in group]
+    nats = []
+    for each in terms:
+        slope, precision = each.part(places)
+        gain = slope @ np.linalg.solve(precision, slope) - np.linalg.slogdet(precision)[1]
+        nats.append(each.constant + 0.5 * float(gain))
+    return nats
+
+
+def _log_evidence(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> float:
+    return float(logsumexp(_of_each_spread(terms, groups))) + PRIOR_NATS * len(groups)
+
+
+def _posterior(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> tuple[float, float]:
+    """Mean and standard deviation of the first column."""
+    slope, precision = terms[int(np.argmax(_of_each_spread(terms, groups)))].part(
+        [place for group in groups for place in group]
+    )
+    covariance = np.linalg.inv(precision)
+    return float(covariance[0] @ slope), float(np.sqrt(covariance[0, 0]))

@@ -1,0 +1,47 @@
+"""Delays of clocks against phases of damping, from shapes whose phases are made up."""
+
+import numpy as np
+import pytest
+
+from bayes_ssi.measurements.records.late_clocks import delays_of
+
+HZ = np.array([1.1, 3.0, 4.7, 6.2])
+NOISE = 0.003
+
+
+def shapes(rng, n, delays=(), own=()):
+    """Turned shapes (n, m) with the delays in s of some sensors, and phases of some sensors."""
+    real = np.zeros((n, len(HZ)))
+    while np.abs(real[2]).min() < 0.1:  # at the nodes of most modes nothing is known of a clock
+        real = np.linalg.qr(rng.standard_normal((n, len(HZ))))[0]
+    angles = np.zeros(real.shape)
+    for sensor, seconds in delays:
+        angles[sensor] = -2.0 * np.pi * HZ * seconds
+    for sensor, phases in own:
+        angles[sensor] = phases
+    return real * np.exp(1j * angles) + NOISE * 1j * rng.standard_normal(real.shape)
+
+
+@pytest.mark.parametrize("n", [5, 12])
+def test_delays_are_known_with_their_errors(n):
+    """Of twenty sensors that are 6 to 40 ms late: squares over variances have a mean near 1."""
+    rng = np.random.default_rng(n)
+    covariances = np.tile(NOISE**2 * np.eye(n), (len(HZ), 1, 1))
+    squares = []
+    for true in np.linspace(0.006, 0.04, 20):
+        (found,) = delays_of(shapes(rng, n, [(2, true)]), covariances, HZ)
+        assert found.sensor == 2
+        squares.append(((found.seconds - true) / found.deviation) ** 2)
+    assert 0.4 < np.mean(squares) < 1.9  # of chi-square of 20: one in a thousand beyond either
+
+
+def test_what_is_no_delay_is_not_said():
+    """Sound shapes; phases of one sensor that do not grow with frequency; one mode alone."""
+    rng, n = np.random.default_rng(0), 6
+    covariances = np.tile(NOISE**2 * np.eye(n), (len(HZ), 1, 1))
+    for seed in range(20):
+        assert not delays_of(shapes(rng, n), covariances, HZ)
+        phases = (0.3, -0.3, 0.05, 0.02) if seed % 2 else (0.2, 0.1, 0.0, 0.0)
+        assert not delays_of(shapes(rng, n, own=[(3, phases)]), covariances, HZ)
+        one = shapes(rng, n, [(1, 0.02)])[:, :1]
+        assert not delays_of(one, covariances[:1], HZ[:1])
