@@ -54,7 +54,9 @@ def test_a_warmer_season_is_no_change(script):
     rng = np.random.default_rng(1)
     first = simulated(script, rng, 40, rng.uniform(0.0, 15.0, 40))
     second = simulated(script, rng, 40, rng.uniform(10.0, 25.0, 40))
-    assert script.jump_of(script.changed(first, second))[0] < 0.1
+    probability, _ = script.jump_of(script.changed(first, second))
+    assert probability < 0.1
+    assert script.screened(first, second).probability_of_any == pytest.approx(probability, rel=0.3)
     assert abs(second.hz.mean() / first.hz.mean() - 1.0) > 0.003
 
 
