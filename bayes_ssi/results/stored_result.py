@@ -3,8 +3,9 @@
 A result directory holds ``result.json`` (study, inputs, versions, seed, settings and everything
 but the draws), ``data.csv`` (the identified modes; next to it, how they were identified; where
 there are several configurations, files for each in ``data/``), ``comparison.json`` and
-``comparison.csv``, and ``posteriors/*.nc`` (draws of each class, which arviz opens). Results of
-commands have ``figures``. ``digests.json`` holds the digests of all these files.
+``comparison.csv``, and of each class ``posteriors/*.nc`` (draws, which arviz opens) and ``*.npz``
+(what its log evidence is recomputed from, which nothing here reads). Results of commands have
+``figures``. ``digests.json`` holds the digests of all these files.
 """
 
 import shutil
@@ -32,7 +33,6 @@ from bayes_ssi.studies.ranking.study import (
     RankedStudy,
     Ranking,
     ResultRecord,
-    Study,
 )
 from bayes_ssi.studies.search.findings import FamilyRecord
 
@@ -152,11 +152,14 @@ def save_result(
     """
     with result_files.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
-        data = _save_tests(ranking.study, partial)
+        data = _save_tests(ranking.tests, partial)
         files = file_names([row.name for row in ranking.posteriors], "nc")
         draws = {name: f"posteriors/{file}" for name, file in files.items()}
         for posterior in ranking.posteriors:
-            save_draws(partial / draws[posterior.name], posterior)
+            path = partial / draws[posterior.name]
+            save_draws(path, posterior)
+            if posterior.importance_draws is not None:
+                np.savez(path.with_suffix(".npz"), **posterior.importance_draws)
         record = replace(
             ranking.record,
             study_file=study_file,
@@ -177,17 +180,15 @@ def save_result(
     return load_result(directory)
 
 
-def _save_tests(study: Study, directory: Path) -> dict[str, str]:
+def _save_tests(tests: Mapping[str, ModalData], directory: Path) -> dict[str, str]:
     """Write the identified modes of every configuration: its name → its file."""
-    configurations = study.model_classes[0].configurations
     files = {"": "data.csv"}
-    if [configuration.name for configuration in configurations] != [""]:
+    if list(tests) != [""]:
         (directory / "data").mkdir()
-        names = file_names([configuration.name for configuration in configurations], "csv")
-        files = {name: f"data/{file}" for name, file in names.items()}
-    for configuration in configurations:
-        path = directory / files[configuration.name]
-        write_modal_data(_with_own_figures(configuration.data, path), path)
+        files = {name: f"data/{file}" for name, file in file_names(list(tests), "csv").items()}
+    for name, data in tests.items():
+        path = directory / files[name]
+        write_modal_data(_with_own_figures(data, path), path)
     return files
 
 

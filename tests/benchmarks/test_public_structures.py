@@ -64,3 +64,15 @@ def test_the_air_frame_is_that_of_its_source():
         hz = full.modes(full.prior_medians()).frequencies_hz[0, first:][:4]
         # The source takes the torsion constants from a table, which is 0.3 % off.
         np.testing.assert_allclose(hz, expected, rtol=0.0015)
+
+
+def test_states_with_thin_columns_are_compared_as_if_nothing_were_known_of_them():
+    (frame,) = bs.load_study(ROOT / "runs" / "los_alamos_columns.py").model_classes
+    known = bs.load_study(ROOT / "model_classes" / "los_alamos_frame.py").model_classes[1]
+    names = [test.name for test in frame.configurations]
+    assert names == ["state 1", "state 4", "state 5", "state 6", "state 7", "state 8", "state 9"]
+    intact = known.configuration("state 1").structure
+    hz = intact.modes(intact.prior_medians()).frequencies_hz
+    for test in frame.configurations:
+        assert test.data.digest == known.configuration(test.name).data.digest
+        np.testing.assert_array_equal(test.structure.modes(intact.prior_medians())[0], hz)

@@ -4,7 +4,7 @@ With the modes that it keeps at its draws, a likelihood under other settings is 
 solving for any mode.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -151,6 +151,10 @@ class Posterior(Displayed):
             approximate structures were solved exactly; zero where no structure is approximate.
         emulators: what was emulated, configuration by configuration, None for other structures;
             not stored.
+        importance_draws: what the log evidence is recomputed from: the arrays of
+            :attr:`~bayes_ssi.inference.sampling.importance.ImportanceSample.arrays`, and where it
+            was corrected by exact solutions of the structures, their log-likelihoods minus those
+            that were sampled, ``changes`` (m,), at posterior draws; saved, but not read back.
     """
 
     name: str
@@ -186,6 +190,7 @@ class Posterior(Displayed):
     frequency_error: float = 0.0
     emulators: tuple[Any, ...] = ()
     most_unseen_evidence: float | None = None
+    importance_draws: Mapping[str, Any] | None = None
 
     @property
     def configuration_names(self) -> tuple[str, ...]:

@@ -115,7 +115,7 @@ class Confirmation(NamedTuple):
     values: FloatArray  # (n, n_parameters), the draws
     correction: float  # of the log evidence
     error: float  # of the correction
-    change: float  # of the mean log-likelihood
+    changes: FloatArray  # (n,), of the log-likelihood at the draws
     # Largest relative difference of frequencies, and least MAC at the sensors; None without shapes.
     differences: tuple[float, float | None]
     kind: str  # of solutions, in the plural
@@ -156,7 +156,7 @@ def confirmed(
         values,
         float(change.max() + math.log(weights.mean())),
         error,
-        float(change[possible].mean()),
+        change,
         _differences(model_class, exact, values[possible]),
         "solutions in a finer basis" if is_approximate(exact) else "full solutions",
     )
@@ -182,14 +182,16 @@ def corrected(
         f"by {frequency:.1g} at most{macs} and the log evidence was corrected by "
         f"{correction:+.4f} ± {error:.4f}"
     )
-    evidence = posterior.evidence
+    evidence, changes = posterior.evidence, confirmation.changes
+    of_mean = float(changes[np.isfinite(changes)].mean())
     return replace(
         posterior,
+        importance_draws={**(posterior.importance_draws or {}), "changes": changes},
         evidence=replace(
             evidence,
             log_evidence=evidence.log_evidence + correction,
             error=math.hypot(evidence.error, error),
-            mean_log_likelihood=evidence.mean_log_likelihood + confirmation.change,
+            mean_log_likelihood=evidence.mean_log_likelihood + of_mean,
             checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
         remarks=(*posterior.remarks, *remarks, remark),

@@ -254,6 +254,7 @@ def sample_as_it_is(
         ),
         adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
         most_unseen_evidence=most_evidence(model_class, sampled.search.largest_unseen_mass),
+        importance_draws=sampled.importance.arrays,
     )
 
 

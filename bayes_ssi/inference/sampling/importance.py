@@ -5,7 +5,7 @@ Bridge sampling, which checks it, joins those draws with others from the posteri
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -145,13 +145,14 @@ class ImportanceSample:
         """The draws in ``n`` equal parts, in random order."""
         parts = np.array_split(rng.permutation(len(self.z)), n)
         return [
-            ImportanceSample(self.mixture, *(values[part] for values in self._by_draw))
+            replace(self, **{name: values[part] for name, values in self.arrays.items()})
             for part in parts
         ]
 
     @property
-    def _by_draw(self) -> tuple[NDArray[Any], ...]:
-        return self.z, self.log_likelihoods, self.log_proposals, self.strata
+    def arrays(self) -> dict[str, Any]:
+        """Name → what there is of every draw: all fields but the mixture."""
+        return {each.name: getattr(self, each.name) for each in fields(self)[1:]}
 
     def resampled(self, rng: np.random.Generator) -> Walkers:
         """As many equally weighted posterior draws as there are importance draws, shuffled.
@@ -321,7 +322,7 @@ class ImportanceSampler:
 
 def joined_samples(samples: Sequence[ImportanceSample]) -> ImportanceSample:
     """Draws of one mixture as one sample."""
-    parts = zip(*(sample._by_draw for sample in samples), strict=True)
+    parts = zip(*(sample.arrays.values() for sample in samples), strict=True)
     return ImportanceSample(samples[0].mixture, *map(np.concatenate, parts))
 
 

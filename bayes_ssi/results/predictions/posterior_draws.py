@@ -117,7 +117,7 @@ class PosteriorDraws:
     @cached_property
     def frequencies_hz(self) -> FloatArray:
         """(n_draws, n_modes)."""
-        return self.evaluate(lambda values: Modes(*self.structure.modes(values)).frequencies_hz)
+        return self.evaluate(lambda x: Modes(*self.structure.modes(x)).frequencies_hz, self.values)
 
     def shapes(self, number: int, places: Sequence[str]) -> FloatArray:
         """The shape of a model mode at places, (n_draws, n_places), in the structure's scale.
@@ -130,21 +130,16 @@ class PosteriorDraws:
             turned = self.likelihood.turned_modes(values, self.likelihood.modes(values))
             return matrix.apply(turned.shapes[:, :, number - 1])
 
-        return self._evaluated(at_places, self.of_likelihood)
+        return self.evaluate(at_places, self.of_likelihood)
 
     def evaluate(
-        self, function: Callable[[FloatArray], FloatArray], size_per_draw: int = 0
-    ) -> FloatArray:
-        """A function of the structure's parameter values (B, n_parameters), for all draws.
-
-        ``size_per_draw`` is the size of its largest array for each draw, in numbers, if that is
-        larger than the mode shapes.
-        """
-        return self._evaluated(function, self.values, size_per_draw)
-
-    def _evaluated(
         self, function: Callable[[FloatArray], FloatArray], values: FloatArray, size: int = 0
     ) -> FloatArray:
+        """A function of parameter values (n, n_parameters), batch by batch.
+
+        ``size`` is that of its largest array for each draw, in numbers, if that is larger than the
+        mode shapes.
+        """
         shapes_size = max(1, len(self.structure.degrees_of_freedom)) * self.structure.n_modes
         rows = max(1, ARRAY_SIZE // max(shapes_size, size))
         # The matrices of a draw are small: threads inside BLAS would only wait for one another.

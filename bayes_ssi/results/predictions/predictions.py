@@ -154,7 +154,8 @@ class Predictions:
         for each in self.classes:
             with _named(each):
                 function = partial(compute, each.structure)
-                parts.append(each.evaluate(function, size_per_mode * each.structure.n_modes))
+                size = size_per_mode * each.structure.n_modes
+                parts.append(each.evaluate(function, each.values, size))
         return self._joined(parts)
 
     def _joined(self, parts: list[FloatArray]) -> Prediction:
@@ -172,13 +173,10 @@ class Predictions:
     def _classes_with(self, mode: str | int) -> list[tuple[PosteriorDraws, int]]:
         """The classes that have a mode, with its number."""
         if isinstance(mode, str):
-            explained = [
-                (each, each.pairing[mode]) for each in self.classes if mode in each.pairing
-            ]
             known = dict.fromkeys(label for each in self.classes for label in each.pairing)
             what = f"{self.name}: no model mode is paired with an identified mode"
             require_known(what, [mode], known)
-            return explained
+            return [(each, each.pairing[mode]) for each in self.classes if mode in each.pairing]
         if len(self.classes) > 1:
             raise ValueError(
                 f"{self.name}: mode {mode!r} differs between the model classes; give the "

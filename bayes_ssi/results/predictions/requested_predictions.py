@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.summaries import LEVEL
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -167,7 +167,7 @@ def predict_responses(
             largest = np.maximum(draws.max(-1), -draws.min(-1))
             curves.append(Prediction(draws).band(request.level))
             peaks.append(Prediction(largest).band(request.level))
-        return Response(_joined(curves), _joined(peaks))
+        return Response(joined(curves), joined(peaks))
 
     transfer = None
     if frequencies_hz is not None:
@@ -187,10 +187,6 @@ def predict_responses(
         m.label: predictions.shapes(m.label, places).band(request.level) for m in modes if places
     }
     return ResponseBands(predictions, request, modes, places, shapes, transfer, histories)
-
-
-def _joined(bands: list[Band]) -> Band:
-    return Band(*(np.concatenate(part) for part in zip(*bands, strict=True)))
 
 
 def completed_request(

@@ -208,6 +208,7 @@ class RankedStudy(InWords):
 IN_THE_FILE_OF_DRAWS = (
     "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms", "prior_draws",
 )  # fmt: skip
+NOT_IN_THE_RECORD = (*IN_THE_FILE_OF_DRAWS, "emulators", "importance_draws")
 
 
 @dataclass(frozen=True)
@@ -271,7 +272,7 @@ class Ranking(RankedStudy):
             model_classes=tuple(map(class_record, study.model_classes)),
             stands_for=study.stands_for,
             posteriors=tuple(
-                to_record(posterior, without=(*IN_THE_FILE_OF_DRAWS, "emulators"))
+                to_record(posterior, without=NOT_IN_THE_RECORD)
                 # For other programs.
                 | {"summary": to_record(posterior.summary)}
                 for posterior in self.posteriors
