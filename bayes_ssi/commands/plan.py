@@ -85,7 +85,6 @@ def plan(
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.inference.workers.workers import STUDY_MODULE
     from bayes_ssi.report.tables.plan_tables import (
-        change_table,
         layout_table,
         number_table,
         plan_answer,
@@ -126,7 +125,7 @@ def plan(
         with style():
             save_figure(plot_layout(planned), out / "layout.png")
             save_figure(plot_gains(planned), out / "gains.png")
-    terminal.show(layout_table(planned), number_table(planned), change_table(planned))
+    terminal.show(layout_table(planned), number_table(planned))
     terminal.say(*plan_notes(planned))
     terminal.say_in_paragraphs(plan_answer(planned))
     terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])

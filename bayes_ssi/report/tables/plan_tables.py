@@ -95,14 +95,6 @@ def number_table(plan: Plan) -> Table:
     return table
 
 
-def change_table(plan: Plan) -> Table:
-    """What one sensor less or more, or smaller errors, would change in the best layout."""
-    table = new_table("What would change the gain of the best layout", ["change"], ["nats"])
-    for what, change in sorted(plan.changes.items(), key=lambda each: each[1]):
-        add_row(table, what, gain_text(*change, "+.3f"))
-    return table
-
-
 def plan_notes(plan: Plan) -> Iterator[str]:
     """How the figures were found, and how far off they may be."""
     classes = (f"{name!r} {probability_text(share)}" for name, share in plan.classes.items())
@@ -119,8 +111,8 @@ def plan_notes(plan: Plan) -> Iterator[str]:
         else f"Greedy search with exchanges, {plan.n_tried} layouts tried. Begun from effective "
         f"independence, it ends at a gain {plan.other_start:+.3f} nats from the best."
     )
-    without = (change for what, change in plan.changes.items() if "without" in what)
-    if any(gain > 2.0 * error for gain, error in without):
+    fewer, more = plan.by_number, plan.by_number[1:]
+    if any(a.gain > b.gain + 2.0 * b.error for a, b in zip(fewer, more, strict=False)):
         yield (
             "A sensor can take information away: errors of shapes are stated at unit length over "
             "the sensors of a layout, and one on which the classes agree dilutes the others."

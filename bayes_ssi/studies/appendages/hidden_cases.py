@@ -25,8 +25,8 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.baselines import (
+    Baselines,
     choose_baselines,
     frequency_name,
     frequency_prior,
@@ -137,24 +137,8 @@ def blind_spots(
     test, structure = _Test(best.data.sensors, best.data.band_hz), best.structure
     others = [each for each in structure.degrees_of_freedom if each not in test.sensors]
     others = others if len(others) <= MOST_SENSORS else []
-    places = [*test.sensors, *others]
     own = structure.modes(structure.prior_medians()).frequencies_hz[0]
-    lowest, _ = frequency_prior(best, baselines.tests(best), baselines.options).support
-    frequencies = np.geomspace(lowest, BAND_WIDENED * test.band_hz[1], n_frequencies)
-    cases = []
-    for place in baselines.appendages(best.name):
-        carrying = baselines.hypothesis(best, (place,), place.name).structure
-        matrix = carrying.sensor_matrix(places)
-        medians = dict(zip(_names(carrying), carrying.prior_medians()[0], strict=True))
-        medians[in_model_name(place)] = 0.0  # extra, but for an element given as mass
-        for ratio, hz in product(MASSES, frequencies.tolist()):
-            values = medians | {mass_name(place): ratio, frequency_name(place): hz}
-            modes = carrying.modes(np.array([[values[name] for name in _names(carrying)]]))
-            moved = dict(zip(places, matrix.apply(modes.shapes)[0], strict=True))
-            real = _Real(modes.frequencies_hz[0], moved)
-            mass = ratio * baselines.scales[best.name].mass
-            for missed in (0, *real.pair(int(np.abs(np.log(own / hz)).argmin()), test)):
-                cases.append((HiddenCase(place.name, mass, hz, missed), real))
+    cases = list(_cases(baselines, test, others, own, n_frequencies))
 
     def all_judged(what: str, some: Sequence[_Case], test: _Test) -> list[HiddenCase]:
         numbers = count(1)
@@ -232,6 +216,29 @@ class _Real(NamedTuple):
 _Case = tuple[HiddenCase, _Real]
 
 
+def _cases(
+    baselines: Baselines, test: _Test, others: Sequence[str], own: FloatArray, n_frequencies: int
+) -> Iterator[_Case]:
+    """Every appendage and mode missed; ``own`` are frequencies of the structure without any."""
+    (best,) = baselines.classes
+    lowest, _ = frequency_prior(best, baselines.tests(best), baselines.options).support
+    frequencies = np.geomspace(lowest, BAND_WIDENED * test.band_hz[1], n_frequencies)
+    measured = [*test.sensors, *others]
+    for place in baselines.appendages(best.name):
+        structure = baselines.hypothesis(best, (place,), place.name).structure
+        matrix, names = structure.sensor_matrix(measured), [p.name for p in structure.parameters]
+        medians = dict(zip(names, structure.prior_medians()[0], strict=True))
+        medians[in_model_name(place)] = 0.0  # extra, but for an element given as mass
+        for ratio, hz in product(MASSES, frequencies.tolist()):
+            values = medians | {mass_name(place): ratio, frequency_name(place): hz}
+            modes = structure.modes(np.array([[values[name] for name in names]]))
+            moved = dict(zip(measured, matrix.apply(modes.shapes)[0], strict=True))
+            real = _Real(modes.frequencies_hz[0], moved)
+            mass = ratio * baselines.scales[best.name].mass
+            for missed in (0, *real.pair(int(np.abs(np.log(own / hz)).argmin()), test)):
+                yield HiddenCase(place.name, mass, hz, missed), real
+
+
 def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
     """What an analyst with the class makes of a case, with the errors of identification stated."""
     hidden, real = case
@@ -268,7 +275,3 @@ def _most_wrong(model_class: ModelClass, medians: Mapping[str, float]) -> tuple[
         for each in model_class.structural_parameters
     }
     return max(errors.items(), key=lambda each: abs(each[1]))
-
-
-def _names(structure: Structure) -> list[str]:
-    return [parameter.name for parameter in structure.parameters]
