@@ -39,7 +39,6 @@ from bayes_ssi.studies.ranking.comparison import BARE_MENTION, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
 from bayes_ssi.studies.search.findings import SearchResult
 
-
 SURE_PAIRING = 0.95  # least probability of a pairing that is said without it
 
 
