@@ -13,6 +13,8 @@ from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 STUDY = MODEL_CLASSES / "bare_building.py"
+# Of a uniform three-storey building of unit masses, with its first mode at 1 Hz.
+STIFFNESS = (np.pi / np.sin(np.pi / 14.0)) ** 2
 FLOORS = module._Test(("floor 1", "floor 2", "floor 3"), (0.0, 6.0))
 
 
@@ -34,9 +36,7 @@ def modes_with_pendulum(stiffness, mass, hz):
 
 
 def test_the_table_has_the_modes_of_the_structure_with_the_appendage(spots):
-    # A uniform three-storey building of unit masses with its first mode at 1 Hz.
-    stiffness = (np.pi / np.sin(np.pi / 14.0)) ** 2
-    hz, shapes = modes_with_pendulum(stiffness, 0.1, 3.0)
+    hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 3.0)
     moved = {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)}
     data = module._Real(hz, moved).table(FLOORS, 3, {"frequency_cov": 0.01})
     assert data.labels == ("1", "2", "4")
@@ -49,8 +49,8 @@ def test_the_table_has_the_modes_of_the_structure_with_the_appendage(spots):
 @pytest.mark.parametrize(("own", "missed"), [(0, [1, 2]), (1, [2, 3]), (2, [3])])
 def test_modes_that_may_be_missed_bracket_the_structures_own(own, missed):
     """An appendage's eigenvalues and the structure's interlace; one is above the band."""
-    hz, shapes = modes_with_pendulum(63.7, 0.1, 5.9)
-    bare = np.sqrt(63.7) / np.pi * np.sin(np.array([1, 3, 5]) * np.pi / 14.0)
+    hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 5.9)
+    bare = np.sqrt(STIFFNESS) / np.pi * np.sin(np.array([1, 3, 5]) * np.pi / 14.0)
     assert hz[own] < bare[own] < hz[own + 1]
     real = module._Real(hz, {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)})
     assert real.pair(own, FLOORS) == missed
@@ -72,6 +72,20 @@ def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spot
     assert highest == [0, 3]
     assert spots.n_tried == 1
     assert list(spots.remedies) == ["a band to 9.38 Hz"]
+
+
+def test_the_structure_carries_the_appendage_besides_its_own_mass():
+    study = load_study(STUDY)
+    baselines = module.choose_baselines(study, candidates=[bs.Candidate("2", 2)])
+    (best,) = baselines.classes
+    (scale,) = {each.mass for each in baselines.scales.values()}
+    own = best.structure.modes(best.structure.prior_medians()).frequencies_hz[0]
+    for case, real in module._cases(baselines, FLOORS, (), own, 3):
+        by_hand, shapes = modes_with_pendulum(STIFFNESS, case.mass / scale, case.frequency_hz)
+        assert real.frequencies_hz == pytest.approx(by_hand, rel=1e-6)
+        macs = np.sum(real.shapes(FLOORS).T * shapes, axis=1) ** 2
+        lengths = np.sum(real.shapes(FLOORS) ** 2, axis=0) * np.sum(shapes**2, axis=1)
+        assert macs == pytest.approx(lengths, rel=1e-6)
 
 
 @pytest.fixture(scope="module")
