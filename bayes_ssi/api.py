@@ -83,6 +83,9 @@ from bayes_ssi.structures.space_frame import SpaceFrame as SpaceFrame
 from bayes_ssi.structures.structure import Structure as Structure
 from bayes_ssi.studies.appendages.candidates import SearchSettings as SearchSettings
 from bayes_ssi.studies.appendages.candidates import read_candidates as read_candidates
+from bayes_ssi.studies.appendages.hidden_cases import BlindSpots as BlindSpots
+from bayes_ssi.studies.appendages.hidden_cases import HiddenCase as HiddenCase
+from bayes_ssi.studies.appendages.hidden_cases import blind_spots as blind_spots
 from bayes_ssi.studies.changes.changes_family import ChangeSettings as ChangeSettings
 from bayes_ssi.studies.planning.layout_plans import plan as plan
 from bayes_ssi.studies.planning.plan_record import Layout as Layout

@@ -9,6 +9,7 @@ import re
 
 import click
 
+from bayes_ssi.commands.blind_spots import blind_spots
 from bayes_ssi.commands.calibrate import calibrate, sensitivities
 from bayes_ssi.commands.changes import changes
 from bayes_ssi.commands.check import check
@@ -40,6 +41,7 @@ COMMANDS = (
     search,
     changes,
     plan,
+    blind_spots,
     what_if,
     hierarchy,
     predict,

@@ -85,7 +85,6 @@ def plan(
     from bayes_ssi.inference.workers.run import Run
     from bayes_ssi.inference.workers.workers import STUDY_MODULE
     from bayes_ssi.report.tables.plan_tables import (
-        change_table,
         layout_table,
         number_table,
         plan_answer,
@@ -128,7 +127,7 @@ def plan(
             save_figure(plot_gains(planned), out / "gains.png")
     terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     terminal.say_in_paragraphs(plan_answer(planned), "")
-    terminal.show(layout_table(planned), number_table(planned), change_table(planned))
+    terminal.show(layout_table(planned), number_table(planned))
     terminal.say(*plan_notes(planned))
     if out is not None:
         terminal.say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")

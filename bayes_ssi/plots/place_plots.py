@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.ticker import MaxNLocator
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from bayes_ssi.plots import figure_style as look
 from bayes_ssi.plots.space import axes_in_space, longest_side
+from bayes_ssi.studies.appendages.hidden_cases import BlindSpots
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 from bayes_ssi.studies.search.findings import FamilyRecord
@@ -167,3 +170,49 @@ def plot_gains(plan: Plan, ax: Axes | None = None) -> Axes:
     ax.set_ylabel(f"information about {plan.aim} (nats)")
     look.legend_below(ax, 3)
     return ax
+
+
+# What becomes of an appendage, by the colour of its cell.
+OUTCOMES = {
+    "no stiffness wrong": "#EEEEEE",
+    "wrong, said": look.BLUE,
+    "blind if one mode is missed": look.ORANGE,
+    "blind with all modes": look.VERMILION,
+}
+
+
+def plot_blind_spots(spots: BlindSpots, figure: Figure | None = None) -> Figure:
+    """Maps of hidden appendages, a panel for each place: mass over frequency, outcomes in colour.
+
+    Dotted lines are frequencies of the structure without them.
+    """
+    places = list(dict.fromkeys(case.place for case in spots.cases))
+    figure, axes = look.panels_of(figure, len(places), 1.1, 1.3, sharex=True, sharey=True)
+    for ax, place in zip(axes, places, strict=True):
+        cells: dict[tuple[float, float], int] = {}
+        for case in (each for each in spots.cases if each.place == place):
+            outcome = (2 if case.missed else 3) if case.is_blind else int(bool(case.warning))
+            key = (case.mass, case.frequency_hz)
+            cells[key] = max(outcome, cells.get(key, 0))
+        masses, hz = (sorted({key[i] for key in cells}) for i in (0, 1))
+        grid = [[cells[mass, each] for each in hz] for mass in masses]
+        colours = ListedColormap(list(OUTCOMES.values()))
+        edges = np.sqrt(hz[1] / hz[0]) * np.array([hz[0] ** 2 / hz[1], *hz])
+        ax.pcolormesh(edges, np.arange(len(masses) + 1) - 0.5, grid, cmap=colours, vmin=-0.5,
+                      vmax=3.5, edgecolors="white", linewidth=0.5)  # fmt: skip
+        ax.set_yticks(range(len(masses)), [f"{mass:.3g}" for mass in masses])
+        for each in spots.frequencies_hz:
+            if edges[0] < each < edges[-1]:
+                ax.axvline(each, color="black", linestyle=":", linewidth=0.8)
+        ax.set_xscale("log")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("")
+        look.title_of(ax, place)
+        if ax.get_subplotspec().is_last_row():
+            ax.set_xlabel("frequency (Hz)")
+        if ax.get_subplotspec().is_first_col():
+            ax.set_ylabel("vibrating mass")
+    handles = [Patch(color=colour, label=name) for name, colour in OUTCOMES.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=look.SMALL_TEXT)
+    return figure

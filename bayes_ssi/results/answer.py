@@ -39,6 +39,8 @@ from bayes_ssi.studies.ranking.comparison import BARE_MENTION, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
 from bayes_ssi.studies.search.findings import SearchResult
 
+SURE_PAIRING = 0.95  # least probability of a pairing that is said without it
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -337,8 +339,12 @@ def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:
     # Rounded down, and below the 1 that no MAC exceeds.
     closeness += [f"MAC above {min(math.floor(1e3 * min(macs)), 999) / 1e3:.3f}"] if macs else []
     how = f" ({', '.join(closeness)})" if closeness else ""
+    inferred = (modes.inferred_pairing for modes in posterior.configurations)
+    least = min((each.pairings[0].probability for each in inferred if each), default=1.0)
+    if least < SURE_PAIRING:
+        how += f", in the most probable pairing (probability {probability_in_words(least)}),"
     if not missed:
-        return f"pairs all {len(labels)} identified modes{how}"
+        return f"pairs all {len(labels)} identified modes{how}".rstrip(",")
     n = len(labels) + len(missed)
     spurious = f"takes {listed(map(repr, missed))} for spurious"
     return f"pairs {len(labels)} of {n} identified modes{how} and {spurious}"

@@ -385,8 +385,6 @@ def steel(given):
               f"{plan.best.gain:.3f} ± {plan.best.error:.3f} of {plan.greatest:.3f}, right class "
               f"named {plan.best.naming:.3f}; effective draws {plan.effective_draws:.0f}, bias "
               f"{plan.bias:+.4f} {plan.failed_checks}")  # fmt: skip
-        for what, (gain, error) in plan.changes.items():
-            print(f"  {what}: {gain:+.3f} ± {error:.3f}", flush=True)
 
 
 def main():

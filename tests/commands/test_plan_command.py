@@ -21,7 +21,6 @@ def test_plan_prints_layouts_and_saves_the_form(run, tmp_path):
         "Layouts of 2 sensors",
         "any: frequencies alone",
         "Gain against the number of sensors",
-        "all errors half as large",
         "Before any test, the layout of 2 sensors that says most about which of the 2 model",
     ):
         assert words in printed

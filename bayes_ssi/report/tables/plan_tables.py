@@ -1,4 +1,4 @@
-"""Plans of tests as tables, and in words."""
+"""Plans of tests, and what they would not see, as tables and in words."""
 
 from collections.abc import Iterator
 
@@ -7,6 +7,7 @@ from rich.table import Table
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.report.tables.layout import MOST_PLACES, add_row, new_table, number
 from bayes_ssi.results.wording import listed
+from bayes_ssi.studies.appendages.hidden_cases import WRONG, BlindSpots
 from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Layout, Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
 
@@ -94,14 +95,6 @@ def number_table(plan: Plan) -> Table:
     return table
 
 
-def change_table(plan: Plan) -> Table:
-    """What one sensor less or more, or smaller errors, would change in the best layout."""
-    table = new_table("What would change the gain of the best layout", ["change"], ["nats"])
-    for what, change in sorted(plan.changes.items(), key=lambda each: each[1]):
-        add_row(table, what, gain_text(*change, "+.3f"))
-    return table
-
-
 def plan_notes(plan: Plan) -> Iterator[str]:
     """How the figures were found, and how far off they may be."""
     classes = (f"{name!r} {probability_text(share)}" for name, share in plan.classes.items())
@@ -118,9 +111,50 @@ def plan_notes(plan: Plan) -> Iterator[str]:
         else f"Greedy search with exchanges, {plan.n_tried} layouts tried. Begun from effective "
         f"independence, it ends at a gain {plan.other_start:+.3f} nats from the best."
     )
-    without = (change for what, change in plan.changes.items() if "without" in what)
-    if any(gain > 2.0 * error for gain, error in without):
+    fewer, more = plan.by_number, plan.by_number[1:]
+    if any(a.gain > b.gain + 2.0 * b.error for a, b in zip(fewer, more, strict=False)):
         yield (
             "A sensor can take information away: errors of shapes are stated at unit length over "
             "the sensors of a layout, and one on which the classes agree dilutes the others."
         )
+
+
+def blind_spot_table(spots: BlindSpots) -> Table:
+    """Cases of each place: how many are harmless, wrong and said, wrong and not said, and where."""
+    headings = ["no stiffness wrong", "wrong, said", "blind spots", "masses", "frequencies (Hz)"]
+    table = new_table("Appendages that the model class does not have", ["appendage"], headings)
+    for place in dict.fromkeys(case.place for case in spots.cases):
+        cases = [case for case in spots.cases if case.place == place]
+        blind = [case for case in cases if case.is_blind]
+        said = sum(bool(case.warning) for case in cases)
+        ends = [
+            _range([getattr(case, name) for case in blind]) for name in ("mass", "frequency_hz")
+        ]
+        add_row(table, place, *map(str, (len(cases) - said - len(blind), said, len(blind))), *ends)
+    return table
+
+
+def _range(values: list[float]) -> str:
+    if not values:
+        return "-"
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def blind_spot_answer(spots: BlindSpots) -> Iterator[str]:
+    """How much of the map is blind, what is wrong there, and what removes most of it."""
+    blind, n = spots.blind, len(spots.cases)
+    off = f"a parameter off by more than {100.0 * WRONG:.0f} %"
+    if not blind:
+        yield f"None of {n} cases leaves {off} without a failed check or a remark."
+        return
+    worst = max(blind, key=lambda case: abs(case.error))
+    missed = sum(case.missed > 0 for case in blind)
+    yield (
+        f"{len(blind)} of {n} cases ({100.0 * len(blind) / n:.1f} %) leave {off} without a failed "
+        f"check or a remark, {missed} of them where one mode of the two is not in the table. The "
+        f"worst: {worst.parameter} {100.0 * worst.error:+.0f} % by {worst.place}, "
+        f"{worst.frequency_hz:.3g} Hz, vibrating mass {worst.mass:.3g}."
+    )
+    removes = listed(f"{name} {each}" for name, each in spots.remedies.items())
+    yield f"Removed of {spots.n_tried} blind spots that were tried again: by {removes}."

@@ -41,7 +41,8 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             f"{row.log_evidence:.3f} ± {row.error:.3f}",
             f"{row.log_bayes_factor:.2f}",
             *[probability_text(row.prior_probability)] * priors_differ,
-            row.probability_text,
+            # Alone, a class has no probability.
+            row.probability_text if len(comparison.classes) > 1 else "-",
             _explains(row),
         )
         for row in comparison.classes

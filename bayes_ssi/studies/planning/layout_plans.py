@@ -35,7 +35,6 @@ N_SEARCHED = (300, 100)  # tests and draws with which layouts are searched
 N_SHOWN = 5  # of the best layouts
 MOST_CANDIDATES = 60  # degrees of freedom that are candidates without being named
 ENOUGH_OF_THE_GAIN = 0.95  # of the largest gain, at the knee
-SMALLER_ERRORS = 0.5  # errors, as of a record four times as long
 LEAST_PROBABILITY = 1e-3  # of classes after an earlier test
 
 # "class", "parameters", the name of one, or a prediction: structure and parameter values
@@ -387,7 +386,6 @@ class _Planning:
             alternatives={},
             by_number=by_number,
             knee=min(len(each.sensors) for each in by_number if each.gain >= enough),
-            changes=self._changes(best),
             greatest=float(-(p * np.log(p)).sum()) if self.aim == CLASS else None,
             n_tried=len(search.tried),
             is_exhaustive=exhaustive,
@@ -399,25 +397,6 @@ class _Planning:
             candidates=first.candidates,
             geometry=first.structure.drawing()[0],
         )
-
-    def _changes(self, best: Sensors) -> dict[str, tuple[float, float]]:
-        """What one sensor less or more, and smaller errors, would change, on the same tests."""
-        names = [place.name for place in self.classes[0].candidates]
-        changed = {
-            f"without {names[i]}": self._worth(tuple(j for j in best if j != i))
-            for i in best
-            if i not in self.fixed and len(best) > 1
-        }
-        for i in self.free:
-            if i not in best:
-                changed[f"with {names[i]}"] = self._worth(tuple(sorted((*best, i))))
-        # The same tests but for their errors, with draws for this layout alone.
-        smaller = [replace(c, error_factor=SMALLER_ERRORS) for c in self.classes]
-        known = self.classes[0].identification_errors.any()
-        which = "errors of identification" if known else "all errors"
-        changed[f"{which} half as large"] = self._worths(self._simulated(smaller, [best]))(best)
-        own = self._worth(best).values
-        return {what: self._whole.mean(worth.values - own) for what, worth in changed.items()}
 
 
 def _failed_checks(draws: FloatArray, bias: float) -> Iterator[str]:

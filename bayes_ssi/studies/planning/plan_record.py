@@ -67,8 +67,6 @@ class Plan(Displayed):
         alternatives: configuration → its best layout, where there are several.
         by_number: the best layouts of fewer sensors, and the best of all.
         knee: the smallest number of sensors with nearly all of the gain.
-        changes: what one sensor less or more, and smaller errors, change in the best gain: nats,
-            and their standard error.
         greatest: the gain that no test can exceed, where the aim is the class.
         n_tried: layouts that were tried, and ``is_exhaustive``, whether these are all.
         other_start: gain where the search ends from effective independence, less the best's.
@@ -90,7 +88,6 @@ class Plan(Displayed):
     alternatives: Mapping[str, Layout]
     by_number: tuple[Layout, ...]
     knee: int
-    changes: Mapping[str, tuple[float, float]]
     greatest: float | None
     n_tried: int
     is_exhaustive: bool

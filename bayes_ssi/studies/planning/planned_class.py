@@ -59,7 +59,6 @@ class PlannedClass:
     candidates: tuple[Candidate, ...]
     probability: float  # before the test
     posterior: Posterior | None = None
-    error_factor: float = 1.0  # of errors of identification, or of all where these are not known
 
     def made_accurate(self) -> "PlannedClass":
         """With an approximate structure accurate enough where it will be used."""
@@ -131,9 +130,7 @@ class PlannedClass:
         n_own = len(self._sizes.parameters)
         values = values_at(self.parameters[:n_own], z[:, :n_own])
         prediction_var = self._sizes.evaluate(values) ** 2
-        if not self.identification_errors.any():
-            return np.asarray(prediction_var * self.error_factor**2)
-        return np.asarray(prediction_var + (self.identification_errors * self.error_factor) ** 2)
+        return np.asarray(prediction_var + self.identification_errors**2)
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """z (n, n_parameters), drawn from what is known of them."""

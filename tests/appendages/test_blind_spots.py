@@ -1,0 +1,137 @@
+"""The map of hidden appendages that nobody would notice."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_ssi as bs
+from bayes_ssi.studies.appendages import hidden_cases as module
+from bayes_ssi.studies.ranking.study import load_study
+
+MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
+STUDY = MODEL_CLASSES / "bare_building.py"
+# Of a uniform three-storey building of unit masses, with its first mode at 1 Hz.
+STIFFNESS = (np.pi / np.sin(np.pi / 14.0)) ** 2
+FLOORS = module._Test(("floor 1", "floor 2", "floor 3"), (0.0, 6.0))
+
+
+@pytest.fixture(scope="module")
+def spots():
+    """A pendulum of a tenth of a floor's mass on floor 2, at four frequencies."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "MASSES", (0.1,))
+        return bs.blind_spots(load_study(STUDY), candidates=[bs.Candidate("2", 2)], n_frequencies=4)
+
+
+def modes_with_pendulum(stiffness, mass, hz):
+    """Frequencies and shapes (m, 3) of three equal floors, a pendulum on the second, by hand."""
+    k, a = stiffness, mass * (2.0 * np.pi * hz) ** 2
+    of_frame = [[2 * k, -k, 0, 0], [-k, 2 * k + a, -k, -a], [0, -k, k, 0], [0, -a, 0, a]]
+    half = np.diag([1.0, 1.0, 1.0, mass**-0.5])
+    values, vectors = np.linalg.eigh(half @ of_frame @ half)
+    return np.sqrt(values) / (2.0 * np.pi), (half @ vectors)[:3].T
+
+
+def test_the_table_has_the_modes_of_the_structure_with_the_appendage(spots):
+    hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 3.0)
+    moved = {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)}
+    data = module._Real(hz, moved).table(FLOORS, 3, {"frequency_cov": 0.01})
+    assert data.labels == ("1", "2", "4")
+    assert data.frequencies_hz == pytest.approx(hz[[0, 1, 3]])
+    assert spots.frequencies_hz == pytest.approx(
+        [np.sin(i * np.pi / 14.0) / np.sin(np.pi / 14.0) for i in (1, 3, 5)]
+    )
+
+
+@pytest.mark.parametrize(("own", "missed"), [(0, [1, 2]), (1, [2, 3]), (2, [3])])
+def test_modes_that_may_be_missed_bracket_the_structures_own(own, missed):
+    """An appendage's eigenvalues and the structure's interlace; one is above the band."""
+    hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 5.9)
+    bare = np.sqrt(STIFFNESS) / np.pi * np.sin(np.array([1, 3, 5]) * np.pi / 14.0)
+    assert hz[own] < bare[own] < hz[own + 1]
+    real = module._Real(hz, {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)})
+    assert real.pair(own, FLOORS) == missed
+    wide = FLOORS._replace(band_hz=(0.0, 9.0))
+    assert real.pair(own, wide) == [own + 1, own + 2]
+
+
+def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spots):
+    blind = {(case.missed, case.parameter): case for case in spots.blind}
+    assert set(blind) == {(3, "k2")}
+    case = blind[3, "k2"]
+    assert case.frequency_hz == pytest.approx(0.4914 * (7.5 / 0.4914) ** (2 / 3), rel=1e-3)
+    assert case.error > 0.1
+    said = [case for case in spots.cases if case.warning]
+    assert {case.missed for case in said} >= {0}
+    assert all(abs(case.error) > module.WRONG for case in said)
+    # The mode above the band cannot be identified, nor missed.
+    highest = [case.missed for case in spots.cases if case.frequency_hz > 7.0]
+    assert highest == [0, 3]
+    assert spots.n_tried == 1
+    assert list(spots.remedies) == ["a band to 9.38 Hz"]
+
+
+def test_the_structure_carries_the_appendage_besides_its_own_mass():
+    study = load_study(STUDY)
+    baselines = module.choose_baselines(study, candidates=[bs.Candidate("2", 2)])
+    (best,) = baselines.classes
+    (scale,) = {each.mass for each in baselines.scales.values()}
+    own = best.structure.modes(best.structure.prior_medians()).frequencies_hz[0]
+    for case, real in module._cases(baselines, FLOORS, (), own, 3):
+        by_hand, shapes = modes_with_pendulum(STIFFNESS, case.mass / scale, case.frequency_hz)
+        assert real.frequencies_hz == pytest.approx(by_hand, rel=1e-6)
+        macs = np.sum(real.shapes(FLOORS).T * shapes, axis=1) ** 2
+        lengths = np.sum(real.shapes(FLOORS) ** 2, axis=0) * np.sum(shapes**2, axis=1)
+        assert macs == pytest.approx(lengths, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def of_the_paper():
+    """Section 3.1: an infill between floors 1 and 2 as mass, whose other mode is not identified."""
+    (rigid, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
+    modes = [mode for mode in rigid.data.modes if mode.label != "2b"]
+    shapes = np.array([mode.unit_shape for mode in modes])
+    moved = {name: shapes[:, i] for i, name in enumerate(rigid.data.sensors)}
+    real = module._Real(np.array([mode.frequency_hz for mode in modes]), moved)
+    case = module.HiddenCase("infill 1-2", 0.075, 2.8, 0)
+    return rigid.with_any_pairing("rigid"), case, real
+
+
+def test_the_papers_analyst_is_wrong_and_warned(of_the_paper):
+    """k = 0.917, 1.131, 0.901 where all are 1 (paper, approach 1-a)."""
+    best, case, real = of_the_paper
+    judged = module._judged(best, FLOORS, (case, real))
+    assert judged.parameter == "k2"
+    assert judged.error == pytest.approx(0.131, abs=0.015)
+    assert judged.warning.startswith("If an appendage that no mode of the table shows")
+    assert not judged.is_blind
+
+
+def test_he_has_a_blind_spot_where_nothing_is_said(of_the_paper, monkeypatch):
+    monkeypatch.setattr(module, "appendage_checks", lambda *_: ())
+    best, case, real = of_the_paper
+    assert module._judged(best, FLOORS, (case, real)).is_blind
+
+
+def test_a_study_of_several_classes_is_refused():
+    (bare,) = load_study(STUDY).model_classes
+    other = replace(bare, name="other", error=bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05))
+    with pytest.raises(ValueError, match="of one model class; choose one of 'bare frame', 'other'"):
+        bs.blind_spots(bs.Study("two", [bare, other]))
+
+
+def test_the_command_prints_and_saves_the_map(run, tmp_path, spots, monkeypatch):
+    monkeypatch.setattr(module, "blind_spots", lambda *_, **__: spots)
+    done = run("blind-spots", STUDY, "--out", tmp_path / "map")
+    assert done.exit_code == 0, done.output
+    printed = " ".join(done.stdout.split())
+    n = len(spots.cases)
+    assert f"1 of {n} cases ({100 / n:.1f} %) leave a parameter off by more than 10 %" in printed
+    assert "1 of them where one mode of the two is not in the table. The worst: k2 +" in printed
+    assert "Removed of 1 blind spots that were tried again: by a band to 9.38 Hz" in printed
+    record = json.loads((tmp_path / "map" / "blind_spots.json").read_text("utf-8"))
+    assert len(record["cases"]) == n
+    assert (tmp_path / "map" / "blind_spots.png").stat().st_size > 1000
