@@ -32,7 +32,6 @@ from bayes_ssi.foundations.displayed import columns
     metavar="VALUE",
     help="Covariate of the next test.  [default: mean of the tests]",
 )
-@options.renamed("--at", "--next")
 @options.seed_option("The result follows from it.")
 @options.path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
 @options.flag("--overwrite", text="Replace a result that exists.")

@@ -32,7 +32,6 @@ MODE_FIELDS = (
     multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated.",
 )
-@options.renamed("--at", "--mode")
 @click.option(
     "--ground",
     metavar="SENSOR",

@@ -21,7 +21,6 @@ from bayes_ssi.commands.options import (
     PATH,
     flag,
     named_values,
-    number_option,
     path_option,
     range_option,
 )
@@ -76,15 +75,12 @@ if TYPE_CHECKING:
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
-@number_option(
-    "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
-)
 def import_model(
     name: Path, nominal: str | None, runs: Path | None, properties: str | None,
     design: int | None, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
     labels: Path | None, number_rows: bool, files: tuple[str, ...], sensors: tuple[str, ...],
     points: Path | None, points_scale: float, band: tuple[float, float] | None,
-    units: str | None, mass_kg: float | None,
+    units: str | None,
 ) -> None:  # fmt: skip
     """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
 
@@ -114,16 +110,13 @@ def import_model(
     require_known("--sensor: the data have no sensor", of_sensors, sensed)
     names = None if keys is None else _keys(keys)
 
-    def exported(text: str, known_kg: float | None = None) -> ExportedModel:
+    def exported(text: str) -> ExportedModel:
         path, mass = _model_files(text)
-        return read_model(
-            path, mass, keys=names, labels=labels, units=units, mass_kg=known_kg,
-            numbered=number_rows,
-        )  # fmt: skip
+        return read_model(path, mass, keys=names, labels=labels, units=units, numbered=number_rows)
 
     to_alter = [_factors_and_file(text, "--changed") for text in changed]
     to_check = [_factors_and_file(text, "--check") for text in checks]
-    model = exported(nominal, mass_kg)
+    model = exported(nominal)
     wanted = dict.fromkeys(of_sensors.get(name, name) for name in sensed)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())

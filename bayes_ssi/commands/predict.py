@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
 )
 @options.range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
-@options.renamed("--band", "--frequencies")
 @options.path_option(
     "--record",
     "records",

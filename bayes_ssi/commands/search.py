@@ -13,7 +13,6 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 @options.classes_option(
     "Model classes to hang appendages on. Every class of the study without an appendage of its "
     "own, averaged over, if not given.",
-    old="--baseline",
 )
 @options.path_option(
     "--candidates",

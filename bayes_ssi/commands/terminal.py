@@ -78,12 +78,9 @@ class OneLineErrors(click.Group):
             click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
         except click.ClickException as error:
-            text = error.format_message()
-            if isinstance(error, click.NoSuchOption) and error.option_name == "--sensitivity":
-                text += " The sensitivity of a saved result: bayes-ssi what-if RESULT."
             # Options may not have been parsed.
             as_json = "--json" in (sys.argv[1:] if args is None else args)
-            _fail(text, as_json)
+            _fail(error.format_message(), as_json)
         except click.Abort:
             click.echo("Interrupted.", err=True)
             sys.exit(INTERRUPTED)

@@ -439,9 +439,3 @@ def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
         "r.csv: record: two sensors are named 'A'; name all in their order (--sensor)",
     )
     assert_one_line_error(run("check", tmp_path / "r.csv", "--band", 0, 6), "--band: applies to mo")
-
-
-def test_sensitivity_is_found_where_it_is(run):
-    done = run("rank", "study.py", "--sensitivity")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.endswith("The sensitivity of a saved result: bayes-ssi what-if RESULT.\n")
