@@ -208,6 +208,9 @@ class TestMatricesOfNoProgram:
         scipy.io.savemat(path, {"Kff": sp.csc_array(stiffness), "Mff": mass, "Kgg": mass})
         assert_is_portal(bs.read_model(path, labels=LABELS))
         assert_is_portal(bs.read_model(path, keys=("Kff", "Mff"), labels=LABELS))
+        cells = np.array(LABELS, dtype=object)[:, None]
+        scipy.io.savemat(tmp_path / "cells.mat", {"K": stiffness, "M": mass, "labels": cells})
+        assert_is_portal(bs.read_model(tmp_path / "cells.mat"))
         with pytest.raises(ValueError, match=r"frame.mat: no matrix 'Kaa'; it holds 'Kff', 'Mff'"):
             bs.read_model(path, keys=("Kaa", "Mff"))
         with pytest.raises(ValueError, match=r"Kgg has 6 rows|there is no mass|Mff"):

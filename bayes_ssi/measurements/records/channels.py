@@ -144,10 +144,8 @@ def _structure_and_meaning(name: str) -> tuple[str, str]:
 
 
 def _plain(value: Any) -> np.ndarray:
-    """Bytes, or a cell array of texts, as an array of texts."""
+    """Bytes as an array of texts."""
     array = np.asarray(value)
-    if array.dtype == object:
-        return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
     return np.char.decode(array) if array.dtype.kind == "S" else array
 
 
