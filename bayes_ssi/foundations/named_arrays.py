@@ -72,7 +72,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 def _of_cells(value: Any) -> Any:
     """A cell array of texts as an array of texts; anything else as it is."""
-    cells = value.ravel() if getattr(value, "dtype", None) == object else np.empty(0)
+    cells: Any = value.ravel() if isinstance(value, np.ndarray) and value.dtype.hasobject else []
     if not len(cells) or any(np.asarray(cell).dtype.kind != "U" for cell in cells):
         return value
     return np.array([str(np.ravel(cell)[0]) for cell in cells if np.size(cell)])
