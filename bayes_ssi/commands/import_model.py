@@ -251,8 +251,6 @@ def _sensors(
     Sensor → label of the degree of freedom that it measures; and what is to be said of them.
     """
     from bayes_ssi.measurements.modes.sensors_on_model import (
-        SAME_AXES,
-        Axes,
         compared_with_nominal,
         nearest_degrees_of_freedom,
         read_sensor_points,
@@ -267,18 +265,8 @@ def _sensors(
     points = () if points_file is None else read_sensor_points(points_file, measured)
     names = list(measured or dict.fromkeys([*(point.name for point in points), *labels]))
 
-    def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
-        return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
-
-    def places(axes: Axes) -> dict[str, str]:
-        labelled = {name: label for name, (label, _) in nearest(axes).items()}
-        for name in names:
-            if name in labels or name not in labelled:
-                node, _, direction = labels.get(name, name).rpartition(" ")
-                labelled[name] = f"{node} {axes.get(direction, direction)}".lstrip()
-        return {name: labelled[name] for name in names}
-
-    as_stated = places(SAME_AXES)
+    nearest = nearest_degrees_of_freedom(points, model, scale) if points else {}
+    as_stated = {name: labels.get(name) or nearest.get(name, (name, 0.0))[0] for name in names}
     for name, label in as_stated.items():
         if label not in model.labels:
             raise ValueError(
@@ -287,11 +275,11 @@ def _sensors(
             )
     lines = [
         f"{name}: {label}, {distance:.3g} away"
-        for name, (label, distance) in nearest(SAME_AXES).items()
+        for name, (label, distance) in nearest.items()
         if as_stated.get(name) == label
     ]
     for modes in tests:
-        lines += compared_with_nominal(model, modes, places)
+        lines += compared_with_nominal(model, modes, as_stated)
     return as_stated, lines
 
 
