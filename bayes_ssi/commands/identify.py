@@ -52,16 +52,9 @@ MODE_FIELDS = (
 )
 @terminal.json_option
 def identify(
-    files: tuple[Path, ...],
-    band: tuple[float, float],
-    at: tuple[float, ...],
-    ground: str | None,
-    stated: dict[str, Any],
-    method: str,
-    compare: bool,
-    out: Path | None,
-    figures: Path | None,
-) -> None:
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
+    stated: dict[str, Any], method: str, compare: bool, out: Path | None, figures: Path | None,
+) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives

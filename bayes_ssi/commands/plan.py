@@ -63,18 +63,10 @@ from bayes_ssi.commands import options, terminal
 )
 @terminal.json_option
 def plan(
-    study: Path,
-    names: tuple[str, ...],
-    n_sensors: int,
-    aim: str,
-    candidates_file: Path | None,
-    masses: tuple[str, ...],
-    after: Path | None,
-    tests: int,
-    draws: int | None,
-    out: Path | None,
+    study: Path, names: tuple[str, ...], n_sensors: int, aim: str, candidates_file: Path | None,
+    masses: tuple[str, ...], after: Path | None, tests: int, draws: int | None, out: Path | None,
     **further: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Choose the sensors of a test of STUDY's structure for what the test is to answer.
 
     Tests are simulated from every model class, with errors, missed and spurious modes, and over all

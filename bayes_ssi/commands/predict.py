@@ -144,18 +144,10 @@ def predict(
 
 
 def _requested(
-    predicted: StoredPredictions,
-    first: Predictions,
-    quantity: Quantity,
-    places: tuple[str, ...],
-    damping: str | None,
-    transfer: str | None,
-    frequencies: tuple[float, float] | None,
-    records: tuple[Path, ...],
-    unit: str | None,
-    dt: float | None,
-    level: float,
-) -> tuple[ResponseRequest, list[str]]:
+    predicted: StoredPredictions, first: Predictions, quantity: Quantity, places: tuple[str, ...],
+    damping: str | None, transfer: str | None, frequencies: tuple[float, float] | None,
+    records: tuple[Path, ...], unit: str | None, dt: float | None, level: float,
+) -> tuple[ResponseRequest, list[str]]:  # fmt: skip
     """The request from the options, and remarks on it."""
     from bayes_ssi.measurements.records.record_files import read_ground_motion
     from bayes_ssi.results.predictions.requested_predictions import completed_request

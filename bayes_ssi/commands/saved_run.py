@@ -56,15 +56,9 @@ class RunOptions:
         )
 
     def answer(
-        self,
-        study: Study,
-        study_file: Path,
-        name: str,
-        inputs: Sequence[object],
-        sample: Sample,
-        screen: Callable[[StoredResult], Iterable[RenderableType]],
-        n_classes: int | None = None,
-    ) -> None:
+        self, study: Study, study_file: Path, name: str, inputs: Sequence[object], sample: Sample,
+        screen: Callable[[StoredResult], Iterable[RenderableType]], n_classes: int | None = None,
+    ) -> None:  # fmt: skip
         """Sample a study or resume its run, save what was found, print it and exit.
 
         Args:
@@ -162,14 +156,9 @@ class RunOptions:
         return chosen_workers(candidates, self.workers)
 
     def _save(
-        self,
-        ranking: Ranking,
-        records: Mapping[str, Any],
-        study_file: Path,
-        directory: Path,
-        overwrite: bool,
-        run: Run,
-    ) -> StoredResult:
+        self, ranking: Ranking, records: Mapping[str, Any], study_file: Path, directory: Path,
+        overwrite: bool, run: Run,
+    ) -> StoredResult:  # fmt: skip
         from bayes_ssi.plots.ranking_plots import save_result_figures
         from bayes_ssi.results.result_files import require_new
         from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
@@ -195,14 +184,9 @@ class RunOptions:
         return result
 
     def search(
-        self,
-        study: Study,
-        study_file: Path,
-        kind: str,
-        family: Family[Any],
-        inputs: Sequence[object],
-        findings: Callable[..., FamilyRecord],
-    ) -> None:
+        self, study: Study, study_file: Path, kind: str, family: Family[Any],
+        inputs: Sequence[object], findings: Callable[..., FamilyRecord],
+    ) -> None:  # fmt: skip
         """Search a family of hypotheses, save what was found, print it and exit."""
         from bayes_ssi.report.tables.search_tables import found
         from bayes_ssi.results.stored_result import SEARCH

@@ -50,15 +50,10 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 )
 @run_options
 def search(
-    study: Path,
-    names: tuple[str, ...],
-    candidates_file: Path | None,
-    present_in: tuple[str, ...],
-    mass: tuple[float, float] | None,
-    frequency: tuple[float, float] | None,
-    most: int,
+    study: Path, names: tuple[str, ...], candidates_file: Path | None, present_in: tuple[str, ...],
+    mass: tuple[float, float] | None, frequency: tuple[float, float] | None, most: int,
     sampling: RunOptions,
-) -> None:
+) -> None:  # fmt: skip
     """Search for appendages that hide in the identified modes of STUDY.
 
     Hypotheses (no appendage; a pendulum on each floor or other candidate; an infill in each storey;

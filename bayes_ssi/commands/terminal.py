@@ -55,12 +55,9 @@ class OneLineErrors(click.Group):
         return super().parse_args(ctx, args)
 
     def main(
-        self,
-        args: Sequence[str] | None = None,
-        *others: Any,
-        standalone_mode: bool = True,
+        self, args: Sequence[str] | None = None, *others: Any, standalone_mode: bool = True,
         **named: Any,
-    ) -> Any:
+    ) -> Any:  # fmt: skip
         run: Callable[[], Any] = functools.partial(
             super().main, args, *others, standalone_mode=False, **named
         )

@@ -81,14 +81,10 @@ FORMATS = (
 
 @checked
 def read_model(
-    path: str | Path,
-    mass: str | Path | None = None,
-    *,
-    keys: tuple[str, str] | None = None,
-    labels: Sequence[str] | str | Path | None = None,
-    units: str | None = None,
+    path: str | Path, mass: str | Path | None = None, *, keys: tuple[str, str] | None = None,
+    labels: Sequence[str] | str | Path | None = None, units: str | None = None,
     numbered: bool = False,
-) -> ExportedModel:
+) -> ExportedModel:  # fmt: skip
     """Stiffness and mass of a finite-element model, as its program exported them.
 
     The format is recognised by the file's ending and first lines; files that belong together
