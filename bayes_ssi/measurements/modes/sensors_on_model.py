@@ -173,11 +173,11 @@ def compared_with_nominal(
             f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are the "
             "model's units of force, length and mass consistent?"
         )
-    scored = [mode.unit_shape for mode in modes.modes if mode.scored_shape is not None]
+    scored = [i for i, mode in enumerate(modes.modes) if mode.scored_shape is not None]
     if scored:
         # A motion that no nominal mode has at these sensors is like none.
         rows = shapes[[seen.index(label) for label in measured]]
-        macs = np.nan_to_num(mac(np.transpose(scored), rows)).max(axis=1)
+        macs = np.nan_to_num(mac(modes.unit_shapes[:, scored], rows)).max(axis=1)
         said.append(
             f"{'(!) ' if macs.mean() < LEAST_MEAN_MAC else ''}Largest MACs of the identified "
             f"shapes with nominal ones: {', '.join(f'{each:.2f}' for each in macs)}"

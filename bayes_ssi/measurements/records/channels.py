@@ -108,7 +108,8 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     lengths = {block.shape[1] for block in blocks}
     if len(lengths) > 1:
         raise ValueError(
-            f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys"
+            f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys, or "
+            "give modes that they hold by ModalData.from_arrays"
         )
     around = {"", *(of[key][0] for key in keys)}
     beside = {of[n][1]: arrays[n] for n in arrays if of[n][0] in around and n not in keys}
