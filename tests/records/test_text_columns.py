@@ -285,6 +285,12 @@ def test_structures_in_matlab_files_that_are_hdf5(tmp_path):
     np.testing.assert_array_equal(one.samples, SAMPLES)
 
 
+def test_an_archive_of_miniseed_is_known_by_its_first_bytes(tmp_path):
+    path = tmp_path / "XX.ROOF..HNZ.D.2024.133"
+    path.write_bytes(b"000001D ROOF   HNZXX\x07\xe8\x00\x85" + bytes(40))
+    assert is_record(path)
+
+
 @pytest.mark.parametrize("form", ["MSEED", "SAC"])
 def test_seismic_files(tmp_path, form):
     obspy = pytest.importorskip("obspy", reason="pip install bayes_ssi[seismic]")
