@@ -22,9 +22,6 @@ from bayes_ssi.measurements.modes.merging import merge_modal_data as merge_modal
 from bayes_ssi.measurements.modes.modal_data import ModalData as ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_data as read_modal_data
 from bayes_ssi.measurements.modes.modal_files import write_modal_data as write_modal_data
-from bayes_ssi.measurements.modes.modal_tools import (
-    modal_data_from_pyoma2 as modal_data_from_pyoma2,
-)
 from bayes_ssi.measurements.modes.run_tables import read_runs as read_runs
 from bayes_ssi.measurements.records.modal_identification import identify as identify
 from bayes_ssi.measurements.records.record import Record as Record

@@ -53,7 +53,7 @@ COMMANDS = (
 for command in COMMANDS:
     command.params.append(QUIET_OPTION)
     # The whole first sentence, which click would cut.
-    command.short_help = " ".join(re.split(r"(?<=\.)\s", command.help or "")[0].split())
+    command.short_help = " ".join(re.split(r"(?<=[.?])\s", command.help or "")[0].split())
 
 
 @click.group(

@@ -41,13 +41,9 @@ LEGEND = (
               "what the data leave open.")  # fmt: skip
 @terminal.json_option
 def calibrate(
-    study: Path,
-    names: tuple[str, ...],
-    shape_weight: float | None,
-    starts: int,
-    seed: int,
+    study: Path, names: tuple[str, ...], shape_weight: float | None, starts: int, seed: int,
     with_prior: bool,
-) -> None:
+) -> None:  # fmt: skip
     """List every distinct minimum of the deterministic objective of the model classes of STUDY.
 
     The exit code is 3 where the modes are of an identification that failed a check.

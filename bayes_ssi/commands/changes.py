@@ -20,44 +20,28 @@ GROUP = "NAME=PARAMETER,…"
 @options.repeated_option(
     "--join", "joined", GROUP, "Parameters that lose one share, as one place; may be repeated."
 )
-@options.repeated_option(
-    "--place",
-    "places",
-    GROUP,
+@options.repeated_option("--place", "places", GROUP,
     "Parameters of one place, of which each loses a share of its own; may be repeated. Every other "
-    "parameter of the structure is a place by itself.",
-)
+    "parameter of the structure is a place by itself.")  # fmt: skip
 @options.repeated_option(
     "--leave-out", "left_out", "PARAMETER", "Parameter that did not change; may be repeated."
 )
-@click.option(
-    "--loss",
-    type=(float, float),
-    default=(0.0, 1.0),
-    show_default=True,
+@click.option("--loss", type=(float, float), default=(0.0, 1.0), show_default=True,
     metavar="LEAST MOST",
-    help="Share of a parameter that a change takes away, uniform; a gain where negative.",
-)
-@click.option(
-    "--common",
-    type=float,
-    metavar="SD",
+    help="Share of a parameter that a change takes away, uniform; a gain where negative."
+)  # fmt: skip
+@click.option("--common", type=float, metavar="SD",
     help="Consider that all places lost or gained a share in common, as by temperature, which is "
-    "no change; the share's standard deviation, such as 0.03.",
-)
-@options.path_option(
-    "--covariate",
-    metavar="FILE",
+    "no change; the share's standard deviation, such as 0.03.")  # fmt: skip
+@options.path_option("--covariate", metavar="FILE",
     text="CSV file of tests and degrees, say, that the common share is proportional to; --common "
-    "is then its standard deviation at the test that differs most from those before.",
-)
+    "is then its standard deviation at the test that differs most from those before.")  # fmt: skip
 @options.flag(
     "--losses-only", text="Consider no mass, appendage, or anything else that came or went."
 )
 @options.flag("--independent", text="Tests share no prediction errors, unless the study says so.")
 @options.default_option(
-    "--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20)
-)
+    "--most", 2, "Largest number of changes at once.", click.IntRange(min=1, max=20))  # fmt: skip
 @partial(run_options, error=0.05)
 def changes(
     study: Path, before: tuple[str, ...], after: tuple[str, ...], names: tuple[str, ...],

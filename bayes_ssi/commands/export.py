@@ -27,13 +27,9 @@ SUMMARY_COLUMNS = (
 @options.path_option("--out", text="Directory for the files.  [default: RESULT/updated]")
 @options.flag("--overwrite", text="Replace existing files.")
 def export(
-    result: Path,
-    study: Path | None,
-    name: str | None,
-    configuration: str | None,
-    out: Path | None,
+    result: Path, study: Path | None, name: str | None, configuration: str | None, out: Path | None,
     overwrite: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Write the updated model of RESULT for the program that it came from.
 
     parameters.csv has the parameters, by the names of the program's groups: at the most probable

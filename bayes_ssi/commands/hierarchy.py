@@ -25,14 +25,8 @@ from bayes_ssi.foundations.displayed import columns
                 "from test to test, in standard deviations of the parameter's prior.")  # fmt: skip
 @options.default_option("--slope", 0.5, "Standard deviation of the normal prior of the change by "
                 "one standard deviation of the covariate, in the same unit.")  # fmt: skip
-@click.option(
-    "--next",
-    "at",
-    type=float,
-    metavar="VALUE",
-    help="Covariate of the next test.  [default: mean of the tests]",
-)
-@options.renamed("--at", "--next")
+@click.option("--next", "at", type=float, metavar="VALUE",
+    help="Covariate of the next test.  [default: mean of the tests]")  # fmt: skip
 @options.seed_option("The result follows from it.")
 @options.path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
 @options.flag("--overwrite", text="Replace a result that exists.")

@@ -24,28 +24,16 @@ MODE_FIELDS = (
 @click.command()
 @options.files_argument
 @options.range_option("--band", "Frequencies of the search in Hz.", required=True)
-@click.option(
-    "--mode",
-    "at",
-    type=float,
-    metavar="HZ",
-    multiple=True,
-    help="Frequency of a mode, in place of those that are looked for; may be repeated.",
-)
-@options.renamed("--at", "--mode")
-@click.option(
-    "--ground",
-    metavar="SENSOR",
+@click.option("--mode", "at", type=float, metavar="HZ", multiple=True,
+    help="Frequency of a mode, in place of those that are looked for; may be repeated."
+)  # fmt: skip
+@click.option("--ground", metavar="SENSOR",
     help="The sensor that measures the motion of the base, which drives the structure; by default "
-    "one that is named ground or base, if the others follow it. '' for none.",
-)
+    "one that is named ground or base, if the others follow it. '' for none.")  # fmt: skip
 @options.record_options
-@options.default_option(
-    "--method",
-    BAYESIAN_FFT,
+@options.default_option("--method", BAYESIAN_FFT,
     "Whose modes are written; the others look near those of the Bayesian FFT.",
-    click.Choice(list(METHOD_NAMES)),
-)
+    click.Choice(list(METHOD_NAMES)))  # fmt: skip
 @options.flag("--compare", text="Print the modes by every method in one table.")
 @options.modes_option
 @options.path_option(
@@ -53,16 +41,9 @@ MODE_FIELDS = (
 )
 @terminal.json_option
 def identify(
-    files: tuple[Path, ...],
-    band: tuple[float, float],
-    at: tuple[float, ...],
-    ground: str | None,
-    stated: dict[str, Any],
-    method: str,
-    compare: bool,
-    out: Path | None,
-    figures: Path | None,
-) -> None:
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
+    stated: dict[str, Any], method: str, compare: bool, out: Path | None, figures: Path | None,
+) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
     Writes them with their uncertainties to a CSV file, the data of model classes; --json gives

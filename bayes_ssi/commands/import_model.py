@@ -21,7 +21,6 @@ from bayes_ssi.commands.options import (
     PATH,
     flag,
     named_values,
-    number_option,
     path_option,
     range_option,
 )
@@ -76,15 +75,12 @@ if TYPE_CHECKING:
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
-@number_option(
-    "--mass-kg", "KG", "The structure's mass, known to a factor of 2: refuses other units."
-)
 def import_model(
     name: Path, nominal: str | None, runs: Path | None, properties: str | None,
     design: int | None, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
     labels: Path | None, number_rows: bool, files: tuple[str, ...], sensors: tuple[str, ...],
     points: Path | None, points_scale: float, band: tuple[float, float] | None,
-    units: str | None, mass_kg: float | None,
+    units: str | None,
 ) -> None:  # fmt: skip
     """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
 
@@ -114,16 +110,13 @@ def import_model(
     require_known("--sensor: the data have no sensor", of_sensors, sensed)
     names = None if keys is None else _keys(keys)
 
-    def exported(text: str, known_kg: float | None = None) -> ExportedModel:
+    def exported(text: str) -> ExportedModel:
         path, mass = _model_files(text)
-        return read_model(
-            path, mass, keys=names, labels=labels, units=units, mass_kg=known_kg,
-            numbered=number_rows,
-        )  # fmt: skip
+        return read_model(path, mass, keys=names, labels=labels, units=units, numbered=number_rows)
 
     to_alter = [_factors_and_file(text, "--changed") for text in changed]
     to_check = [_factors_and_file(text, "--check") for text in checks]
-    model = exported(nominal, mass_kg)
+    model = exported(nominal)
     wanted = dict.fromkeys(of_sensors.get(name, name) for name in sensed)
     tied = [label for label in wanted if label in model.dependent]
     spring = float(model.stiffness.diagonal().mean())
@@ -258,8 +251,6 @@ def _sensors(
     Sensor → label of the degree of freedom that it measures; and what is to be said of them.
     """
     from bayes_ssi.measurements.modes.sensors_on_model import (
-        SAME_AXES,
-        Axes,
         compared_with_nominal,
         nearest_degrees_of_freedom,
         read_sensor_points,
@@ -274,18 +265,8 @@ def _sensors(
     points = () if points_file is None else read_sensor_points(points_file, measured)
     names = list(measured or dict.fromkeys([*(point.name for point in points), *labels]))
 
-    def nearest(axes: Axes) -> dict[str, tuple[str, float]]:
-        return nearest_degrees_of_freedom(points, model, scale, axes) if points else {}
-
-    def places(axes: Axes) -> dict[str, str]:
-        labelled = {name: label for name, (label, _) in nearest(axes).items()}
-        for name in names:
-            if name in labels or name not in labelled:
-                node, _, direction = labels.get(name, name).rpartition(" ")
-                labelled[name] = f"{node} {axes.get(direction, direction)}".lstrip()
-        return {name: labelled[name] for name in names}
-
-    as_stated = places(SAME_AXES)
+    nearest = nearest_degrees_of_freedom(points, model, scale) if points else {}
+    as_stated = {name: labels.get(name) or nearest.get(name, (name, 0.0))[0] for name in names}
     for name, label in as_stated.items():
         if label not in model.labels:
             raise ValueError(
@@ -294,11 +275,11 @@ def _sensors(
             )
     lines = [
         f"{name}: {label}, {distance:.3g} away"
-        for name, (label, distance) in nearest(SAME_AXES).items()
+        for name, (label, distance) in nearest.items()
         if as_stated.get(name) == label
     ]
     for modes in tests:
-        lines += compared_with_nominal(model, modes, places)
+        lines += compared_with_nominal(model, modes, as_stated)
     return as_stated, lines
 
 

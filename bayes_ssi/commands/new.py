@@ -48,16 +48,26 @@ def in_a_docstring(text: str) -> str:
 def new(name: Path, kind: str) -> None:
     """Write an example study NAME.py and its identified modes NAME.csv, to adapt to your own.
 
-    The example runs unchanged: bayes-ssi rank NAME.py. Existing files are not overwritten.
+    The example runs unchanged: bayes-ssi rank NAME.py. Where NAME.csv has modes of yours, such as
+    identify wrote, the study reads these. Existing files are not overwritten.
     """
-    study, data = new_paths(name, ".py", ".csv")
+    from bayes_ssi.measurements.modes.modal_files import read_modal_data
+
+    (study,) = new_paths(name, ".py")
+    data = study.with_suffix(".csv")
     template = (TEMPLATES / f"{kind}.py.txt").read_text("utf-8")
     for own in (study, data):
         template = template.replace(f"NAME{own.suffix}", in_a_docstring(shlex.quote(own.name)))
-    for file, text in ((data, (TEMPLATES / "modes.csv").read_text("utf-8")), (study, template)):
+    files, said = {study: template}, f"Wrote {study} and {data}. Next:"
+    if data.exists():
+        sensors = ", ".join(map(repr, read_modal_data(data).sensors))
+        said = (
+            f"Wrote {study}, which reads {data}. Give it your structure, whose degrees of freedom "
+            f"or sensors are named {sensors}, and say which mode is which. Next:"
+        )
+    else:
+        files = {data: (TEMPLATES / "modes.csv").read_text("utf-8"), **files}
+    for file, text in files.items():
         with file.open("x", encoding="utf-8") as written:
             written.write(text)
-    terminal.say(
-        f"Wrote {study} and {data}. Next:",
-        *next_commands(study, data),
-    )
+    terminal.say(said, *next_commands(study, data))

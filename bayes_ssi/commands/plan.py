@@ -15,66 +15,38 @@ from bayes_ssi.commands import options, terminal
 @options.classes_option("Only these model classes.")
 @click.option("--sensors", "n_sensors", type=click.IntRange(min=1), required=True, metavar="N",
               help="Number of sensors.")  # fmt: skip
-@options.default_option(
-    "--aim",
-    "class",
+@options.default_option("--aim", "class",
     "What the test is for: class, which model class holds; parameters, all of the structures; the "
-    "name of one; or of a function in STUDY, a prediction for a structure and parameter values.",
-)
-@options.path_option(
-    "--candidates",
-    "candidates_file",
-    metavar="FILE",
+    "name of one; or of a function in STUDY, a prediction for a structure and parameter values."
+)  # fmt: skip
+@options.path_option("--candidates", "candidates_file", metavar="FILE",
     text="CSV file of the places where sensors may be, with columns name and place, as for search. "
-    "All degrees of freedom, or sensors that a structure defines, if not given.",
-)
+    "All degrees of freedom, or sensors that a structure defines, if not given.")  # fmt: skip
 @options.repeated_option("--fixed", "fixed", "NAME", "Candidate that is measured; may be repeated.")
 @options.repeated_option(
-    "--excluded", "excluded", "NAME", "Candidate that cannot be; may be repeated."
-)
-@options.repeated_option(
-    "--configuration",
-    "configurations",
-    "NAME",
-    "Alternative configuration; may be repeated. All of the study, if not given.",
-)
-@options.repeated_option(
-    "--added-mass",
-    "masses",
-    "PLACE=MASS",
-    "Alternative with a mass added at a degree of freedom; may be repeated.",
-)
-@options.path_option(
-    "--after",
-    metavar="RESULT",
+    "--excluded", "excluded", "NAME", "Candidate that cannot be; may be repeated.")  # fmt: skip
+@options.repeated_option("--configuration", "configurations", "NAME",
+    "Alternative configuration; may be repeated. All of the study, if not given.")  # fmt: skip
+@options.repeated_option("--added-mass", "masses", "PLACE=MASS",
+    "Alternative with a mass added at a degree of freedom; may be repeated.")  # fmt: skip
+@options.path_option("--after", metavar="RESULT",
     text="Directory that rank saved for STUDY: what would the next test add? Before any test, if "
-    "not given.",
-)
+    "not given.")  # fmt: skip
 @options.default_option("--tests", 1000, "Number of simulated tests.", click.IntRange(min=50))
 @click.option(
     "--draws", type=click.IntRange(min=50),
     help="Draws of a class about each test; if not given 200, and more where these do not suffice.",
 )  # fmt: skip
 @options.seed_option("Seed of the simulation.")
-@options.path_option(
-    "--out",
+@options.path_option("--out",
     text="Directory for the plan and the form for its modes, a new one; RESULT/plan for the "
-    "report of RESULT.",
-)
+    "report of RESULT.")  # fmt: skip
 @terminal.json_option
 def plan(
-    study: Path,
-    names: tuple[str, ...],
-    n_sensors: int,
-    aim: str,
-    candidates_file: Path | None,
-    masses: tuple[str, ...],
-    after: Path | None,
-    tests: int,
-    draws: int | None,
-    out: Path | None,
+    study: Path, names: tuple[str, ...], n_sensors: int, aim: str, candidates_file: Path | None,
+    masses: tuple[str, ...], after: Path | None, tests: int, draws: int | None, out: Path | None,
     **further: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Choose the sensors of a test of STUDY's structure for what the test is to answer.
 
     Tests are simulated from every model class, with errors, missed and spurious modes, and over all

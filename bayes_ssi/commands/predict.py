@@ -18,55 +18,32 @@ if TYPE_CHECKING:
 @click.command()
 @options.result_argument
 @options.study_option
-@options.repeated_option(
-    "--class",
-    "classes",
-    "NAME",
+@options.repeated_option("--class", "classes", "NAME",
     "Model class, or hypothesis of a search; may be repeated.  [default: average, over all by "
-    "their probabilities]",
-)
+    "their probabilities]")  # fmt: skip
 @options.configuration_option
-@options.default_option(
-    "--quantity",
-    "acceleration",
+@options.default_option("--quantity", "acceleration",
     "Displacement relative to the ground, absolute acceleration, or drift.",
-    click.Choice(["displacement", "acceleration", "drift"]),
-)
-@options.repeated_option(
-    "--at",
-    "places",
-    "PLACE",
+    click.Choice(["displacement", "acceleration", "drift"]))  # fmt: skip
+@options.repeated_option("--at", "places", "PLACE",
     "Degree of freedom or sensor of the structure; for drift LOWER:UPPER, where LOWER may be "
-    "'ground'; may be repeated.  [default: the top]",
-)
-@click.option(
-    "--damping",
-    metavar="RATIO,…",
+    "'ground'; may be repeated.  [default: the top]")  # fmt: skip
+@click.option("--damping", metavar="RATIO,…",
     help="Fraction of critical damping, one for all modes or one for each.  [default: median "
-    "of the identified ones, or 0.02]",
-)
-@click.option(
-    "--transfer",
-    metavar="SOURCE",
+    "of the identified ones, or 0.02]")  # fmt: skip
+@click.option("--transfer", metavar="SOURCE",
     help="Input of transfer functions: acceleration of the 'ground', a force at a degree of "
-    "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]",
-)
+    "freedom, or 'none'.  [default: ground, if the influence of ground motion is known]"
+)  # fmt: skip
 @options.range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
-@options.renamed("--band", "--frequencies")
-@options.path_option(
-    "--record",
-    "records",
-    metavar="FILE",
-    multiple=True,
-    text="Ground motion (AT2, text or CSV) for time histories; may be repeated.",
-)
+@options.path_option("--record", "records", metavar="FILE", multiple=True,
+    text="Ground motion (AT2, text or CSV) for time histories; may be repeated.")  # fmt: skip
 @click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
 @options.default_option("--level", 0.9, "Probability of the credible bands.")
 @options.default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
 @options.path_option(
-    "--out", text="Directory for tables and figures.  [default: RESULT/predictions]"
-)
+    "--out", text="Directory for tables and figures.  [default: RESULT/predictions]")  # fmt: skip
 @options.flag("--overwrite", text="Replace existing predictions.")
 @terminal.json_option
 def predict(
@@ -149,18 +126,10 @@ def predict(
 
 
 def _requested(
-    predicted: StoredPredictions,
-    first: Predictions,
-    quantity: Quantity,
-    places: tuple[str, ...],
-    damping: str | None,
-    transfer: str | None,
-    frequencies: tuple[float, float] | None,
-    records: tuple[Path, ...],
-    unit: str | None,
-    dt: float | None,
-    level: float,
-) -> tuple[ResponseRequest, list[str]]:
+    predicted: StoredPredictions, first: Predictions, quantity: Quantity, places: tuple[str, ...],
+    damping: str | None, transfer: str | None, frequencies: tuple[float, float] | None,
+    records: tuple[Path, ...], unit: str | None, dt: float | None, level: float,
+) -> tuple[ResponseRequest, list[str]]:  # fmt: skip
     """The request from the options, and remarks on it."""
     from bayes_ssi.measurements.records.record_files import read_ground_motion
     from bayes_ssi.results.predictions.requested_predictions import completed_request

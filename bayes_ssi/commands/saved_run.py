@@ -173,14 +173,9 @@ class RunOptions:
         return chosen_workers(candidates, self.workers)
 
     def _save(
-        self,
-        ranking: Ranking,
-        records: Mapping[str, Any],
-        study_file: Path,
-        directory: Path,
-        overwrite: bool,
-        run: Run,
-    ) -> StoredResult:
+        self, ranking: Ranking, records: Mapping[str, Any], study_file: Path, directory: Path,
+        overwrite: bool, run: Run,
+    ) -> StoredResult:  # fmt: skip
         from bayes_ssi.plots.ranking_plots import save_result_figures
         from bayes_ssi.results.result_files import require_new
         from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
@@ -206,14 +201,9 @@ class RunOptions:
         return result
 
     def search(
-        self,
-        study: Study,
-        study_file: Path,
-        kind: str,
-        family: Family[Any],
-        inputs: Sequence[object],
-        findings: Callable[..., FamilyRecord],
-    ) -> None:
+        self, study: Study, study_file: Path, kind: str, family: Family[Any],
+        inputs: Sequence[object], findings: Callable[..., FamilyRecord],
+    ) -> None:  # fmt: skip
         """Search a family of hypotheses, save what was found, print it and exit."""
         from bayes_ssi.report.tables.search_tables import found, further_tables
         from bayes_ssi.results.stored_result import SEARCH

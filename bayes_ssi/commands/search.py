@@ -12,36 +12,20 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 @options.study_argument
 @options.classes_option(
     "Model classes to hang appendages on. Every class of the study without an appendage of its "
-    "own, averaged over, if not given.",
-    old="--baseline",
-)
-@options.path_option(
-    "--candidates",
-    "candidates_file",
-    metavar="FILE",
+    "own, averaged over, if not given.")  # fmt: skip
+@options.path_option("--candidates", "candidates_file", metavar="FILE",
     text="CSV file of the places where appendages may hang, with columns name and place. Floors "
-    "and storeys where a structure has them, else all sensors, if not given.",
-)
-@options.repeated_option(
-    "--in",
-    "present_in",
-    "TEST",
-    "Configuration that has the appendages; may be repeated. All with these places if not given.",
-)
-@click.option(
-    "--mass",
-    type=(float, float),
-    metavar="LIGHTEST HEAVIEST",
+    "and storeys where a structure has them, else all sensors, if not given.")  # fmt: skip
+@options.repeated_option("--in", "present_in", "TEST",
+    "Configuration that has the appendages; may be repeated. All with these places if not given."
+)  # fmt: skip
+@click.option("--mass", type=(float, float), metavar="LIGHTEST HEAVIEST",
     help="Range of the mass that vibrates, in the structure's unit, log-uniform. From 0.1 to 50 % "
-    "of the mean floor mass, or of the median modal mass where there are no floors, if not given.",
-)
-@click.option(
-    "--frequency",
-    type=(float, float),
-    metavar="LOW HIGH",
+    "of the mean floor mass, or of the median modal mass where there are no floors, if not given."
+)  # fmt: skip
+@click.option("--frequency", type=(float, float), metavar="LOW HIGH",
     help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
-    "identified frequency to the band's upper limit if not given.",
-)
+    "identified frequency to the band's upper limit if not given.")  # fmt: skip
 @options.default_option(
     "--most",
     2,
@@ -51,15 +35,10 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 )
 @run_options
 def search(
-    study: Path,
-    names: tuple[str, ...],
-    candidates_file: Path | None,
-    present_in: tuple[str, ...],
-    mass: tuple[float, float] | None,
-    frequency: tuple[float, float] | None,
-    most: int,
+    study: Path, names: tuple[str, ...], candidates_file: Path | None, present_in: tuple[str, ...],
+    mass: tuple[float, float] | None, frequency: tuple[float, float] | None, most: int,
     sampling: RunOptions,
-) -> None:
+) -> None:  # fmt: skip
     """Search for appendages that hide in the identified modes of STUDY.
 
     Hypotheses (no appendage; a pendulum on each floor or other candidate; an infill in each storey;

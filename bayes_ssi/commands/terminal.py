@@ -55,12 +55,9 @@ class OneLineErrors(click.Group):
         return super().parse_args(ctx, args)
 
     def main(
-        self,
-        args: Sequence[str] | None = None,
-        *others: Any,
-        standalone_mode: bool = True,
+        self, args: Sequence[str] | None = None, *others: Any, standalone_mode: bool = True,
         **named: Any,
-    ) -> Any:
+    ) -> Any:  # fmt: skip
         run: Callable[[], Any] = functools.partial(
             super().main, args, *others, standalone_mode=False, **named
         )
@@ -78,12 +75,9 @@ class OneLineErrors(click.Group):
             click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
         except click.ClickException as error:
-            text = error.format_message()
-            if isinstance(error, click.NoSuchOption) and error.option_name == "--sensitivity":
-                text += " The sensitivity of a saved result: bayes-ssi what-if RESULT."
             # Options may not have been parsed.
             as_json = "--json" in (sys.argv[1:] if args is None else args)
-            _fail(text, as_json)
+            _fail(error.format_message(), as_json)
         except click.Abort:
             click.echo("Interrupted.", err=True)
             sys.exit(INTERRUPTED)

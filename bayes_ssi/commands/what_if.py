@@ -19,25 +19,16 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 
 @click.command(name="what-if")
 @options.result_argument
-@options.repeated_option(
-    "--prior",
-    "priors",
-    "NAME=PRIOR",
-    'New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.',
-)
+@options.repeated_option("--prior", "priors", "NAME=PRIOR",
+    'New prior of a parameter, such as "k1=LogNormal(1, 0.5)"; may be repeated.')  # fmt: skip
 @options.number_option("--frequency-cov", "COV", "Prediction error of frequencies, a fraction.")
 @options.number_option("--shape-sd", "SD", "Prediction error of shapes.")
 @options.number_option(
-    "--detection", "PROBABILITY", "Probability that a mode in the band is identified."
-)
+    "--detection", "PROBABILITY", "Probability that a mode in the band is identified.")  # fmt: skip
 @options.number_option("--spurious", "NUMBER", "Expected number of spurious modes in the band.")
-@options.repeated_option(
-    "--band",
-    "bands",
-    "LOW,HIGH",
+@options.repeated_option("--band", "bands", "LOW,HIGH",
     "Band of the search for modes in Hz, NAME=LOW,HIGH of configuration NAME where there are "
-    "several; may be repeated.",
-)
+    "several; may be repeated.")  # fmt: skip
 @options.repeated_option(
     "--weight", "weights", "NAME=WEIGHT", "Prior weight of a model class; may be repeated."
 )

@@ -64,10 +64,18 @@ def read_arrays(
 def _fields(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """The value itself, or the fields of a structure."""
     if getattr(value, "dtype", None) is None or not value.dtype.names or value.size != 1:
-        yield name, value
+        yield name, _of_cells(value)
         return
     for field in value.dtype.names:
         yield from _fields(f"{name}.{field}", value.flat[0][field])
+
+
+def _of_cells(value: Any) -> Any:
+    """A cell array of texts as an array of texts; anything else as it is."""
+    cells: Any = value.ravel() if isinstance(value, np.ndarray) and value.dtype.hasobject else []
+    if not len(cells) or any(np.asarray(cell).dtype.kind != "U" for cell in cells):
+        return value
+    return np.array([str(np.ravel(cell)[0]) for cell in cells if np.size(cell)])
 
 
 def _is_hdf5(path: Path) -> bool:

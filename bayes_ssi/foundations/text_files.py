@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import stat
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -110,8 +111,16 @@ def sheet_names(path: Path) -> list[str]:
 
     with optional_package("openpyxl", extra="xlsx"):
         import openpyxl  # noqa: F401 - pandas reads with it
-    with damage_named(path), pd.ExcelFile(path, engine="openpyxl") as book:
+    with damage_named(path), _no_remarks_on_styles(), pd.ExcelFile(path, "openpyxl") as book:
         return [str(name) for name in book.sheet_names]
+
+
+@contextmanager
+def _no_remarks_on_styles() -> Iterator[None]:
+    """Within it openpyxl does not warn of styles, which other programs leave out."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", category=UserWarning, module="openpyxl")
+        yield
 
 
 def _sheet_text(path: Path, sheet: str | int) -> str:
@@ -121,7 +130,7 @@ def _sheet_text(path: Path, sheet: str | int) -> str:
     names = sheet_names(path)
     if sheet not in (0, *names):
         raise ValueError(f"{path}: no sheet {sheet!r}; choose from {', '.join(map(repr, names))}")
-    with damage_named(path):
+    with damage_named(path), _no_remarks_on_styles():
         cells = pd.read_excel(path, sheet, header=None, dtype=object, engine="openpyxl")
     return str(cells.to_csv(header=False, index=False, lineterminator="\n"))
 

@@ -257,24 +257,6 @@ def test_check_shows_names_with_brackets(run, csv_file, name):
     assert f"test {name}" in result.stdout
 
 
-BAD_CSV = {
-    "empty": ("", "empty"),
-    "frequency text": (CSV.replace("1.618", "fast"), "line 5", "frequency_hz", "'fast'"),
-    "outside the band": (CSV.replace("0, 3", "0, 1"), "mode '2'", "outside the band"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "words"), [(t, w) for t, *w in BAD_CSV.values()], ids=BAD_CSV)
-def test_bad_data(run, csv_file, text, words):
-    path = csv_file(text)
-    assert_one_line_error(run("check", path), str(path), *words)
-
-
-def test_missing_data(run, tmp_path):
-    assert_one_line_error(run("check", tmp_path / "none.csv"), "none.csv")
-    assert_one_line_error(run("check", tmp_path), str(tmp_path))
-
-
 PAIRING = 'pairing = {"1": 1, "2": 2}'
 PRIOR = "bs.LogNormal(1.0, 0.3)"
 BAD_STUDIES = {
@@ -347,24 +329,6 @@ def test_rank_over_all_pairings(run, tiny_study_file, tmp_path):
     assert "identified mode 1 is model mode 1 with probability" in result.stdout
     (posterior,) = load_result(tmp_path / "r").posteriors
     assert posterior.configurations[0].inferred_pairing.best == {"1": 1, "2": 2}
-
-
-COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
-
-
-def in_a_process(*arguments):
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-
-
-def test_in_a_process_of_its_own(tmp_path):
-    done = in_a_process("new", tmp_path / "tower")
-    assert (done.returncode, done.stderr) == (0, "")
-    again = in_a_process("new", tmp_path / "tower")
-    assert again.returncode == 2
-    assert again.stderr.startswith("Error: ")
-    assert again.stderr.count("\n") == 1
 
 
 def test_help_and_version(run):
@@ -446,9 +410,3 @@ def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
         "r.csv: record: two sensors are named 'A'; name all in their order (--sensor)",
     )
     assert_one_line_error(run("check", tmp_path / "r.csv", "--band", 0, 6), "--band: applies to mo")
-
-
-def test_sensitivity_is_found_where_it_is(run):
-    done = run("rank", "study.py", "--sensitivity")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.endswith("The sensitivity of a saved result: bayes-ssi what-if RESULT.\n")

@@ -3,7 +3,6 @@
 Each writes the same frame of two storeys, whose stiffnesses are the properties.
 """
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -96,26 +95,10 @@ def npz(name, k):
     return f"{name}.npz"
 
 
-def nastran_op4(name, k):
-    """OUTPUT4 in binary, BIGMAT: records of Fortran around columns of strings of numbers."""
-
-    def record(data):
-        return struct.pack("<i", len(data)) + data + struct.pack("<i", len(data))
-
-    content = b""
-    for title, matrix in (("KAA", k), ("MAA", M)):
-        content += record(struct.pack("<4i8s", 2, 2, 6, 2, title.ljust(8).encode()))
-        for j in range(2):
-            content += record(struct.pack("<3i2d", j + 1, 1, 4, *matrix[:, j]))
-        content += record(struct.pack("<3id", 3, 1, 2, 1.0))
-    Path(f"{name}.op4").write_bytes(content)
-    return f"{name}.op4"
-
-
 UNLABELLED = ("--labels", "labels.txt")
 FORMATS = {
     abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (), harwell_boeing: (),
-    matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED, nastran_op4: UNLABELLED,
+    matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED,
     matlab: ("--keys", "Kff,Mff", *UNLABELLED),
 }  # fmt: skip
 
@@ -143,8 +126,6 @@ def options(files):
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("written", FORMATS, ids=lambda written: written.__name__)
 def test_a_format_by_one_command(written):
-    if written is nastran_op4:
-        pytest.importorskip("pyyeti", reason="pip install bayes_ssi[nastran]")
     files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
     done = run(*options(files), *FORMATS[written])
     assert done.exit_code == 0, done.output

@@ -59,10 +59,24 @@ def test_nothing_is_overwritten(tmp_path, monkeypatch):
     (tmp_path / "mine.csv").write_text("precious")
     done = run("new", "mine.py")
     assert done.exit_code == 2
-    assert done.stderr.strip() == "Error: mine.csv: exists already and is not overwritten"
+    assert done.stderr.startswith("Error: mine.csv, line 1: columns must be separated by")
     assert (tmp_path / "mine.csv").read_text() == "precious"
     assert not (tmp_path / "mine.py").exists()
     assert run("new", "none/mine").exit_code == 2
     unknown = run("new", "other", "--kind", "bridge")
     assert unknown.exit_code == 2
     assert "'bridge' is not one of" in unknown.stderr
+
+
+def test_a_study_of_modes_that_are_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (
+        "# band_hz,0,9\nlabel,frequency_hz,floor 1,floor 3\n1,1.1,0.4,1\n2,2.9,1,-0.5\n3,4.3,1,0\n"
+    )
+    (tmp_path / "mine.csv").write_text(text)
+    done = run("new", "mine")
+    assert done.exit_code == 0, done.output
+    assert "are named 'floor 1', 'floor 3', and say" in done.output
+    assert (tmp_path / "mine.csv").read_text() == text
+    assert load_study("mine.py").model_classes[0].data.frequencies_hz.tolist() == [1.1, 2.9, 4.3]
+    assert run("new", "mine").stderr == "Error: mine.py: exists already and is not overwritten\n"

@@ -223,19 +223,6 @@ def test_a_failure_leaves_nothing_behind(predict, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "words"),
-    [
-        (AT2.replace("NPTS= 4", "NPTS= 5"), (), ("quake.AT2", "NPTS = 5, but 4 values follow")),
-        (AT2, ("--unit", "cm/s"), ("quake.AT2", "unit of acceleration", "'cm/s'")),
-    ],
-)
-def test_bad_records(predict, tmp_path, text, options, words):
-    (tmp_path / "quake.AT2").write_text(text, "utf-8")
-    assert_one_line_error(predict("--record", tmp_path / "quake.AT2", *options), *words)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--record", "nowhere.AT2"), ("nowhere.AT2: No such file",)),

@@ -213,7 +213,7 @@ def test_a_workbook(tmp_path):
 
 def test_files_of_modes_and_records_are_told_apart(tmp_path):
     path = tmp_path / "a.csv"
-    for text in (*TABLES.values(), HEAD, "Frequency,a\n"):
+    for text in (*TABLES.values(), HEAD, "Frequency,a\n", '"Mode" "Frequency [Hz]"\n1 1.5\n'):
         path.write_text(text)
         assert not is_record(path)
     for text in ("t (s),a\n0,1\n", "Sampling frequency (Hz): 20\nNo,a\n1,2\n", "Mode,a\n1,2\n"):
@@ -256,7 +256,12 @@ NO_NUMBER = "is not a number"
             "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
             r"line 1: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
         ),
-        ("label, frequency_hz, , a\n1, 1\n", "line 1: a column has no name"),
+        ("label, frequency_hz, , a\n1, 1\n", "line 1: column 3 has no name; name it, or"),
+        (
+            ",Mode,Frequency (Hz)\n0,1,1.5\n",
+            "line 1: column 1 has no name; .* if it counts",
+        ),
+        ('"Mode" "Frequency [Hz]"\n1 1.5\n', "line 1: .* separated by commas, semicolons or tabs"),
         ("label, frequency_hz, a, a\n1, 1\n", "line 1: two columns are named 'a'"),
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, -2\n", "line 3: .*frequency_cov .* -2.0"),
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, 2 %\n", "line 3: frequency_cov: '2 %' is"),

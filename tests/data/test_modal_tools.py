@@ -75,30 +75,6 @@ def test_errors_of_a_universal_file_are_explained(tmp_path):
         bs.read_modal_data(damaged, band_hz=(0, 6))
 
 
-def test_a_result_of_pyoma2():
-    data = pytest.importorskip("pyoma2.algorithms.data.result", reason="pip install pyoma-2")
-    result = data.SSIResult(
-        Fn=np.array([2.76, 0.96]),
-        Phi=(SHAPES[::-1] * np.exp(0.4j)).T,
-        Xi=np.array([0.02, 0.01]),
-        Fn_std=np.array([0.0276, 0.0048]),
-    )
-    names = ("floor 1", "floor 2", "floor 3")
-    modes = bs.modal_data_from_pyoma2(result, band_hz=(0, 6), sensors=names)
-    np.testing.assert_allclose(modes.frequencies_hz, [0.96, 2.76])
-    assert [mode.frequency_cov for mode in modes.modes] == pytest.approx([0.005, 0.01])
-    assert [mode.damping for mode in modes.modes] == [0.01, 0.02]
-    expected = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
-    signs = np.sign(modes.unit_shapes[2])
-    np.testing.assert_allclose(modes.unit_shapes * signs, expected.T, atol=1e-12)
-    with pytest.raises(ValueError, match="2 sensors for 3 channels"):
-        bs.modal_data_from_pyoma2(result, band_hz=(0, 6), sensors=names[:2])
-    with pytest.raises(ValueError, match="call mpe of the algorithm first"):
-        bs.modal_data_from_pyoma2(data.SSIResult(), band_hz=(0, 6))
-    with pytest.raises(TypeError, match="got dict"):
-        bs.modal_data_from_pyoma2({}, band_hz=(0, 6))
-
-
 def identified_by_pyoma2():
     """Modes that pyOMA2 itself identifies in simulated ambient vibration of two oscillators."""
     pytest.importorskip("pyoma2", reason="pip install pyoma-2")
@@ -129,7 +105,7 @@ def identified_by_pyoma2():
 @pytest.mark.filterwarnings("ignore")  # whatever pyOMA2 and its libraries warn of
 def test_modes_that_pyoma2_identified():
     result, shapes = identified_by_pyoma2()
-    data = bs.modal_data_from_pyoma2(result, band_hz=(0, 10), sensors=("a", "b"))
+    data = bs.ModalData.from_arrays(result.Fn, result.Phi, (0.0, 10.0), ("a", "b"))
     np.testing.assert_allclose(data.frequencies_hz, [2.0, 5.0], atol=0.05)
     unit = shapes.T / np.linalg.norm(shapes, axis=1)
     assert np.all(np.abs((data.unit_shapes * unit).sum(axis=0)) > 0.99)

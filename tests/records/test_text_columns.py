@@ -1,10 +1,14 @@
 """Columns are read as loggers and spreadsheets write them: never a clock as a sensor, never a gap
 as motion, never a unit left aside."""
 
+import re
+from zipfile import ZipFile
+
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.measurements.records.record_files import is_record
 
 RATE, NAMES = 20.0, ("K1", "K2", "K3")
 SAMPLES = np.random.default_rng(1).standard_normal((3, 60)).round(5)
@@ -62,6 +66,9 @@ FORMATS = {
     ],
     "count and time": [
         "Sample,t,K1,K2,K3", *(f"{k},{row}" for k, row in enumerate(rows(), 1)),
+    ],
+    "table of R": [
+        '"t" "K1" "K2" "K3"', *(f'"{k}" {row}' for k, row in enumerate(rows(separator=" "), 1)),
     ],
     "labview": [
         "LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", "***End_of_Header***\t",
@@ -191,7 +198,12 @@ def test_a_workbook(tmp_path):
     for k, row in enumerate(SAMPLES.T.tolist()):
         sheet.append([datetime(2024, 5, 12) + timedelta(seconds=k / RATE), *row])
     sheet["C31"] = None
-    book.save(tmp_path / "a.xlsx")
+    book.save(tmp_path / "full.xlsx")
+    # Other programs leave out styles that have names.
+    with ZipFile(tmp_path / "full.xlsx") as full, ZipFile(tmp_path / "a.xlsx", "w") as bare:
+        for name in full.namelist():
+            content = re.sub(rb"<cellStyles.*</cellStyles>", b"", full.read(name))
+            bare.writestr(name, content)
     one = bs.read_record(tmp_path / "a.xlsx", keys=["data"])
     assert (one.sensors, one.unit, one.gaps) == (NAMES, "mg", ((29, 30),))
     assert one.rate_hz == pytest.approx(RATE)
@@ -212,6 +224,23 @@ def test_texts_of_bytes(tmp_path):
     np.savez(path, a=SAMPLES, rate_hz=RATE, unit=unit, sensors=names)
     one = bs.read_record(path)
     assert (one.sensors, one.unit, one.rate_hz) == (NAMES, "mg", RATE)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_first_column_of_an_array_that_advances_is_no_sensor(tmp_path, turned):
+    from scipy.io import savemat
+
+    path = tmp_path / "a.mat"
+    table = np.vstack([np.arange(60) / RATE, SAMPLES])
+    savemat(path, {"A": table if turned else table.T})
+    one = bs.read_record(path, unit="g", sensors=NAMES)
+    assert (one.sensors, one.rate_hz) == (NAMES, pytest.approx(RATE))
+    np.testing.assert_array_equal(one.samples, SAMPLES)
+    savemat(path, {"A": np.vstack([np.arange(60), SAMPLES]), "fs": RATE, "names": ["n", *NAMES]})
+    one = bs.read_record(path, unit="g")
+    assert (one.sensors, one.rate_hz) == (NAMES, RATE)
+    savemat(path, {"A": np.vstack([table[:1], SAMPLES]), "names": ["t", *NAMES]})
+    assert bs.read_record(path, unit="g").sensors == NAMES
 
 
 def test_fields_of_matlab_structures(tmp_path):
@@ -256,6 +285,12 @@ def test_structures_in_matlab_files_that_are_hdf5(tmp_path):
     np.testing.assert_array_equal(one.samples, SAMPLES)
 
 
+def test_an_archive_of_miniseed_is_known_by_its_first_bytes(tmp_path):
+    path = tmp_path / "XX.ROOF..HNZ.D.2024.133"
+    path.write_bytes(b"000001D ROOF   HNZXX\x07\xe8\x00\x85" + bytes(40))
+    assert is_record(path)
+
+
 @pytest.mark.parametrize("form", ["MSEED", "SAC"])
 def test_seismic_files(tmp_path, form):
     obspy = pytest.importorskip("obspy", reason="pip install bayes_ssi[seismic]")
@@ -271,6 +306,8 @@ def test_seismic_files(tmp_path, form):
         late.stats.starttime += 40 / RATE
         traces[0].data = traces[0].data[:30]
         obspy.Stream([*traces, late]).write(str(path), format=form)
+        path = path.rename(tmp_path / "XX.T..HN0.D.2024.133")  # as archives name it
+        assert is_record(path)
     one = bs.read_record(path, unit="g")
     assert (one.sensors[0], one.rate_hz) == (".T..HN0", RATE)
     assert one.gaps == (() if form == "SAC" else ((30, 40),))

@@ -96,16 +96,10 @@ class ModalData(Displayed):
 
     @classmethod
     def from_arrays(
-        cls,
-        frequencies_hz: ArrayLike,
-        shapes: ArrayLike,
-        band_hz: Sequence[float],
-        sensors: Sequence[str],
-        source: str = "",
-        *,
-        covariance: FloatArray | None = None,
+        cls, frequencies_hz: ArrayLike, shapes: ArrayLike, band_hz: Sequence[float],
+        sensors: Sequence[str], source: str = "", *, covariance: FloatArray | None = None,
         **columns: ArrayLike,
-    ) -> "ModalData":
+    ) -> "ModalData":  # fmt: skip
         """Modes labelled 1, 2, … in the order of the arrays.
 
         Args:

@@ -1,13 +1,12 @@
-"""The sensors of a test on a finite-element model: by coordinates, and whether axes are right.
+"""The sensors of a test on a finite-element model: by coordinates, and beside the nominal modes.
 
 By coordinates, a sensor is at the nearest node that moves in its direction. Whether axes and units
 of a test are those of the model is judged by the modes of the nominal model.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, permutations
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +24,12 @@ from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS
 COLUMNS = ("sensor", "x_coord", "y_coord", "z_coord", "direction")
 # Factors between units of length: what they turn, and the factor.
 SCALES = {"mm to m": 1e-3, "m to mm": 1e3, "ft to m": 0.3048, "in to m": 0.0254, "cm to m": 1e-2}
-# Errors of identified shapes and of a nominal model take less from the mean MAC, and from its
-# product with the ratio of frequencies.
-LEAST_GAIN_OF_MAC = 0.2
+LEAST_MEAN_MAC = 0.5  # which nominal models exceed where sensors are at their places
 # Nominal frequencies are not off by such a factor; in units that do not belong together they are
 # off by √1000 = 32, or √9.81 = 3.1 (kgf) to √(1000/9.81) = 10.
 GRAVITY = {9.80665: "m", 9806.65: "mm", 386.089: "in", 32.174: "ft"}
 MOST_RATIO_OF_WEIGHTS = 2.0  # of a structure's mass to what frequencies say
 MOST_RATIO_OF_FREQUENCIES = 3.0
-
-# Axis of the test → axis of the model that it is taken for.
-Axes = Mapping[str, str]
-SAME_AXES: Axes = dict(zip(TRANSLATIONS, TRANSLATIONS, strict=True))
 
 
 @dataclass(frozen=True)
@@ -95,23 +88,21 @@ def _at_nodes(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
 
 
 def nearest_degrees_of_freedom(
-    points: Sequence[SensorPoint], model: ExportedModel, scale: float = 1.0, axes: Axes = SAME_AXES
+    points: Sequence[SensorPoint], model: ExportedModel, scale: float = 1.0
 ) -> dict[str, tuple[str, float]]:
     """Sensor → the nearest degree of freedom that moves in its direction, and its distance.
 
     ``scale`` turns the points' unit of length into the model's.
     """
-    nodes = {axis: _nodes(model, axis) for axis in {axes[point.direction] for point in points}}
+    nodes = {axis: _nodes(model, axis) for axis in {point.direction for point in points}}
 
     def nearest(factor: float) -> dict[str, tuple[str, float]]:
         mapped = {}
         for point in points:
-            of_axes = {axes[name]: x for name, x in zip(TRANSLATIONS, point.position, strict=True)}
-            at = factor * np.array([of_axes[axis] for axis in TRANSLATIONS])
-            names, positions = nodes[axes[point.direction]]
-            distances = np.linalg.norm(positions - at, axis=1)
+            names, positions = nodes[point.direction]
+            distances = np.linalg.norm(positions - factor * np.array(point.position), axis=1)
             i = int(distances.argmin())
-            mapped[point.name] = f"{names[i]} {axes[point.direction]}", float(distances[i])
+            mapped[point.name] = f"{names[i]} {point.direction}", float(distances[i])
         return mapped
 
     found = nearest(scale)
@@ -143,31 +134,25 @@ def _nodes(model: ExportedModel, direction: str) -> tuple[list[str], FloatArray]
 
 
 def compared_with_nominal(
-    model: ExportedModel, modes: ModalData, places: Callable[[Axes], Mapping[str, str]]
+    model: ExportedModel, modes: ModalData, places: Mapping[str, str]
 ) -> list[str]:
     """The nominal model against the identified modes, in sentences for the user.
 
-    Those that begin with (!) ask for a decision. For axes of the test, ``places`` gives the label
-    of every sensor; it raises ValueError where they have none.
+    ``places`` are the labels of the sensors. Sentences that begin with (!) ask for a decision.
     """
-    mapped = {}
-    for order in permutations(TRANSLATIONS):
-        try:
-            labels_of = places(dict(zip(TRANSLATIONS, order, strict=True)))
-        except ValueError:
-            continue
-        if len(set(labels_of.values()).intersection(model.labels or ())) == len(labels_of):
-            mapped[order] = [labels_of[name] for name in modes.sensors]
-    labels = list(dict.fromkeys(chain(*mapped.values())))
     n = len(modes.modes)
-    # As many again as were identified, for those that were missed.
-    n_modes = min(2 * n, int(np.count_nonzero(model.mass.diagonal())))
+    measured, known = [places[name] for name in modes.sensors], set(model.labels or ())
+    # What a mode does in one direction is rounding beside what it does there in another.
+    nodes = [label.rpartition(" ")[0] for label in measured]
+    at_nodes = [f"{node} {axis}" for node in nodes for axis in TRANSLATIONS]
+    seen = list(dict.fromkeys([*measured, *filter(known.__contains__, at_nodes)]))
     structure = MatrixStructure(
         model.stiffness,
         model.mass,
         labels=model.labels,
-        sensors=labels or [model.labels[0] if model.labels else ""],
-        n_modes=n_modes,
+        sensors=seen or list(model.labels or ())[:1],
+        # As many again as were identified, for those that were missed.
+        n_modes=min(2 * n, int(np.count_nonzero(model.mass.diagonal()))),
     )
     modes_of_model = structure.modes(np.empty((1, 0)))
     frequencies, shapes = modes_of_model.frequencies_hz[0], seen_shapes(modes_of_model.shapes)[0]
@@ -188,34 +173,14 @@ def compared_with_nominal(
             f"(!) The lowest nominal frequency is {ratio:.3g} times the identified one: are the "
             "model's units of force, length and mass consistent?"
         )
-    macs = {
-        order: mac(modes.unit_shapes, shapes[[labels.index(label) for label in of_order]])
-        for order, of_order in mapped.items()
-    }
-    # The ratio of frequencies tells a tower's alike modes in two directions apart.
-    ratios = np.exp(-abs(np.log(modes.frequencies_hz[:, None] / frequencies)))
-    with_ratios = {order: of_order * ratios for order, of_order in macs.items()}
-    better = _much_better(macs, "MAC") or _much_better(
-        with_ratios, "MAC times ratio of frequencies"
-    )
-    return said + ([better] if better else [])
-
-
-def _much_better(likeness: Mapping[tuple[str, ...], FloatArray], measure: str) -> str | None:
-    """Whether other axes than the stated ones have a much larger mean likeness, in a sentence."""
-    means = {order: _mean_of_largest(of_order) for order, of_order in likeness.items()}
-    best = max(means, key=lambda order: means[order], default=TRANSLATIONS)
-    stated = means.get(TRANSLATIONS, np.inf)
-    if best == TRANSLATIONS or means[best] < stated + LEAST_GAIN_OF_MAC:
-        return None
-    axes = zip(TRANSLATIONS, best, strict=True)
-    pairs = ", ".join(f"{axis} of the test as {taken}" for axis, taken in axes if axis != taken)
-    return (
-        f"(!) with {pairs} the identified modes would be like the nominal model's (mean {measure} "
-        f"{means[best]:.2f} instead of {stated:.2f}): are the axes the same?"
-    )
-
-
-def _mean_of_largest(macs: FloatArray) -> float:
-    known = macs[~np.isnan(macs).all(axis=1)]
-    return float(np.nanmax(known, axis=1).mean()) if len(known) else 0.0
+    scored = [i for i, mode in enumerate(modes.modes) if mode.scored_shape is not None]
+    if scored:
+        # A motion that no nominal mode has at these sensors is like none.
+        rows = shapes[[seen.index(label) for label in measured]]
+        macs = np.nan_to_num(mac(modes.unit_shapes[:, scored], rows)).max(axis=1)
+        said.append(
+            f"{'(!) ' if macs.mean() < LEAST_MEAN_MAC else ''}Largest MACs of the identified "
+            f"shapes with nominal ones: {', '.join(f'{each:.2f}' for each in macs)}"
+            f"{': are axes and places the same?' if macs.mean() < LEAST_MEAN_MAC else '.'}"
+        )
+    return said

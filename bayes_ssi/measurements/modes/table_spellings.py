@@ -76,7 +76,7 @@ def holds_modes(path: Path) -> bool:
     """Whether one of the first lines of a text, or of a workbook, names columns of modes."""
     is_book = path.suffix.lower() in WORKBOOKS
     text = read_columns(path)[0] if is_book else first_bytes(path).decode("utf-8", errors="ignore")
-    cells = {cell.strip(' "\r\ufeff') for cell in re.split("[,;\t\n]", text[:8192].lower())}
+    cells = {cell.strip(' "\r\ufeff') for cell in re.split('[,;\t\n"]', text[:8192].lower())}
     return "label" in cells or has_frequencies(cells) or any(map(UNSTATED.fullmatch, cells))
 
 
@@ -109,6 +109,8 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
     if not has_frequencies(names):
         for name in filter(UNSTATED.fullmatch, names):
             raise head.error(f"column {name!r}: state its unit, '{name} (Hz)' or '(rad/s)'")
+        if len(names) == 1:
+            raise head.error("columns must be separated by commas, semicolons or tabs")
         raise head.error(
             f"no column 'frequency_hz' among {', '.join(map(repr, names))}; the columns are label, "
             "frequency_hz, optionally frequency_cov, shape_sd, damping and damping_sd, and one for "
@@ -117,7 +119,8 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
     if not names[0] and all(own != "label" for own, _ in spelled):
         names[0], spelled[0] = "label", ("label", float)  # an index, as spreadsheets keep it
     if not all(names):
-        raise head.error("a column has no name")
+        at = names.index("") + 1
+        raise head.error(f"column {at} has no name; name it, or remove it if it counts rows")
     is_stated = "label" in map(str.lower, names)  # beside it others that may be labels are not
     parts = [PART.fullmatch(name) for name in names]
     of_sensors = [(part[1], PARTS[part[2][:2].lower()]) if part else ("", "") for part in parts]

@@ -25,13 +25,9 @@ class PartOfTest:
     """
 
     def __init__(
-        self,
-        name: str,
-        data: ModalData,
-        places: Mapping[str, int],
-        sensors: Sequence[str],
+        self, name: str, data: ModalData, places: Mapping[str, int], sensors: Sequence[str],
         frequencies: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         chosen = [mode for mode in data.modes if mode.label in places]
         with_shape = [mode for mode in chosen if mode.scored_shape is not None]
         m, n = len(data.modes), len(data.sensors)

@@ -3,9 +3,9 @@
 In a file of named arrays (MATLAB .mat, numpy .npz and HDF5) an array of samples has a row or a
 column for each sensor; its longer side is time. Scalars ``rate_hz`` or ``dt_s`` and texts
 ``quantity`` and ``unit`` in the same file (for HDF5 also attributes of the array) state what the
-samples are, and ``sensors`` their names; so do ``fs``, ``dt`` and ``names``, and a vector ``t`` or
-``time`` in s gives the rate. They may be fields of MATLAB's structures, ``data.acc`` beside
-``data.fs``.
+samples are, and ``sensors`` their names; so do ``fs``, ``dt`` and ``names``. A vector ``t`` or
+``time`` in s gives the rate, as does a first row or column of equal steps. They may be fields of
+MATLAB's structures, ``data.acc`` beside ``data.fs``.
 """
 
 import math
@@ -99,15 +99,17 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     }  # fmt: skip
     keys = list(keys) or list(samples)
     if not keys:
-        held = ", ".join(f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items())
-        raise ValueError(f"holds no rows or columns of real numbers; it holds {held or 'nothing'}")
+        held = [f"{n!r} ({array.dtype}, {array.shape})" for n, array in arrays.items()]
+        what = ", ".join(held) or "no arrays"
+        raise ValueError(f"holds no rows or columns of real numbers; it holds {what}")
     require_known("no array of samples", keys, samples)
     blocks = [np.atleast_2d(samples[key]) for key in keys]
     blocks = [block.T if block.shape[0] > block.shape[1] else block for block in blocks]
     lengths = {block.shape[1] for block in blocks}
     if len(lengths) > 1:
         raise ValueError(
-            f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys"
+            f"arrays {', '.join(map(repr, keys))} differ in length; name those to read by keys, or "
+            "give modes that they hold by ModalData.from_arrays"
         )
     around = {"", *(of[key][0] for key in keys)}
     beside = {of[n][1]: arrays[n] for n in arrays if of[n][0] in around and n not in keys}
@@ -122,6 +124,11 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     joined = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
     joined = np.ascontiguousarray(joined, dtype=float)
     times = np.ravel(beside.get("times", []))
+    if len(joined) > 1 and advances(joined[0]):
+        times, joined = joined[0], np.ascontiguousarray(joined[1:])
+        if np.array_equal(times, times[0] + np.arange(len(times))):
+            times = times[:0]  # a count of samples, which says nothing of the rate
+        names = names[1:] if len(names) > len(joined) else names
     if times.size != joined.shape[1] or times.dtype.kind not in "iuf":
         return with_statements(joined, names, stated)
     step, places = instants_of(times, "times")
@@ -138,11 +145,16 @@ def _structure_and_meaning(name: str) -> tuple[str, str]:
 
 
 def _plain(value: Any) -> np.ndarray:
-    """Bytes, or a cell array of texts, as an array of texts."""
+    """Bytes as an array of texts."""
     array = np.asarray(value)
-    if array.dtype == object:
-        return np.array([str(np.ravel(each)[0]) for each in array.ravel() if np.size(each)])
     return np.char.decode(array) if array.dtype.kind == "S" else array
+
+
+def advances(values: np.ndarray) -> bool:
+    """Whether values advance by equal steps, but for some, gaps, as no sensor's do."""
+    steps = np.diff(values.astype(float))
+    step = float(np.median(steps))
+    return step > 0.0 and float(np.median(np.abs(steps - step))) < 0.01 * step
 
 
 def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]]:

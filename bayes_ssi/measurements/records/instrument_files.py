@@ -98,6 +98,11 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
     )
 
 
+def begins_miniseed(head: bytes) -> bool:
+    """Whether a file begins as MiniSEED does, whose archives have the day for an ending."""
+    return re.match(rb"\d{6}[DRQM][ \0]", head) is not None
+
+
 def read_seismic(path: Path) -> Channels:
     """Read MiniSEED or SAC from the last beginning to the first end of its traces, with gaps.
 

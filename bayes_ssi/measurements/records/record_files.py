@@ -16,6 +16,7 @@ from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_rec
 from bayes_ssi.measurements.records.instrument_files import (
     SEISMIC,
     STRONG_MOTION,
+    begins_miniseed,
     read_at2,
     read_seismic,
     read_strong_motion,
@@ -178,7 +179,7 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in ARRAY_FILES or suffix in (".tdms", *SEISMIC, *STRONG_MOTION):
+    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC, *STRONG_MOTION) or begins_miniseed(head):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
@@ -196,7 +197,7 @@ def _read_file(
         return read_tdms(path, keys)
     if keys and suffix not in WORKBOOKS:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
-    if suffix in SEISMIC:
+    if suffix in SEISMIC or begins_miniseed(first_bytes(path)):
         return read_seismic(path)
     if suffix == ".at2":
         return read_at2(path)

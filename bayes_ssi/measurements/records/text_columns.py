@@ -24,6 +24,7 @@ from bayes_ssi.foundations.text_files import read_columns
 from bayes_ssi.measurements.records.channels import (
     STATED,
     Channels,
+    advances,
     at_places,
     instants_of,
     with_statements,
@@ -271,6 +272,8 @@ def _headings(layout: _Layout, table: "DataFrame") -> dict[int, tuple[str, str]]
                 cells.pop()
             if n > table.shape[1] and len(cells) == n - 1:  # dates and times of day have one name
                 cells.insert(1, "")
+            elif len(cells) == n - 1 and np.array_equal(table[0], 1 + table.index):
+                cells.insert(0, "")  # R gives them no name
             if filled <= len(cells) <= n:
                 return cells + [""] * (n - len(cells))
         return []
@@ -319,9 +322,7 @@ def _unit_of_instants(
     is_clock = CLOCK.fullmatch(_plain(name)) is not None
     if not is_clock:
         may_be = (j == 0 or unit in SECONDS) and not quantity_of(unit) and table.shape[1] > 1
-        # Equal steps, but for some, gaps.
-        apart = np.median(np.abs(np.diff(values.astype(float)) - step))
-        if not (may_be and step > 0.0 and apart < 0.01 * step):
+        if not (may_be and advances(values)):
             return None
     if unit:
         if unit not in SECONDS:

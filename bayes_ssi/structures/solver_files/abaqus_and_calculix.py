@@ -9,10 +9,6 @@ diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multiplier
 FORMAT=COORDINATE (row, column, entry, separated by blanks) does not say which row is which degree
 of freedom.
 
-The file of ``*SUBSTRUCTURE MATRIX OUTPUT`` has, after ``*USER ELEMENT``, its nodes in comments and
-their degrees of freedom in data lines, and after ``*MATRIX, TYPE=STIFFNESS`` or ``MASS`` the
-entries of the lower triangle, row by row.
-
 CalculiX (CrunchiX User's Manual, ``*FREQUENCY, SOLVER=MATRIXSTORAGE``): ``.sti`` and ``.mas`` hold
 stiffness and mass, one line for each entry of the upper triangle and the diagonal, column by
 column: row, column, value. ``.dof`` holds a line "node.direction" for each row. Restrained
@@ -33,20 +29,17 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import scipy.sparse as sp
 
 from bayes_ssi.foundations.text_files import first_bytes
 from bayes_ssi.structures.geometry import Geometry, Point
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, file_named
 from bayes_ssi.structures.solver_files.solver_text import (
     INTERNAL,
-    from_triangle,
     matrix_of_entries,
     matrix_of_lines,
     numbered_label,
     read_labels,
     read_number_lines,
-    require_whole_lines,
     whole_numbers,
 )
 
@@ -58,15 +51,9 @@ RESTRAINED = 1e36
 
 
 def recognises_abaqus(suffix: str, head: bytes) -> bool:
-    """A substructure, or lines of five numbers or three: others end in .mtx as well."""
-    if suffix != ".mtx":
-        return False
+    """Lines of five numbers or three: others end in .mtx as well."""
     data = _first_data(head)
-    return _is_substructure(head) or data.count(",") == 4 or _is_coordinate(data)
-
-
-def _is_substructure(head: bytes) -> bool:
-    return b"*USER ELEMENT" in head.upper()
+    return suffix == ".mtx" and (data.count(",") == 4 or _is_coordinate(data))
 
 
 def _first_data(head: bytes) -> str:
@@ -81,10 +68,8 @@ def _is_coordinate(line: str) -> bool:
 
 
 def read_abaqus(source: Source) -> Matrices:
-    """Stiffness and mass: of a substructure, labelled, or by the numbers of rows alone."""
-    path, head = source.path, first_bytes(source.path)
-    if _is_substructure(head):
-        return _substructure(path)
+    """Stiffness and mass: labelled, or by the numbers of rows alone."""
+    path = source.path
     by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
     mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
     if mass is None:
@@ -92,7 +77,9 @@ def read_abaqus(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
-    return (_unlabelled if _is_coordinate(_first_data(head)) else _labelled)(path, mass)
+    return (_unlabelled if _is_coordinate(_first_data(first_bytes(path))) else _labelled)(
+        path, mass
+    )
 
 
 def _labelled(path: Path, mass: Path) -> Matrices:
@@ -144,60 +131,6 @@ def _unlabelled(path: Path, mass: Path) -> Matrices:
         removed=np.flatnonzero(stiffness.diagonal() >= RESTRAINED),
         notes=("FORMAT=COORDINATE does not say which row is which degree of freedom",),
     )
-
-
-def _substructure(path: Path) -> Matrices:
-    require_whole_lines(path)
-    freedoms: list[list[int]] = []
-    numbers: dict[str, list[float]] = {}
-    for place, keyword, options, fields in data_lines(path):
-        try:
-            if keyword == "*USER ELEMENT":
-                if "UNSYM" in options:
-                    raise ValueError("the substructure is not symmetric")
-                freedoms.append([int(each) for each in fields])
-            elif keyword == "*MATRIX":
-                numbers.setdefault(options.get("TYPE", "").upper(), []).extend(map(float, fields))
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from None
-    head = path.read_text(encoding="ascii", errors="replace").upper().partition("*USER ELEMENT")[2]
-    comments = re.findall(r"^[*]{2}([ \d,]*)$", head.partition("\n*MATRIX")[0], re.MULTILINE)
-    nodes = [int(each) for each in re.findall(r"\d+", " ".join(comments))]
-    labels = _labels(path, nodes, freedoms)
-    kinds = ("STIFFNESS", "MASS")
-    return Matrices(
-        [_retained(path, kind, numbers, len(labels)) for kind in kinds],
-        [f"{path}: {kind}" for kind in kinds],
-        labels=labels,
-        notes=("the retained degrees of freedom of a substructure, the others condensed",),
-    )
-
-
-def _labels(path: Path, nodes: list[int], freedoms: list[list[int]]) -> list[str]:
-    """The first line lists the degrees of freedom of the first node and those after it.
-
-    A further line begins with the position of the node from which on it holds.
-    """
-    if not nodes or not freedoms:
-        raise ValueError(f"{path}: no nodes or no degrees of freedom after *USER ELEMENT")
-    starts = {1: freedoms[0], **{line[0]: line[1:] for line in freedoms[1:] if line}}
-    labels, current = [], freedoms[0]
-    for position, node in enumerate(nodes, start=1):
-        current = starts.get(position, current)
-        labels += [numbered_label(node, number) for number in current]
-    return labels
-
-
-def _retained(path: Path, kind: str, numbers: dict[str, list[float]], size: int) -> sp.csc_array:
-    if kind not in numbers:
-        raise ValueError(f"{path}: no *MATRIX, TYPE={kind}; was it requested?")
-    entries, places = numbers[kind], np.tril_indices(size)
-    if len(entries) != len(places[0]):
-        raise ValueError(
-            f"{path}: {kind}: {len(entries)} entries, but {size} degrees of freedom have "
-            f"{len(places[0])} in the lower triangle: truncated?"
-        )
-    return from_triangle(sp.coo_array((entries, places), shape=(size, size)).tocsc())
 
 
 def read_calculix(source: Source) -> Matrices:

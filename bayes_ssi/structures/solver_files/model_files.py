@@ -1,8 +1,8 @@
 """Finite-element models from the files of solvers, in any format and in N, m, kg.
 
-Files of matrices state no units: the engineer does, and the mass checks them. Frequencies are right
-in every consistent system, in which the unit of mass is that of force times s² divided by that of
-length; masses and stiffnesses that are added to a model in kg and N/m are not.
+Files of matrices state no units: the engineer does, and sees the mass in them. Frequencies are
+right in every consistent system, in which the unit of mass is that of force times s² divided by
+that of length; masses and stiffnesses that are added to a model in kg and N/m are not.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +15,6 @@ import scipy.sparse as sp
 
 from bayes_ssi.foundations.argument_types import checked, require_one_of
 from bayes_ssi.foundations.text_files import first_bytes
-from bayes_ssi.structures.response import UNITS
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import (
     read_abaqus,
     read_calculix,
@@ -32,7 +31,7 @@ from bayes_ssi.structures.solver_files.exported_model import (
     Source,
     exported_model,
 )
-from bayes_ssi.structures.solver_files.nastran import read_op4, read_punch
+from bayes_ssi.structures.solver_files.nastran import read_punch
 from bayes_ssi.structures.solver_files.plain_matrices import (
     read_containers,
     read_printed,
@@ -65,11 +64,10 @@ FORMATS = (
     Format("CalculiX matrix storage", ".sti, .mas, .dof", _ends(".sti", ".mas", ".dof"),
            read_calculix),
     Format("ANSYS full file", ".full", _ends(".full"), read_full),
-    Format("Nastran OUTPUT4", ".op4", _ends(".op4"), read_op4, has_keys=True),
     Format("Nastran punched matrices (DMIG)", ".pch, .dmig",
            _ends(".pch", ".dmig", or_begins=lambda head: b"\nDMIG" in b"\n" + head),
            read_punch, has_keys=True),
-    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx, substructure .mtx",
+    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx",
            recognises_abaqus, read_abaqus),
     Format("matrices", ".npz, .mat, .npy, Matrix Market .mtx",
            _ends(".npz", ".mat", ".npy", or_begins=lambda head: head.startswith(b"%%MatrixMarket")),
@@ -83,15 +81,10 @@ FORMATS = (
 
 @checked
 def read_model(
-    path: str | Path,
-    mass: str | Path | None = None,
-    *,
-    keys: tuple[str, str] | None = None,
-    labels: Sequence[str] | str | Path | None = None,
-    units: str | None = None,
-    mass_kg: float | None = None,
+    path: str | Path, mass: str | Path | None = None, *, keys: tuple[str, str] | None = None,
+    labels: Sequence[str] | str | Path | None = None, units: str | None = None,
     numbered: bool = False,
-) -> ExportedModel:
+) -> ExportedModel:  # fmt: skip
     """Stiffness and mass of a finite-element model, as its program exported them.
 
     The format is recognised by the file's ending and first lines; files that belong together
@@ -106,8 +99,6 @@ def read_model(
             with a line ``12 x``, ``12 1`` or ``12.1`` for each.
         units: the units of the model, such as "N, mm": turns it into N, m, kg. None leaves the
             numbers as exported.
-        mass_kg: the structure's mass as it is known, to within a factor of 2: other units are
-            refused.
         numbered: rows that neither files nor caller label are ``dof 1``, ``dof 2``, …, as the files
             count them.
 
@@ -118,8 +109,8 @@ def read_model(
     Raises:
         OSError: a file cannot be read.
         ValueError: the format is not known, a file is damaged, truncated or of another model, the
-            matrices are not symmetric, or units and mass contradict each other; one line names
-            the file and, where there is one, the line.
+            matrices are not symmetric, or the units are not known; one line names the file and,
+            where there is one, the line.
     """
     source = Source(Path(path), None if mass is None else Path(mass), keys)
     ending, head = source.path.suffix.lower(), first_bytes(source.path)
@@ -137,8 +128,6 @@ def read_model(
             raise ValueError(f"units {units!r}: numbers do not say which rows are rotations")
         labels = [f"dof {i}" for i in range(1, matrices.pair[0].shape[0] + 1)]
     model = exported_model(known.program, matrices, labels)
-    if mass_kg is not None:
-        require_mass(model, mass_kg, units)
     if units is not None:
         model = in_si(model, units)
     note = mass_note(model)
@@ -199,35 +188,6 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
         dependent=dependent,
         units="N, m, kg",
         notes=(*model.notes, f"turned from {units} into N, m, kg; rotations stay in radians"),
-    )
-
-
-def require_mass(model: ExportedModel, mass_kg: float, units: str | None) -> None:
-    """Refuse units in which the model's mass is not what the engineer knows it to be.
-
-    ``mass_kg`` is known to within a factor of 2, and ``units`` are those stated, if any.
-    """
-    if not 0.0 < mass_kg < np.inf:
-        raise ValueError(f"mass_kg must be positive, got {mass_kg!r}")
-    totals = model.total_mass
-    if not totals:
-        raise ValueError("mass_kg: labels are needed to tell the mass in each direction")
-    largest = max(totals.values())
-    # Engineers know the mass of a structure to well within a factor of 2; a mistaken unit of force
-    # or length is off by one of 4.4 or more.
-    fitting = [name for name in SYSTEMS if 0.5 < largest * _in_kg(name) / mass_kg < 2.0]
-    if units in fitting:
-        return
-    which = "" if units is None else f", in {units} {largest * _in_kg(units):.4g} kg"
-    as_mass = {name: largest * _in_kg(name) * SYSTEMS[name][1] / UNITS["g"] for name in SYSTEMS}
-    weights = [name for name, kg in as_mass.items() if 0.5 < kg / mass_kg < 2.0]
-    fit = " or ".join(map(repr, fitting)) or "none: is the density in other units than the rest?"
-    if weights and not fitting:
-        divided = " or ".join(map(repr, weights))
-        fit = f"none; divided by g it fits {divided}: are the masses weights?"
-    raise ValueError(
-        f"mass_kg {mass_kg:g}: the model's mass is {largest:.4g} in its own units{which}; units "
-        f"that fit: {fit}"
     )
 
 

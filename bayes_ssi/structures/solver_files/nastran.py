@@ -1,4 +1,4 @@
-"""Nastran: matrices punched as DMIG entries of the bulk data, and those of OUTPUT4 files.
+"""Nastran: matrices punched as DMIG entries of the bulk data.
 
 MSC Nastran Quick Reference Guide, DMIG and GRID; ``PARAM, EXTOUT, DMIGPCH`` and ``EXTSEOUT (…,
 DMIGPCH)`` punch them, as KAAX and MAAX. A header entry gives the form (1 square, 6 symmetric, of
@@ -6,16 +6,10 @@ which one triangle is stated) and the type (1 or 2, real); each column entry a p
 (1 to 6, 0 for scalar points), then point, component and value of each row. Fields are 8 or 16
 characters wide, or separated by commas.
 
-OUTPUT4 files (DMAP Programmer's Guide), binary or text, dense or sparse, are read through pyyeti.
-Their matrices have names (KAA, MAA, KXX, MXX) and no labels: which row is which degree of freedom
-is in other files, such as the punched table of ``EXTSEOUT``.
-
 Restrained, dependent and condensed degrees of freedom have no rows in the analysis set.
 """
 
 import re
-import warnings
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,8 +17,6 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from bayes_ssi.foundations.packages import optional_package
-from bayes_ssi.foundations.text_files import damage_named
 from bayes_ssi.structures.geometry import Geometry, Point
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
 from bayes_ssi.structures.solver_files.solver_text import (
@@ -169,51 +161,3 @@ def _add_node(nodes: dict[str, Point], turned: set[str], fields: list[str]) -> N
 
 def _real(text: str) -> float:
     return float(_BARE_EXPONENT.sub(r"e\1", text.upper().replace("D", "E")))
-
-
-def read_op4(source: Source) -> Matrices:
-    """Stiffness and mass among the matrices of one file, or of two files with one each."""
-    path, names = source.path, _op4_names(source.path)
-    if source.mass is None:
-        mass_path, pair = path, [names[i] for i in source.pair(names)]
-    else:
-        mass_path, of_mass = source.mass, _op4_names(source.mass)
-        if len(names) != 1 or len(of_mass) != 1:
-            raise ValueError(
-                f"{path}, {mass_path}: two files must hold one matrix each, got {len(names)} and "
-                f"{len(of_mass)}; name one file, and keys="
-            )
-        source.refuse_keys()
-        pair = [*names, *of_mass]
-    return Matrices(
-        (_op4_matrix(path, pair[0]), _op4_matrix(mass_path, pair[1])),
-        (f"{path}: {pair[0]}", f"{mass_path}: {pair[1]}"),
-        notes=(f"{pair[0]} and {pair[1]}; OUTPUT4 does not label rows",),
-    )
-
-
-def _op4_names(path: Path) -> list[str]:
-    """Names of the matrices, of which the second of one name becomes "kaa 2"."""
-    seen: Counter[str] = Counter()
-    names = []
-    for name in _from_op4(path, "dir", verbose=False)[0]:
-        seen[name.lower()] += 1
-        names.append(name if seen[name.lower()] == 1 else f"{name} {seen[name.lower()]}")
-    return names
-
-
-def _op4_matrix(path: Path, name: str) -> sp.csc_array:
-    position = _op4_names(path).index(name)
-    stated = _from_op4(path, "dir", verbose=False)[0]
-    before = stated[:position].count(stated[position])
-    matrices = _from_op4(path, "listload", namelist=[stated[position]], sparse=True)[1]
-    return sp.csc_array(matrices[before])
-
-
-def _from_op4(path: Path, what: str, **options: object) -> tuple[list, ...]:
-    with optional_package(f"{path}: pyyeti", extra="nastran"):
-        from pyyeti.nastran.op4 import OP4
-    # Names that are none in Python are changed there with a warning, and listed here.
-    with damage_named(path), warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        return getattr(OP4(), what)(str(path), **options)

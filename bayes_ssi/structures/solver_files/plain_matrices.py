@@ -16,8 +16,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh
-from scipy.sparse.linalg import eigsh
 
 from bayes_ssi.structures.finite_elements.model_arguments import matrix_keys, read_matrix
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, significant_digits
@@ -72,40 +70,16 @@ def recognises_rows(head: bytes) -> bool:
 
 
 def read_printed(source: Source) -> Matrices:
-    """Stiffness and mass of two files, and how well the printed digits state them."""
+    """Stiffness and mass of two files, and how many digits are printed."""
     files = (source.path, source.needed_mass())
     (stiffness, mass), counts = zip(*map(_printed, files), strict=True)
     digits = max(counts)  # numbers that end in zeros show fewer
     notes = (
-        f"{digits} digits are printed, {_what_they_leave(stiffness, mass, digits)}; OpenSees "
-        "prints more after setPrecision 15",
+        f"{digits} digits are printed; OpenSees prints more after setPrecision 15, which stiff "
+        "elements beside soft ones need",
         "the rows are the equations of the numberer",
     )
     return Matrices((stiffness, mass), files, notes=notes)
-
-
-def _what_they_leave(stiffness: sp.csc_array, mass: sp.csc_array, digits: int) -> str:
-    """The error of the first frequency by the rounding of the stiffness, in words.
-
-    Stiff elements leave the sum φᵀKφ small against its terms: with independent errors of half a
-    digit, its standard deviation is that of Σ φ_i φ_j ΔK_ij.
-    """
-    try:
-        squares, shapes = eigsh(stiffness, k=1, M=mass, sigma=0.0)
-    except (RuntimeError, ValueError):  # singular, or too small for Lanczos
-        try:
-            squares, shapes = (each[..., :1] for each in eigh(stiffness.toarray(), mass.toarray()))
-        except (np.linalg.LinAlgError, ValueError):  # or of two sizes, which is refused later
-            return "with which a stiffness without supports is not told from one with"
-    entries = sp.triu(stiffness).tocoo()
-    kept = entries.data != 0.0
-    (i, j), size = (each[kept] for each in entries.coords), np.abs(entries.data[kept])
-    last = 10.0 ** (np.floor(np.log10(size)) + 1 - digits)
-    shares = np.where(i == j, 1.0, 2.0) * shapes[i, 0] * shapes[j, 0]
-    error = np.sqrt((shares**2 * last**2 / 12.0).sum())
-    if not squares[0] > 2.0 * error:
-        return "with which the first frequency is not known"
-    return f"which leave the first frequency an error of {50.0 * error / squares[0]:.1g} %"
 
 
 def _printed(path: Path) -> tuple[sp.csc_array, int]:

@@ -87,14 +87,9 @@ def direction_of(name: str) -> str:
 
 
 def read_number_lines(
-    path: Path,
-    columns: str,
-    *,
-    width: int | None = None,
-    delimiter: str | None = None,
-    skip: int = 0,
-    comment: str = "",
-) -> FloatArray:
+    path: Path, columns: str, *, width: int | None = None, delimiter: str | None = None,
+    skip: int = 0, comment: str = "",
+) -> FloatArray:  # fmt: skip
     """The numbers (n_lines, n_columns) of a file that has the same columns in every line.
 
     Args:
