@@ -31,6 +31,7 @@ from bayes_ssi.foundations.displayed import columns
 @options.path_option("--out", text="Directory of the result.  [default: runs/results/hierarchy]")
 @options.flag("--overwrite", text="Replace a result that exists.")
 @options.flag("--accept-failed-checks", text="Exit with code 0 where checks failed.")
+@options.renamed("--at", "--next")
 @terminal.json_option
 def hierarchy(
     results: tuple[Path, ...], class_name: str | None, covariate_file: Path | None,

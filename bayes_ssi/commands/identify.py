@@ -39,6 +39,7 @@ MODE_FIELDS = (
 @options.path_option(
     "--figures", text="Directory for figures of spectra, poles, residuals and shapes, a new one."
 )
+@options.renamed("--at", "--mode")
 @terminal.json_option
 def identify(
     files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,

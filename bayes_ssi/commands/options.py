@@ -59,9 +59,23 @@ configuration_option = click.option(
 modes_option = path_option("--out", text="CSV file for the modes, a new one.")
 
 
-def classes_option(text: str) -> Decorator:
-    """Model classes of a study, by name."""
-    return click.option("--class", "names", metavar="NAME,…", multiple=True, help=text)
+def renamed(old: str, new: str) -> Decorator:
+    """An option that was called otherwise: one line says how it is called now."""
+
+    def refuse(_: click.Context, __: click.Parameter, given: Sequence[str]) -> None:
+        if given:
+            raise click.UsageError(f"{old} is now {new}")
+
+    own = f"was_{old.strip('-')}"  # no argument's name
+    return click.option(
+        old, own, multiple=True, hidden=True, expose_value=False, is_eager=True, callback=refuse
+    )
+
+
+def classes_option(text: str, old: str = "--only") -> Decorator:
+    """Model classes of a study, by name; ``old`` is what the option was called."""
+    option = click.option("--class", "names", metavar="NAME,…", multiple=True, help=text)
+    return lambda command: applied(command, option, renamed(old, "--class"))
 
 
 def seed_option(text: str) -> Decorator:

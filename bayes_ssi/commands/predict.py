@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 @options.path_option(
     "--out", text="Directory for tables and figures.  [default: RESULT/predictions]")  # fmt: skip
 @options.flag("--overwrite", text="Replace existing predictions.")
+@options.renamed("--band", "--frequencies")
 @terminal.json_option
 def predict(
     result: Path, study: Path | None, classes: tuple[str, ...], out: Path | None, overwrite: bool,

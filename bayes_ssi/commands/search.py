@@ -12,7 +12,7 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 @options.study_argument
 @options.classes_option(
     "Model classes to hang appendages on. Every class of the study without an appendage of its "
-    "own, averaged over, if not given.")  # fmt: skip
+    "own, averaged over, if not given.", old="--baseline")  # fmt: skip
 @options.path_option("--candidates", "candidates_file", metavar="FILE",
     text="CSV file of the places where appendages may hang, with columns name and place. Floors "
     "and storeys where a structure has them, else all sensors, if not given.")  # fmt: skip

@@ -189,6 +189,23 @@ def test_colours_and_the_time_left_are_for_terminals_only(run, tiny_study_file):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("rank", "study.py", "--only", "a"), "--only is now --class"),
+        (("search", "study.py", "--baseline", "a"), "--baseline is now --class"),
+        (("hierarchy", "r", "--at", 3), "--at is now --next"),
+        (("identify", "record.csv", "--at", 3), "--at is now --mode"),
+        (("predict", "r", "--band", 1, 2), "--band is now --frequencies"),
+    ],
+)
+def test_an_option_of_another_name_is_named(run, arguments, words):
+    done = run(*arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
     ("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±"), ("utf-8", "shape ±")]
 )
 def test_output_of_any_encoding_and_a_closed_standard_error(tmp_path, encoding, column):
