@@ -203,6 +203,36 @@ def test_shapes_that_disagree_are_nearest_between_them():
     assert max(errors) < 3e-4
 
 
+def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
+    """The two modes are nearly opposite at the sensors: at atan(1/8.6) they cancel one another.
+
+    On both sides the shape fits, so that the mean turn is just there; misfits and joint errors are
+    to be those of a turn at which it fits.
+    """
+    low = np.array([0.00292296, 0.00456056, 0.00484652])
+    high = np.array([-0.02297953, -0.03900381, -0.04182941])
+    unit = np.array([0.37168192, 0.62663492, 0.68496805])
+    unit /= np.linalg.norm(unit)
+    shapes = TurningShapes.of(
+        low[:, None, None], high[:, None, None], unit[:, None, None], np.ones((3, 1, 1)),
+        np.array([[3.899575e-6]]),
+    )  # fmt: skip
+    kappa = np.array([33.79204718848855])
+    turns = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 400_001)[:, None]
+    exponents = shapes.exponents(kappa, np.cos(2.0 * turns), np.sin(2.0 * turns))[:, 0]
+    highest = exponents.max()
+    weights = np.exp(exponents - highest)
+    turned = Turned.of(kappa, shapes)
+    assert turned.log_means[0] == pytest.approx(
+        math.log(weights.mean() / ive(0, kappa[0])) + highest, abs=3e-4
+    )
+    # At the mean turn the exponent would be hundreds below.
+    mean = 0.5 * math.atan2((weights * np.sin(2.0 * turns[:, 0])).sum(),
+                            (weights * np.cos(2.0 * turns[:, 0])).sum())  # fmt: skip
+    assert np.interp(mean, turns[:, 0], exponents) < highest - 100.0
+    assert np.interp(turned.angles[0], turns[:, 0], exponents) > highest - 1.0
+
+
 def test_shapes_parallel_at_the_sensors_look_alike_at_every_turn():
     """As those of an appendage's two modes: no turn is nearer to an identified shape."""
     rng = np.random.default_rng(11)

@@ -42,6 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
+IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
@@ -200,8 +201,10 @@ class Turned(NamedTuple):
     """Close modes as their identified shapes see them, in E cases."""
 
     log_means: FloatArray  # (E,), of exp(-Σ (1 - |φ_e·φ(t)|)/σ²) over turns
-    log_gains: FloatArray  # (E,), the same over that at the mean turn
-    angles: FloatArray  # (E,), the mean turn under it
+    log_gains: FloatArray  # (E,), the same over that at the turn ``angles``
+    # (E,), the mean turn under it; the most probable one where shapes fit on both sides of the mean
+    # and not there, as at a turn that no sensor sees.
+    angles: FloatArray
     distances: FloatArray  # (m, E), 1 - |φ_e·φ(t)| at that turn
 
     @classmethod
@@ -227,7 +230,7 @@ class Turned(NamedTuple):
         centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
         apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
         several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
-        log_means, angles = np.zeros((2, len(kappa)))
+        log_means, highest, mean_turns, peaks = np.zeros((4, len(kappa)))
         left, nodes = np.flatnonzero(turns), (centre, width)
         for n in NUMBERS_OF_NODES:
             accurate = np.empty(len(left), dtype=bool)
@@ -236,15 +239,17 @@ class Turned(NamedTuple):
                 part = slice(first, first + step)
                 some = left[part]
                 own = nodes[0][..., some], nodes[1][..., some]
-                log_means[some], angles[some], accurate[part] = _mean_over_turns(
-                    n, *own, kappa[some], shapes.cases(some)
-                )
+                own_means = _mean_over_turns(n, *own, kappa[some], shapes.cases(some))
+                log_means[some], highest[some], mean_turns[some], peaks[some], sure = own_means
+                accurate[part] = sure
             if n == NUMBERS_OF_NODES[0]:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)
             if n == NUMBERS_OF_NODES[0]:
                 centres[:, 0, left], widths[0, left] = _highest(kappa[left], shapes.cases(left))
-        distances = shapes.distances(*(of(2.0 * angles)[None] for of in (np.cos, np.sin)))[:, 0]
+        at_mean = shapes.exponents(kappa, *_cosines(mean_turns))[0]
+        angles = np.where(at_mean > highest + IMPROBABLE, mean_turns, peaks)
+        distances = shapes.distances(*_cosines(angles))[:, 0]
         exponents = row_sums((distances / shapes.variances)[None])[0]
         log_means = np.where(turns, log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
@@ -275,8 +280,8 @@ def _highest(kappa: FloatArray, shapes: TurningShapes) -> tuple[FloatArray, Floa
 
 def _mean_over_turns(
     n: int, centres: FloatArray, widths: FloatArray, kappa: FloatArray, shapes: TurningShapes
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Log means and mean turns (E,), and whether they are accurate.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Log means, the highest exponents, mean turns and the highest ones (E,); which are accurate.
 
     n nodes about each of K centres (2, K, E), cosines and sines of twice a turn c, have Cauchy
     densities q_k of widths (K, E) in tan(t - c): midpoints of equal steps of their distribution
@@ -292,7 +297,8 @@ def _mean_over_turns(
     cos2 = (centres[0] * cosine - centres[1] * sine).reshape(-1, n_cases)
     sin2 = (centres[1] * cosine + centres[0] * sine).reshape(-1, n_cases)
     exponents = shapes.exponents(kappa, cos2, sin2)
-    highest = exponents.max(axis=0)
+    best = exponents.argmax(axis=0), np.arange(n_cases)
+    highest = exponents[best]
     terms, total = np.exp(exponents - highest), np.zeros(exponents.shape)
     for k, (c, s, width) in enumerate(zip(*centres, widths, strict=True)):
         squares = width * width
@@ -304,4 +310,10 @@ def _mean_over_turns(
     by_node = row_sums(terms.reshape(n, n_sets, n_cases))
     even, odd = folded(by_node[::2]), folded(by_node[1::2])
     log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
-    return log_means, 0.5 * np.arctan2(*mean), np.abs(even - odd) < DISAGREE * (even + odd)
+    turns = (0.5 * np.arctan2(*of) for of in (mean, (sin2[best], cos2[best])))
+    return log_means, highest, *turns, np.abs(even - odd) < DISAGREE * (even + odd)
+
+
+def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cosines and sines (1, E) of twice some turns."""
+    return np.cos(2.0 * turns)[None], np.sin(2.0 * turns)[None]

@@ -225,8 +225,10 @@ def _next_level(
         return list(chosen), 0, -math.inf
     rows = [row for expected in extended.values() for row in expected.values()]
     # Each hypothesis extends as many as it has features.
-    left = float(np.exp(rows).sum()) / n - sum(map(math.exp, chosen.values()))
-    log_left = known + math.log(left) if left > 0.0 else -math.inf
+    log_all = float(logsumexp(rows)) - math.log(n)
+    log_chosen = float(logsumexp(list(chosen.values()))) if chosen else -math.inf
+    share = -math.expm1(log_chosen - log_all)
+    log_left = known + log_all + math.log(share) if share > 0.0 else -math.inf
     return list(chosen), n_all - len(chosen), log_left
 
 
