@@ -377,8 +377,14 @@ class JointPairs:
             scored = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
             unit = shapes[:, scored].reshape(n * len(pairs), len(errors.shapes), n_sensors)
             repeated = np.repeat(variances, len(pairs), axis=0) if len(variances) > 1 else variances
-            zero = np.zeros(len(repeated))
-            frequency, shape = (ErrorSizes(repeated[:, i], zero, zero) for i in (0, -1))
+            of_shapes = repeated[:, -1]
+            if len(scored):
+                own = self.pairs.model_shape_var[scored]
+                of_shapes = (np.broadcast_to(variances[:, -1:], (n, 1)) + own).ravel()
+            frequency, shape = (
+                ErrorSizes(variance, *np.zeros((2, len(variance))))
+                for variance in (repeated[:, 0], of_shapes)
+            )
             yield errors, (frequencies[:, pairs].reshape(-1, 1), unit, (frequency, shape))
 
     @cached_property

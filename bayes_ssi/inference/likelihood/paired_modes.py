@@ -93,7 +93,16 @@ class PairedModes:
         m, n = len(data.modes), len(data.sensors)
         shapes = m + n * places[self.with_shape, None] + np.arange(n)
         rows = np.concatenate([places, shapes.ravel()])
-        return data.covariance[np.ix_(rows, rows)]
+        covariance = data.covariance[np.ix_(rows, rows)]
+        i = np.arange(len(places), len(rows))
+        covariance[i, i] += self.model_shape_var.repeat(n)
+        return covariance
+
+    @property
+    def model_shape_var(self) -> FloatArray:
+        """Variances (S,) that the model modes' shapes have of their own."""
+        sds = np.array([self.modes[i].shape_sd or 0.0 for i in self.with_shape])
+        return self.shape_var - sds * sds
 
     def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
         """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
