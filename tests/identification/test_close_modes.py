@@ -31,7 +31,6 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     configuration_modes,
     remarks_on_close_modes,
 )
-from bayes_ssi.structures.further_mode import FurtherMode
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -388,22 +387,6 @@ def test_joint_errors_that_are_independent_change_nothing_of_a_turned_pair(pairi
         covariance=np.diag(np.repeat([0.004**2, 0.02**2], [2, 8])),
     )
     assert likelihood(joint, 0.004, pairing) == pytest.approx(likelihood(alone, 0.004, pairing))
-
-
-@pytest.mark.parametrize("pairing", [{"a": 1, "b": 4}, "any"])
-def test_joint_errors_that_are_independent_change_nothing_of_a_further_motion(pairing):
-    """Its shape has errors of its own, which belong to both densities of the ratio."""
-    sds = {"frequency_cov": 0.004, "shape_sd": 0.02}
-    joint = turned_data(60.0, 0.003, error=0.02)
-    alone = replace(joint, modes=tuple(replace(mode, **sds) for mode in joint.modes))
-    joint = replace(joint, covariance=np.diag(np.repeat([0.004**2, 0.02**2], [2, 8])))
-    structure = FurtherMode(Pair(), bs.Parameter("hz", bs.LogUniform(1.0, 3.0)), like=0)
-    error, values = bs.ErrorModel(0.004, 0.02), np.array([[0.2, 2.001], [0.003, 1.99]])
-    both = [
-        bs.ModelClass("m", structure, data, error, pairing=pairing).log_likelihood(values)
-        for data in (alone, joint)
-    ]
-    assert both[1] == pytest.approx(both[0], rel=1e-9)
 
 
 def test_the_probability_of_pairs_is_that_of_the_pairings_with_them():

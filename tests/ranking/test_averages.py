@@ -77,12 +77,14 @@ def test_the_table_fits_a_terminal(make_posterior):
 @pytest.mark.usefixtures("no_figures", "coarse_command")
 def test_ranking_shows_and_saves_the_averages(run, tiny_study_file, tmp_path):
     title = "Parameters averaged over the model classes that infer them"
-    unlike = run("rank", tiny_study_file, "--out", tmp_path / "a", "--accept-failed-checks")
+    unlike = run("rank", tiny_study_file, "--out", tmp_path / "a", "--accept-failed-checks",
+                 "--verbose")  # fmt: skip
     assert unlike.exit_code == 0, unlike.output
     assert title not in unlike.stdout
     text = tiny_study_file.read_text(encoding="utf-8")
     tiny_study_file.write_text(text.replace('"k1"', '"k"'), encoding="utf-8")
-    alike = run("rank", tiny_study_file, "--out", tmp_path / "b", "--accept-failed-checks")
+    alike = run("rank", tiny_study_file, "--out", tmp_path / "b", "--accept-failed-checks",
+                "--verbose")  # fmt: skip
     assert title in alike.stdout
     for name, expected in (("a", []), ("b", [("k", 2)])):
         path = tmp_path / name / "averaged_parameters.json"
