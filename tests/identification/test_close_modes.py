@@ -420,9 +420,15 @@ def test_the_probability_of_pairs_is_that_of_the_pairings_with_them():
         np.testing.assert_allclose(shares, of_pairs[j] / total, atol=4.0 * 0.5 / math.sqrt(20_000))
 
 
+@pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 90.0])
-def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees):
+def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, joint):
+    """With joint errors, too: those of two modes that turn together are of shapes so turned."""
     data = turned_data(degrees, 0.01, error=0.03)
+    if joint:
+        of_shapes = np.square([0.02, 0.005, 0.01, 0.03])
+        variances = np.concatenate([[1e-6, 1e-6], of_shapes, of_shapes[::-1]])
+        data = replace(data, covariance=np.diag(variances))
     terms = [
         likelihood(data, 0.012, pairing)
         for pairing in (

@@ -24,6 +24,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
@@ -344,6 +345,29 @@ class JointPairs:
         n, modes = len(frequencies), self._by_mode(frequencies, unit_shapes, variances)
         ratios = [errors.log_ratio(*residuals).reshape(n, -1) for errors, residuals in modes]
         return np.concatenate(ratios, axis=1)
+
+    def ratios_of_shapes(
+        self,
+        columns: NDArray[np.intp],
+        frequencies_hz: FloatArray,
+        unit_shapes: FloatArray,
+        variances: FloatArray,
+    ) -> FloatArray:
+        """The log ratios (E,) of pairs one by one: of shapes ``columns`` (E,) among those scored.
+
+        Model frequencies (E,) and unit shapes (E, s) may be others than those of the batch;
+        ``variances`` (E, 2) are squared prediction errors.
+        """
+        ratios, which = np.zeros(len(columns)), self.pairs.with_shape[columns]
+        residuals = frequencies_hz / self.pairs.frequencies_hz[which] - 1.0
+        own = variances + np.array([0.0, 1.0]) * self.pairs.model_shape_var[columns, None]
+        for errors, pairs in self._modes.values():
+            members = np.flatnonzero(np.isin(which, pairs))
+            zero = np.zeros(len(members))
+            frequency, shape = (ErrorSizes(own[members, i], zero, zero) for i in (0, 1))
+            of_mode = residuals[members, None], unit_shapes[members, None]
+            ratios[members] = errors.log_ratio(*of_mode, (frequency, shape))
+        return ratios
 
     def errors(
         self, frequencies: FloatArray, unit_shapes: FloatArray, variances: FloatArray

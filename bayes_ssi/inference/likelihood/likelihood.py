@@ -236,7 +236,7 @@ class ModalLikelihood:
                 of_turned = cases.turned(close, shapes, mean.angles)[:, i, which]
                 of_columns = unit.reshape(*distances.shape, -1)
                 of_columns[at] = self.pairs.unit_shapes_like(columns, of_turned)
-            gains = self._log_gains(close, frequencies, shapes, turned, distances)
+            gains = self._log_gains(close, frequencies, shapes, turned, distances, unit)
         return ComparedModes(frequencies, distances, turned, unit, gains)
 
     def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
@@ -330,6 +330,7 @@ class ModalLikelihood:
         shapes: FloatArray,  # noqa: ARG002
         turned: FloatArray,  # noqa: ARG002
         distances: FloatArray,  # noqa: ARG002
+        unit: FloatArray,  # noqa: ARG002
     ) -> FloatArray:
         """As :attr:`ComparedModes.log_gains`."""
         return np.zeros((len(frequencies_hz), 0, 0, 0))
@@ -629,6 +630,7 @@ class AnyPairing(ModalLikelihood):
         shapes: FloatArray,
         turned: FloatArray,
         distances: FloatArray,
+        unit: FloatArray,
     ) -> FloatArray:
         n, hz = len(self.data.modes), self.data.frequencies_hz
         near = self._near(close, frequencies_hz)
@@ -639,13 +641,31 @@ class AnyPairing(ModalLikelihood):
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        logs = self._mean_over_turns(close, cases, shapes).log_means
+        mean = self._mean_over_turns(close, cases, shapes)
         rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
         alone = turned[rows, columns] - distances[rows, columns] / (
             close.variances[pair, 1] + variances
         )
         gains = np.zeros((len(shapes), self.structure.n_modes - 1, n, n))
-        gains[rows, close.lower[pair], j, k] = logs - np.where(columns < 0, 0.0, alone).sum(axis=0)
+        more = mean.log_means - np.where(columns < 0, 0.0, alone).sum(axis=0)
+        if self.joint_pairs is not None:
+            # Their joint density was that of each shape turned by itself.
+            together = cases.turned(close, shapes, mean.angles)
+            each_alone = unit.reshape(*distances.shape, -1)
+            for u in (0, 1):
+                scored = np.flatnonzero(columns[u] >= 0)
+                of = columns[u, scored]
+                hz = frequencies_hz[rows[scored], close.lower[pair[scored]] + u]
+                both = (
+                    self.pairs.unit_shapes_like(of, together[:, u, scored]),
+                    each_alone[rows[scored], of],
+                )
+                after, before = (
+                    self.joint_pairs.ratios_of_shapes(of, hz, each, close.variances[pair[scored]])
+                    for each in both
+                )
+                more[scored] += after - before
+        gains[rows, close.lower[pair], j, k] = more
         return gains
 
     @cached_property
