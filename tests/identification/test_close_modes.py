@@ -31,7 +31,6 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     configuration_modes,
     remarks_on_close_modes,
 )
-from bayes_ssi.structures.further_mode import FurtherMode
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -440,23 +439,3 @@ def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, j
     ]  # fmt: skip
     total = likelihood(data, 0.012, "any")
     assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
-
-
-def test_any_pairing_with_a_further_motion_is_the_sum_over_given_ones_with_joint_errors():
-    """The motion's shape has an error of its own, in the joint density and in single ones."""
-    variances = np.concatenate([[1e-6, 1e-6], *[np.square([0.02, 0.005, 0.01, 0.03])] * 2])
-    data = replace(turned_data(20.0, 0.3, error=0.03), covariance=np.diag(variances))
-    structure = FurtherMode(Pair(), bs.Parameter("hz", bs.LogUniform(1.0, 3.0)), like=0)
-    values, error = np.array([[0.3, 2.02]]), bs.ErrorModel(0.01, 0.03)
-
-    def of(pairing):
-        candidate = bs.ModelClass("m", structure, data, error, pairing=pairing)
-        return float(candidate.log_likelihood(values)[0])
-
-    pairings = [
-        {label: i for label, i in (("a", a), ("b", b)) if i}
-        for a, b in itertools.product(range(5), repeat=2)
-        if a != b or not a
-    ]
-    terms = [of(pairing) for pairing in pairings if pairing]
-    assert of("any") == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
