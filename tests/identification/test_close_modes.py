@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import i0, i1, ive
-from scipy.stats import kstest
+from scipy.stats import kstest, multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import adequacy
@@ -31,6 +31,7 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     configuration_modes,
     remarks_on_close_modes,
 )
+from bayes_ssi.structures.further_mode import FurtherMode
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -439,3 +440,49 @@ def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, j
     ]  # fmt: skip
     total = likelihood(data, 0.012, "any")
     assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
+
+
+@pytest.mark.parametrize("hz", [1.72, 2.02])
+def test_any_pairing_with_a_further_motion_is_the_sum_over_given_ones(hz):
+    """The motion's shape has an error of its own, in joint densities as in single ones."""
+    of_shapes = np.square([0.02, 0.005, 0.01, 0.03])
+    variances = np.concatenate([[1e-6, 1e-6], of_shapes, of_shapes])
+    data = replace(turned_data(20.0, 0.3, error=0.03), covariance=np.diag(variances))
+    structure = FurtherMode(Pair(), bs.Parameter("hz", bs.LogUniform(1.0, 3.0)), like=0)
+    error, values = bs.ErrorModel(0.01, 0.03), np.array([[0.3, hz]])
+
+    def log_likelihood(pairing):
+        candidate = bs.ModelClass("motion", structure, data, error, pairing=pairing)
+        return float(candidate.log_likelihood(values)[0])
+
+    pairings = [
+        {label: number for label, number in (("a", a), ("b", b)) if number}
+        for a, b in itertools.product(range(5), repeat=2)
+        if a != b or not a
+    ]
+    terms = [log_likelihood(pairing) for pairing in pairings]
+    assert log_likelihood("any") == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
+
+
+def test_a_further_motion_has_an_error_of_shape_in_joint_densities():
+    """Against normal densities in the plane at right angles to the identified shape."""
+    own, prediction, spread = 0.05, 0.03, np.diag(np.square([0.02, 0.005, 0.01, 0.03]))
+    joint = turned_data(20.0, 0.3, error=0.03)
+    covariance = np.diag(np.repeat([1e-6, 1e-4], [2, 8]))
+    covariance[2:6, 2:6] = spread
+    joint = replace(joint, covariance=covariance)
+    structure = FurtherMode(Pair(), bs.Parameter("hz", bs.LogUniform(1.0, 3.0)), like=0)
+    error, values = bs.ErrorModel(0.01, prediction), np.array([[0.3, 1.72]])
+    (likelihood,) = bs.ModelClass("m", structure, joint, error, pairing="any").likelihoods
+    modes = likelihood.compared_modes(values)
+    ratios = likelihood.joint_pairs.log_ratios(*likelihood.residuals(values, modes))
+    unit = joint.unit_shapes[:, 0]
+    model = X / np.linalg.norm(X) * np.sign(unit @ X)
+    basis = np.linalg.svd(np.eye(4) - np.outer(unit, unit))[0][:, :3]
+    along = basis.T @ (model - (unit @ model) * unit) / math.sqrt(0.5 * (1.0 + unit @ model))
+    in_plane, further = basis.T @ spread @ basis, (prediction**2 + own**2) * np.eye(3)
+    together, alone = (
+        multivariate_normal.logpdf(along, cov=of_data + further)
+        for of_data in (in_plane, np.trace(in_plane) / 3.0 * np.eye(3))
+    )
+    assert ratios[0, 3] == pytest.approx(together - alone, rel=1e-9)

@@ -74,7 +74,10 @@ class CorrelatedErrors:
     @cached_property
     def _pairs_of_tests(self) -> list[PairedModes]:
         """The pairs of each test, none where the pairing is inferred."""
-        return [PairedModes.of(test.data, test.pairing.items()) for test in self.likelihoods]
+        return [
+            PairedModes.of(test.data, test.pairing.items(), test.structure.shape_variances)
+            for test in self.likelihoods
+        ]
 
     @cached_property
     def identified(self) -> NDArray[np.intp]:
