@@ -6,12 +6,14 @@ computed, so that tests compare the package with figures that it did not produce
 """
 
 import fcntl
+import importlib.util
 import math
 import os
 import pickle
 import signal
 from collections import defaultdict
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,6 +40,15 @@ IDENTIFIED = {
     "2b": (3.00473295, [-0.79377247, -0.37649877, 0.47767556]),
     "3": (3.98405175, [-0.5785374, 0.73919027, -0.34480751]),
 }
+
+
+def script_of(name):
+    """A script of ``runs`` as a module."""
+    path = Path(__file__).parents[1] / "runs" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def multiplier(name, cov=0.3):

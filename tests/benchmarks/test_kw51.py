@@ -1,21 +1,18 @@
 """The retrofit of a measured railway bridge, after its temperature."""
 
 import csv
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import script_of
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("kw51", ROOT / "runs" / "kw51_retrofit.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_of("kw51_retrofit")
 
 
 def test_the_table_is_that_of_its_source(script):

@@ -1,10 +1,10 @@
 """Leaving one mode out of measured structures, and the structures that are new there."""
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import script_of
 
 import bayes_ssi as bs
 
@@ -14,10 +14,7 @@ COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=60, searches=1, 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("public", ROOT / "runs" / "public_structures.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_of("public_structures")
 
 
 def frame(modes_hz):

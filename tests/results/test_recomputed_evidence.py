@@ -1,27 +1,20 @@
 """Evidences of a saved ranking, recomputed by numpy alone from the draws beside it."""
 
-import importlib.util
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import script_of
 
 from bayes_ssi.inference.posterior_sampling.refinement import Confirmation, corrected
 from bayes_ssi.results.stored_result import load_result, save_result
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture(scope="module")
 def script():
-    path = ROOT / "runs" / "recompute_evidence.py"
-    spec = importlib.util.spec_from_file_location("recompute", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_of("recompute_evidence")
 
 
 def rows(script, capsys, directory):

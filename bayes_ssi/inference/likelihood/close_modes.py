@@ -247,9 +247,9 @@ class Turned(NamedTuple):
             left, nodes = left[~accurate], (centres, widths)
             if n == NUMBERS_OF_NODES[0]:
                 centres[:, 0, left], widths[0, left] = _highest(kappa[left], shapes.cases(left))
-        at_mean = shapes.exponents(kappa, *_cosines(mean_turns))[0]
+        at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]
         angles = np.where(at_mean > highest + IMPROBABLE, mean_turns, peaks)
-        distances = shapes.distances(*_cosines(angles))[:, 0]
+        distances = shapes.distances(*_cosines(angles[None]))[:, 0]
         exponents = row_sums((distances / shapes.variances)[None])[0]
         log_means = np.where(turns, log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
@@ -265,17 +265,15 @@ def _highest(kappa: FloatArray, shapes: TurningShapes) -> tuple[FloatArray, Floa
     spacing = math.pi / GRID
     for _ in range(FINER_GRIDS):
         tried = turns + spacing * steps
-        exponents = shapes.exponents(kappa, np.cos(2.0 * tried), np.sin(2.0 * tried))
+        exponents = shapes.exponents(kappa, *_cosines(tried))
         best = exponents.argmax(axis=0), np.arange(len(kappa))
         turns = tried[best][None]
         steps, spacing = np.arange(-4.0, 5.0)[:, None], 0.25 * spacing
-    below, at, above = (
-        shapes.exponents(kappa, np.cos(twice), np.sin(twice))[0]
-        for twice in (2.0 * (turns + shift) for shift in (-spacing, 0.0, spacing))
-    )
+    beside = turns + spacing * np.array([[-1.0], [0.0], [1.0]])
+    below, at, above = shapes.exponents(kappa, *_cosines(beside))
     bend = np.maximum((2.0 * at - below - above) / spacing**2, 1.0)
     widths = np.clip(SPREAD / np.sqrt(bend), LEAST_WIDTH, 1.0)
-    return np.array([np.cos(2.0 * turns[0]), np.sin(2.0 * turns[0])]), widths
+    return np.array(_cosines(turns[0])), widths
 
 
 def _mean_over_turns(
@@ -315,5 +313,5 @@ def _mean_over_turns(
 
 
 def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cosines and sines (1, E) of twice some turns."""
-    return np.cos(2.0 * turns)[None], np.sin(2.0 * turns)[None]
+    """Cosines and sines of twice some turns."""
+    return np.cos(2.0 * turns), np.sin(2.0 * turns)

@@ -48,6 +48,10 @@ class ErrorSizes(NamedTuple):
     between_tests: FloatArray
     between_modes: FloatArray
 
+    @classmethod
+    def independent(cls, variance: FloatArray) -> "ErrorSizes":
+        return cls(variance, *np.zeros((2, len(variance))))
+
 
 class Separation(NamedTuple):
     """How far apart modes are: in different tests or in the same one, and in their numbers."""
@@ -360,11 +364,10 @@ class JointPairs:
         """
         ratios, which = np.zeros(len(columns)), self.pairs.with_shape[columns]
         residuals = frequencies_hz / self.pairs.frequencies_hz[which] - 1.0
-        own = variances + np.array([0.0, 1.0]) * self.pairs.model_shape_var[columns, None]
+        own = variances + np.outer(self.pairs.model_shape_var[columns], [0.0, 1.0])
         for errors, pairs in self._modes.values():
             members = np.flatnonzero(np.isin(which, pairs))
-            zero = np.zeros(len(members))
-            frequency, shape = (ErrorSizes(own[members, i], zero, zero) for i in (0, 1))
+            frequency, shape = map(ErrorSizes.independent, own[members].T)
             of_mode = residuals[members, None], unit_shapes[members, None]
             ratios[members] = errors.log_ratio(*of_mode, (frequency, shape))
         return ratios
@@ -401,14 +404,10 @@ class JointPairs:
             scored = np.flatnonzero(np.isin(self.pairs.with_shape, pairs))
             unit = shapes[:, scored].reshape(n * len(pairs), len(errors.shapes), n_sensors)
             repeated = np.repeat(variances, len(pairs), axis=0) if len(variances) > 1 else variances
-            of_shapes = repeated[:, -1]
-            if len(scored):
-                own = self.pairs.model_shape_var[scored]
-                of_shapes = (np.broadcast_to(variances[:, -1:], (n, 1)) + own).ravel()
-            frequency, shape = (
-                ErrorSizes(variance, *np.zeros((2, len(variance))))
-                for variance in (repeated[:, 0], of_shapes)
-            )
+            of_shapes, own = repeated[:, -1], self.pairs.model_shape_var[scored]
+            if own.any():
+                of_shapes = of_shapes + np.tile(own, n)
+            frequency, shape = map(ErrorSizes.independent, (repeated[:, 0], of_shapes))
             yield errors, (frequencies[:, pairs].reshape(-1, 1), unit, (frequency, shape))
 
     @cached_property

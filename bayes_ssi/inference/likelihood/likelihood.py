@@ -651,18 +651,17 @@ class AnyPairing(ModalLikelihood):
         if self.joint_pairs is not None:
             # Their joint density was that of each shape turned by itself.
             together = cases.turned(close, shapes, mean.angles)
-            each_alone = unit.reshape(*distances.shape, -1)
+            by_themselves = unit.reshape(*distances.shape, -1)
             for u in (0, 1):
                 scored = np.flatnonzero(columns[u] >= 0)
-                of = columns[u, scored]
-                hz = frequencies_hz[rows[scored], close.lower[pair[scored]] + u]
-                both = (
-                    self.pairs.unit_shapes_like(of, together[:, u, scored]),
-                    each_alone[rows[scored], of],
-                )
+                of, row, which = columns[u, scored], rows[scored], pair[scored]
+                frequencies = frequencies_hz[row, close.lower[which] + u]
                 after, before = (
-                    self.joint_pairs.ratios_of_shapes(of, hz, each, close.variances[pair[scored]])
-                    for each in both
+                    self.joint_pairs.ratios_of_shapes(of, frequencies, each, close.variances[which])
+                    for each in (
+                        self.pairs.unit_shapes_like(of, together[:, u, scored]),
+                        by_themselves[row, of],
+                    )
                 )
                 more[scored] += after - before
         gains[rows, close.lower[pair], j, k] = more

@@ -41,8 +41,8 @@ class PairedModes:
 
         ``shape_variances`` are those that model modes have of their own, by numbers from 0.
         """
-        own = shape_variances or {}
-        pairs = tuple(pairs)
+        own, pairs = shape_variances or {}, tuple(pairs)
+        further = [own.get(number - 1, 0.0) for _, number in pairs]
         modes = tuple(data.mode(label) for label, _ in pairs)
         sds = [mode.shape_sd or 0.0 for mode in modes]
         with_shape = [i for i, mode in enumerate(modes) if mode.scored_shape is not None]
@@ -56,7 +56,7 @@ class PairedModes:
             unit_shapes=np.nan_to_num(shapes),
             measured=np.isfinite(shapes).astype(float),
             n_measured=tuple(modes[i].n_measured for i in with_shape),
-            shape_var=np.array([sds[i] ** 2 + own.get(pairs[i][1] - 1, 0.0) for i in with_shape]),
+            shape_var=np.array([sds[i] * sds[i] + further[i] for i in with_shape]),
         )
 
     @classmethod
@@ -100,7 +100,7 @@ class PairedModes:
 
     @property
     def model_shape_var(self) -> FloatArray:
-        """Variances (S,) that the model modes' shapes have of their own."""
+        """Variances (S,) that the model modes' shapes have of their own; mostly zero."""
         sds = np.array([self.modes[i].shape_sd or 0.0 for i in self.with_shape])
         return self.shape_var - sds * sds
 

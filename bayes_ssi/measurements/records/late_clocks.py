@@ -68,8 +68,8 @@ def delays_of(
         others = [columns[c] for c in chosen if c != g]
         rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
         if softmax([_log_evidence(terms, rival) for rival in rivals])[0] > SURE:
-            mean, covariance = _posterior(terms, [columns[g], *others])
-            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * covariance))
+            mean, deviation = _posterior(terms, [columns[g], *others])
+            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * deviation))
     return found
 
 
