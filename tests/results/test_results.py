@@ -277,7 +277,7 @@ def test_an_edited_number_is_recognised(saved, file, change):
 
 def test_files_added_to_a_result_do_no_harm(saved):
     (saved.directory / "notes.txt").write_text("mine", "utf-8")
-    load_result(saved.directory)
+    assert load_result(saved.directory).comparison == saved.comparison
 
 
 def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranking):
