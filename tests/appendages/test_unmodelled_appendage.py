@@ -63,6 +63,33 @@ def test_what_an_appendage_would_change_that_shows_no_second_mode():
     assert said in " ".join(first_screen(ranking).split())
 
 
+def test_a_test_of_torsion_alone_has_no_places_of_appendages():
+    """Bending and torsion are configurations; the structure of the latter has other places."""
+    k, kt = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("k", "kt"))
+    both = ((100.0 * k,) * 2, (121.0 * k,) * 2, (1e6,) * 2)
+    bending = bs.ShearBuilding3D((1.0,) * 2, (1.0,) * 2, *both)
+    torsion = bs.ShearBuilding((1.0,) * 2, (300.0 * kt,) * 2)
+
+    def test(name, structure):
+        frequencies = structure.modes(structure.prior_medians()).frequencies_hz[0]
+        seen = [hz for hz in frequencies.tolist() if hz < 6.0]
+        modes = tuple(bs.IdentifiedMode(f"{name} {i}", hz) for i, hz in enumerate(seen, 1))
+        data, pairing = (
+            bs.ModalData(modes, (0.0, 6.0)),
+            {m.label: i for i, m in enumerate(modes, 1)},
+        )
+        return bs.Configuration(name, structure, data, pairing=pairing)
+
+    made = bs.ModelClass(
+        "frame", configurations=[test("bending", bending), test("torsion", torsion)],
+        error=bs.ErrorModel(0.01),
+    )  # fmt: skip
+    ranking = bs.rank(bs.Study("frame", [made]), settings=QUICK)
+    assert {each.label.split()[0] for each in hidden_appendages(ranking, Run())} <= {"bending"}
+    near = module._places_near(choose_baselines(ranking.study), made, ranking.posteriors[0])
+    assert list(near) == ["bending 1", "bending 2", "bending 3", "bending 4"]
+
+
 def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
     (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
     antenna = bare.structure.with_element(bs.Pendulum(3, 0.01, 7.5, label="antenna"))

@@ -136,7 +136,10 @@ def _places_near(
     n_ends = [len(place.candidate.ends) for place in places]
     near: dict[str, tuple[float, list[AppendagePlace]]] = {}
     medians = {row.name: row.median for row in posterior.summary}
+    have_places = {test.name for test in baselines.tests(best)}
     for test, modes in zip(best.configurations, posterior.configurations, strict=True):
+        if test.name not in have_places:
+            continue
         values = np.array([[medians[p.name] for p in test.structure.parameters]])
         moved = test.structure.place_shapes(ends, values)
         if moved is None:
