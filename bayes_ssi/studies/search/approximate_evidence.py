@@ -56,7 +56,7 @@ class Efforts:
     ========  =======================================  ==================  ========================
     effort    what is computed                         error; evaluations  who goes on to the next
     ========  =======================================  ==================  ========================
-    look      the greatest likelihood, of hypotheses   only a bound; 200   the highest, until those
+    look      the greatest likelihood, of hypotheses   only a bound; 3,300 the highest, until those
               that differ in places all together                           left have a thousandth
     scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
               hypothesis and the feature's prior
@@ -72,9 +72,8 @@ class Efforts:
     quick one.
     """
 
-    # Frequencies in steps of 2 %, from the best of which ascents end within a few nats of the
-    # greatest likelihood, while evidences are eight and more below it.
-    look: Effort = Effort(120, 2, 0)
+    # Fewer ascents end a hundred nats below the greatest likelihood of some of the best places.
+    look: Effort = Effort(500, 12, 0)
     # Of the simpler hypothesis, with the new feature all over its prior.
     scan: Effort = Effort(250, 0, 250)
     quick: Effort = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
