@@ -110,7 +110,7 @@ def _by_coordinate(
     with np.errstate(all="ignore"):
         for i, draws in enumerate(np.ascontiguousarray(np.moveaxis(chains, -1, 0))):
             if 0.0 < np.ptp(draws) < math.inf:  # not if one of them is NaN
-                value = float(measure(draws))
+                value = np.asarray(measure(draws)).item()  # some versions give it an axis
                 result[i] = undefined if math.isnan(value) else value
     return result
 
