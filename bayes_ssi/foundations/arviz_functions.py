@@ -50,6 +50,8 @@ def _is_first_generation() -> bool:
 def _statistics() -> Any:
     """What has ``rhat``, ``ess``, ``mcse`` and ``psislw`` of arrays."""
     if _is_first_generation():
+        # What numba compiles of 0.23 takes arrays of one element for numbers; numpy 2.4 does not.
+        arviz().Numba.disable_numba()
         return arviz()
     from arviz_stats.base import array_stats
 
@@ -110,7 +112,7 @@ def _by_coordinate(
     with np.errstate(all="ignore"):
         for i, draws in enumerate(np.ascontiguousarray(np.moveaxis(chains, -1, 0))):
             if 0.0 < np.ptp(draws) < math.inf:  # not if one of them is NaN
-                value = np.asarray(measure(draws)).item()  # some versions give it an axis
+                value = float(measure(draws))
                 result[i] = undefined if math.isnan(value) else value
     return result
 
