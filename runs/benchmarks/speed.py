@@ -1,8 +1,8 @@
-"""How fast are likelihoods, starting up, responses and workers? Ratios within one run.
+"""How fast are likelihoods, starting up, whole commands and workers?
 
     python runs/benchmarks/speed.py likelihood
     python runs/benchmarks/speed.py start [--runs 9]
-    python runs/benchmarks/speed.py responses
+    python runs/benchmarks/speed.py commands [--runs 3] [--only "shear building;…"]
     python runs/benchmarks/speed.py workers    # with pip install -e ".[dask]"
 
 ``likelihood``: CPU time of ``ModelClass.log_likelihood`` of a batch of 512 over that of
@@ -12,10 +12,8 @@ all classes of the steel frame, timed in turn, the fastest of each; with BLAS's 
 ``start``: import times, by ``python -X importtime``, of numpy, scipy.linalg and scipy.special
 together, of bayes_ssi, and of ``bayes-ssi --help``, processes in turn; medians and ratios.
 
-``responses``: the largest relative difference between transfer functions by modes and those that
-solve (K + iωC - ω²M) u = -Mι at every frequency, for the cases of section 2, correct and as masses
-only; and the time of ``time_histories`` of the building of Case (c), 500 draws and 18,000 samples,
-over one call of ``scipy.signal.lfilter`` a history. A draw takes four such calls, one a mode.
+``commands``: every command as a process of its own with its defaults; wall time, and processor time
+of all its processes, each the median.
 
 ``workers``: batches of a shear building that sleeps for 50 ms a point, with one and two processes
 of this machine and of a Dask cluster; values must be identical. The overhead is the time in excess
@@ -26,9 +24,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-import math
 import os
-import runpy
 import statistics
 import subprocess
 import sys
@@ -36,6 +32,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 import numpy as np
@@ -138,58 +135,41 @@ def start(options: argparse.Namespace) -> None:
         print(f"{name:36s} {1000 * seconds:6.0f} ms   {ratio:.2f} times{judged}")
 
 
-# Responses to ground motion.
+# Whole commands, and the seconds that are wanted on two cores.
+
+CLI = (sys.executable, "-c", "from bayes_ssi.cli import main; main()")
+COMMANDS = {
+    "shear building": (5.0, (*CLI, "rank", "model_classes/shear_building.py")),
+    "Liverpool frame": (20.0, (*CLI, "rank", "model_classes/liverpool_frame.py")),
+    "steel frame": (30.0, (*CLI, "rank", "model_classes/steel_frame.py")),
+    "search, bare building": (10.0, (*CLI, "search", "model_classes/bare_building.py")),
+    "search, 20 storeys": (30.0, (sys.executable, "runs/benchmarks/tall_building.py")),
+}
 
 
-def largest_difference() -> float:
-    """Largest relative difference, all displacements and absolute accelerations, 0.05 to 7 Hz."""
-    from bayes_ssi.structures.response import Output, transfer_functions
-
-    cases = runpy.run_path(str(STUDIES / "non_structural_elements.py"))
-    frequencies, no_values = np.linspace(0.05, 7.0, 700), np.empty((1, 0))
-    omega = 2.0 * np.pi * frequencies[:, None, None]
-    worst = 0.0
-    for building in (*cases["correct"].values(), *cases["incorrect"].values()):
-        stiffness, diagonal = (part[0] for part in building.matrices(no_values))
-        mass = np.diag(diagonal)
-        frequencies_hz, shapes = (part[0] for part in building.modes(no_values))
-        modal = np.diag(2.0 * cases["DAMPING"] * 2.0 * np.pi * frequencies_hz)
-        damping = mass @ shapes @ modal @ shapes.T @ mass
-        dynamic = stiffness + 1j * omega * damping - omega**2 * mass
-        displacement = np.linalg.solve(dynamic, -diagonal[:, None])[:, :, 0].T
-        acceleration = 1.0 - omega[:, 0, 0] ** 2 * displacement
-        for quantity, exact in (("displacement", displacement), ("acceleration", acceleration)):
-            output = Output(quantity, building.degrees_of_freedom)
-            ours = transfer_functions(building, no_values, frequencies, output, cases["DAMPING"])
-            worst = max(worst, float(np.abs(ours[0] / exact - 1.0).max()))
-    return worst
+def seconds_of(command: tuple[str, ...]) -> tuple[float, float]:
+    """Wall time, and processor time of a command and all processes that it starts."""
+    # As a user has it: linear algebra may use what threads it likes.
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    with TemporaryDirectory() as directory:
+        if command[: len(CLI)] == CLI:
+            command += ("--out", f"{directory}/r", "--quiet", "--accept-failed-checks")
+        before, begun = os.times(), perf_counter()
+        subprocess.run(command, cwd=STUDIES.parent, env=environment, check=True,
+                       stdout=subprocess.DEVNULL)  # fmt: skip
+        after = os.times()
+    return perf_counter() - begun, sum(after[2:4]) - sum(before[2:4])
 
 
-def responses(_: argparse.Namespace) -> None:
-    from scipy.signal import lfilter
-
-    from bayes_ssi.structures.response import GroundMotion, Output, time_histories
-
-    print(f"transfer functions: largest relative difference {largest_difference():.1e}")
-    rng = np.random.default_rng(0)
-    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(4)]
-    stiffness = (math.pi / math.sin(math.pi / 14)) ** 2
-    frame = bs.ShearBuilding((1.0, 1.0, 1.0), [stiffness * k for k in factors[:3]])
-    infill = bs.OutOfPlaneInfill((1, 2), 0.15, 2.8019, stiffness_factor=factors[3], label="infill")
-    building = frame.with_element(infill)
-    values = np.exp(0.1 * rng.standard_normal((500, 4)))
-    motion = GroundMotion(rng.standard_normal(18_000), 0.005)
-    for places in (("floor 3",), frame.degrees_of_freedom, building.degrees_of_freedom):
-        output = Output("acceleration", places)
-        ratios = []
-        for _ in range(7):
-            begun = perf_counter()
-            histories = time_histories(building, values, motion, output, 0.02)
-            middle = perf_counter()
-            for _ in range(histories.shape[0] * histories.shape[1]):
-                lfilter([0.1, 0.2, 0.1], [1.0, -1.9, 0.95], motion.acceleration)
-            ratios.append((middle - begun) / (perf_counter() - middle))
-        print(f"{len(places)} place(s): {np.median(ratios):.2f} times one lfilter call a history")
+def commands(options: argparse.Namespace) -> None:
+    print(f"{options.runs} runs each on {len(os.sched_getaffinity(0))} cores; seconds, medians")
+    for name in options.only.split(";") if options.only else COMMANDS:
+        wanted, command = COMMANDS[name]
+        runs = [seconds_of(command) for _ in range(options.runs)]
+        wall, processor = (statistics.median(each) for each in zip(*runs, strict=True))
+        print(
+            f"{name:22s} wall {wall:6.1f} of {wanted:.0f}, processor {processor:7.2f}", flush=True
+        )
 
 
 # Workers.
@@ -252,13 +232,14 @@ def workers(_: argparse.Namespace) -> None:
     print(f"values identical everywhere: {same}")
 
 
-PARTS = {each.__name__: each for each in (likelihood, start, responses, workers)}
+PARTS = {each.__name__: each for each in (likelihood, start, commands, workers)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=PARTS)
-    parser.add_argument("--runs", type=int, default=9, help="of starting up")
+    parser.add_argument("--runs", type=int, default=9, help="of starting up, and of commands")
+    parser.add_argument("--only", help="names of commands, separated by semicolons")
     options = parser.parse_args()
     PARTS[options.part](options)
 
