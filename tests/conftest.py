@@ -27,6 +27,7 @@ from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, Upd
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
 
@@ -307,6 +308,20 @@ def _one_blas_thread():
     """Matrices here are small: threads inside BLAS would only wait for one another."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_screening_for_appendages():
+    """Rankings do not look for appendages that no class has, which takes half their time."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bayes_ssi.studies.questions.appendage_checks", lambda *_: ())
+        yield
+
+
+@pytest.fixture
+def screening_for_appendages(monkeypatch):
+    """Rankings look for appendages that no class has, as those of users do."""
+    monkeypatch.setattr("bayes_ssi.studies.questions.appendage_checks", appendage_checks)
 
 
 # Too short to pass its checks, and as good as any to be compared.

@@ -18,6 +18,7 @@ from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 QUICK = bs.SamplingSettings(log_evidence_error=0.1)
+pytestmark = pytest.mark.usefixtures("screening_for_appendages")
 
 
 def ranked(study, *names):

@@ -110,6 +110,7 @@ def test_settings_reach_the_sampling(tiny_study):
     assert ranking.settings is settings
 
 
+@pytest.mark.usefixtures("screening_for_appendages")
 def test_progress_names_class_and_step(tiny_study):
     seen = []
     bs.rank(tiny_study, run=bs.Run(progress=lambda *call: seen.append(call)))
