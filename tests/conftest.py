@@ -275,26 +275,26 @@ def fake_sampling(monkeypatch, make_posterior):
 
 
 @pytest.fixture(scope="session")
-def found_in_case_c(request, two_workers, tmp_path_factory):
+def found_in_case_c(request, tmp_path_factory):
     """The search on the numerical study's data, sampled once, also if several processes test."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
-        return _search_of_case_c(request, two_workers)
+        return _search_of_case_c(request)
     shared = tmp_path_factory.getbasetemp().parent / "found_in_case_c"
     with shared.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not shared.exists():
-            shared.write_bytes(pickle.dumps(_search_of_case_c(request, two_workers)))
+            shared.write_bytes(pickle.dumps(_search_of_case_c(request)))
     return pickle.loads(shared.read_bytes())
 
 
-def _search_of_case_c(request, workers):
+def _search_of_case_c(request):
     k = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
     one = (math.pi / math.sin(math.pi / 14.0)) ** 2
     frame = bs.ShearBuilding((1.0, 1.0, 1.0), [one * x for x in k])
     path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
     baseline = bs.ModelClass("bare", frame, bs.read_modal_data(path), error, pairing={})
-    return search(baseline, searches.ONE, settings=searches.COARSE, run=bs.Run(workers))
+    return search(baseline, searches.ONE, settings=searches.COARSE)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -25,8 +25,8 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def posteriors(two_workers):
-    return sample_all(study().model_classes, 0, bs.SamplingSettings(), bs.Run(two_workers))
+def posteriors():
+    return sample_all(study().model_classes, 0, bs.SamplingSettings())
 
 
 @functools.cache

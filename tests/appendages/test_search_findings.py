@@ -33,7 +33,7 @@ def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
     assert list(best.configurations[0].pairing.values()) == [1, 2, 3, 4]
 
 
-def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_workers):
+def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     stiffness = (math.pi / math.sin(math.pi / 14.0)) ** 2
     squares, shapes = np.linalg.eigh(
         stiffness * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -44,7 +44,7 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error, two_worker
     data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
     one = SearchSettings(number_weights=(1.0, 1.0))
-    result = search(baseline, one, settings=COARSE, run=bs.Run(two_workers))
+    result = search(baseline, one, settings=COARSE)
     assert result.ranking.comparison.best.name == "no appendage"
     assert result.record.probability_of_any < 0.2
 
