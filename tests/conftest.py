@@ -30,6 +30,7 @@ from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
+from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
@@ -294,7 +295,23 @@ def _search_of_case_c(request):
     path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
     baseline = bs.ModelClass("bare", frame, bs.read_modal_data(path), error, pairing={})
-    return search(baseline, searches.ONE, settings=searches.COARSE)
+    settings = bs.SearchSettings(number_weights=(1.0, 1.0))
+    with pytest.MonkeyPatch.context() as patched:
+        screen_quickly(patched)
+        return search(baseline, settings, settings=searches.COARSE)
+
+
+def screen_quickly(patched):
+    """Searches screen all hypotheses with the quick effort."""
+    patched.setattr(
+        "bayes_ssi.studies.search.family_search.screened_hypotheses",
+        partial(screened_hypotheses, efforts=searches.QUICK),
+    )
+
+
+@pytest.fixture
+def quick_screening(monkeypatch):
+    screen_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -14,7 +14,7 @@ from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import looks_at, screen_best
 
-N, PLACES = 40, range(6, 40, 6)
+N, PLACES = 40, range(12, 36, 6)
 TWO_IN_FULL = replace(EFFORTS, most_full=2)
 
 
@@ -126,7 +126,7 @@ def test_several_appendages_are_screened_in_full_only_where_they_matter(chain):
 def test_hypotheses_that_explain_nothing_are_all_screened(chain):
     """Where evidences are alike, none is out of reach of the others."""
     hypotheses = chain.hypotheses
-    some = [each for each in hypotheses if each[0].name != "pendulum 30"]
+    some = [each for each in hypotheses if each[0].name != "pendulum 30"][:3]
     steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run(), efforts=TWO_IN_FULL)
     assert not np.isnan([each.laplace for each in steps]).any()
 

@@ -352,6 +352,7 @@ def test_the_record_is_json(bare, fake_sampling):
     assert [row.name for row in record.averaged_parameters] == ["k1", "k2", "k3"]
 
 
+@pytest.mark.usefixtures("quick_screening")
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 

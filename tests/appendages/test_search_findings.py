@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from searches import COARSE, INFILL_01, INFILL_12, ONE
+from searches import COARSE, INFILL_12, ONE
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.candidates import SearchSettings
@@ -33,6 +33,7 @@ def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
     assert list(best.configurations[0].pairing.values()) == [1, 2, 3, 4]
 
 
+@pytest.mark.usefixtures("quick_screening")
 def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     stiffness = (math.pi / math.sin(math.pi / 14.0)) ** 2
     squares, shapes = np.linalg.eigh(
@@ -49,10 +50,10 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     assert result.record.probability_of_any < 0.2
 
 
+@pytest.mark.usefixtures("quick_screening")
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
-    monkeypatch.setattr(
-        "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01, INFILL_12)
-    )
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_12,))
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))
         for workers in (None, two_workers)

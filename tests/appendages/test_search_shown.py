@@ -70,7 +70,7 @@ def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
 
 def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
     table = table_of(found_in_case_c)
-    rows = found_in_case_c.ranking.comparison.classes
+    rows = found_in_case_c.record.hypotheses
     shown = [str(cell).removesuffix(" (!)") for cell in table.columns[0].cells]
     probabilities = {row.name: row.probability for row in rows}
     assert len(shown) == 8  # of ten
