@@ -51,9 +51,10 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     log_evidence, mean, sd, quantiles, fit = by_quadrature()
     result, (row,) = posterior.evidence, posterior.summary
     assert result.log_evidence == pytest.approx(log_evidence, abs=4.0 * result.error)
-    bridge, other, laplace = result.checks
-    assert bridge.log_evidence == pytest.approx(log_evidence, abs=4.0 * bridge.error)
-    assert other.log_evidence == pytest.approx(log_evidence, abs=4.0 * other.error)
+    *others, laplace = result.checks
+    assert len(others) >= 2
+    for other in others:
+        assert other.log_evidence == pytest.approx(log_evidence, abs=4.0 * other.error)
     assert laplace.log_evidence == pytest.approx(log_evidence, abs=0.02)
     assert result.mean_log_likelihood == pytest.approx(fit, abs=0.03)
     assert result.information_gained == pytest.approx(fit - log_evidence, abs=0.03)

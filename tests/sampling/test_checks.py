@@ -63,9 +63,9 @@ def spoil_bridge(s):
 
 
 def spoil_compression(s):
-    bridge, compression, laplace = s.evidence_checks
+    *others, compression, laplace = s.evidence_checks
     compression = replace(compression, log_evidence=compression.log_evidence + 4.0)
-    return replace(s, evidence_checks=(bridge, compression, laplace))
+    return replace(s, evidence_checks=(*others, compression, laplace))
 
 
 def spoil_weights(s):
