@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.inference.posterior_sampling import refinement
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings, _differences
 from bayes_ssi.inference.posterior_sampling.sample import sample_as_it_is
 from bayes_ssi.results.stored_result import load_result, save_result
@@ -84,13 +85,14 @@ def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class):
     )
 
 
-def test_a_correction_that_is_too_large_calls_for_a_more_accurate_structure(of_class):
+def test_a_correction_that_is_too_large_calls_for_a_more_accurate_structure(of_class, monkeypatch):
     """Though the error is as small as was wanted, which is that of the data here."""
-    refinement = RefinementSettings(error_share=1.0, largest_correction=0.1)
+    monkeypatch.setattr(refinement, "LARGEST_CORRECTION", 0.1)
+    loose = RefinementSettings(error_share=1.0)
     structure = Stiff(of_class.frame, 0.008)
     once, often = (
         bs.sample(of_class(structure), settings=SETTINGS, refinement=each)
-        for each in (replace(refinement, most_rounds=1), refinement)
+        for each in (replace(loose, most_rounds=1), loose)
     )
     (check,) = once.failed_checks
     assert "the approximate structure is too coarse where the posterior lies" in check

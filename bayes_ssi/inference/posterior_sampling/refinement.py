@@ -31,6 +31,7 @@ ERROR_QUANTILE = 0.05  # of the errors that an approximation is compared with, a
 N_CERTIFIED = 200  # draws at which errors of the approximation are certified
 N_CONFIRMED = 16  # draws at which full solutions confirm the evidence, at first
 MOST_CONFIRMED = 64  # where the first leave too large an error
+LARGEST_CORRECTION = 0.3  # of the log evidence, that so few draws can support
 CORRECTION_SHARE = 0.5  # of the wanted error of the log evidence; the rest is sampling's
 # Of the share of errors, where an error is certified, but what it changes in the likelihood, which
 # is proportional to it, is not small enough.
@@ -46,7 +47,6 @@ class RefinementSettings:
     # in quadrature, a tenth widens them by half a per cent.
     error_share: float = 0.1
     most_rounds: int = 6  # of sampling
-    largest_correction: float = 0.3  # of the log evidence, that so few draws can support
 
 
 def refined(
@@ -82,7 +82,7 @@ def refined(
         better = more_accurate(model_class, values, settings)
         if better is model_class:
             confirmation = confirmed_by_full_solutions()
-            if confirmation.failures(log_evidence_error, settings):
+            if confirmation.failures(log_evidence_error):
                 settings = replace(settings, error_share=STRICTER * settings.error_share)
                 better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -100,7 +100,7 @@ def refined(
         confirmation = confirmed_by_full_solutions()
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
-    failed += confirmation.failures(log_evidence_error, settings)
+    failed += confirmation.failures(log_evidence_error)
     emulators = tuple(test.structure.emulator for test in model_class.configurations)
     return replace(
         corrected(posterior, confirmation, remarks),
@@ -120,9 +120,9 @@ class Confirmation(NamedTuple):
     differences: tuple[float, float | None]
     kind: str  # of solutions, in the plural
 
-    def failures(self, log_evidence_error: float, settings: RefinementSettings) -> tuple[str, ...]:
+    def failures(self, log_evidence_error: float) -> tuple[str, ...]:
         """The check that fails where these draws do not support the correction, if any."""
-        if not abs(self.correction) <= settings.largest_correction:
+        if not abs(self.correction) <= LARGEST_CORRECTION:
             return (
                 f"{self.kind} at draws change the log evidence by {self.correction:+.2f}: the "
                 "approximate structure is too coarse where the posterior lies",
