@@ -13,7 +13,12 @@ from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, screen, screen_all
+from bayes_ssi.studies.search.approximate_evidence import (
+    EFFORTS,
+    screen,
+    screen_all,
+    with_more_draws,
+)
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 
@@ -194,6 +199,50 @@ def test_quick_screening_agrees_with_full_screening(bare, place):
     full, quick = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.quick))
     assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert quick.n_evaluations < 0.3 * full.n_evaluations
+
+
+def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeypatch):
+    """Of forty rough ones, those with a thousandth each and not those with a millionth."""
+    names, drawn = [str(i) for i in range(40)], []
+
+    def screen_all(hypotheses, seed, run, effort):
+        del seed, run
+        error = 0.0 if effort.is_full else 0.3
+        return [screened(each, each.height, error) for each, _ in hypotheses]
+
+    def with_more_draws(item, seed):
+        del seed
+        drawn.append(item[0].parameter_names)
+        return replace(item[1], log_evidence=item[1].log_evidence - 0.1, error=0.05)
+
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.screen_all", screen_all)
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.looks_at", lambda *_: {})
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.with_more_draws", with_more_draws)
+    heights = [0.0, *[math.log(1e-3)] * 5, *[math.log(1e-6)] * 34]
+    hypotheses = [
+        (SimpleNamespace(parameter_names=(name,), height=height), None)
+        for name, height in zip(names, heights, strict=True)
+    ]
+    results = screen_best(hypotheses, [1.0] * 40, 2, 0, bs.Run())
+    assert drawn == [(name,) for name in names[:6]]
+    assert [each.error for each in results] == [0.0, *[0.05] * 5, *[0.3] * 34]
+    lower = [height - 0.1 for height in heights[1:6]]
+    assert [each.log_evidence for each in results] == [0.0, *lower, *heights[6:]]
+
+
+@pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
+def test_more_draws_make_a_rough_evidence_accurate(bare, place):
+    parent = screen((hypothesis(bare, ()), None), 0)
+    candidate = hypothesis(bare, (place,))
+    full, quick = (
+        screen((candidate, parent), 1, effort) for effort in (EFFORTS.full, EFFORTS.quick)
+    )
+    better = with_more_draws((candidate, replace(quick, log_evidence=-99.0, error=1.0)), 2)
+    assert better.error <= EFFORTS.wanted_error
+    assert abs(better.log_evidence - full.log_evidence) < 3.0 * math.hypot(better.error, full.error)
+    assert better.n_evaluations <= quick.n_evaluations + EFFORTS.most_draws
+    means = [each.weights @ candidate.values(each.z) for each in (better, full)]
+    np.testing.assert_allclose(*means, rtol=0.1)
 
 
 def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):

@@ -61,7 +61,8 @@ class Efforts:
     scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
               hypothesis and the feature's prior
     quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
-              and 300 importance draws about them      nat; 1,000          probability of all
+              and 300 importance draws about them;     nat, or 0.1; 1,000  probability of all
+              up to 6,000 for those with 0.01 %        to 4,000
     full      the same, by searches repeated until     0.1 nats; a tenth   those on which the answer
               they agree, with draws as it takes       of sampling         rests (``to_sample``)
     sampling  a posterior, checked                     as it is wanted     none
@@ -80,6 +81,7 @@ class Efforts:
     # A region with half a hundredth of the prior is hit by five of 500 draws; an evidence to a few
     # tenths of a nat, in a tenth of the evaluations of sampling.
     full: Effort = Effort(500, 4, 600, is_full=True)
+    most_draws: int = 6000  # of one hypothesis
     wanted_error: float = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
     # Of importance draws; where the new feature explains nothing, the posterior is the simpler
     # one's times the prior of the rest.
@@ -88,6 +90,7 @@ class Efforts:
     # The error of a quick effort in less than this changes no probability by more than a
     # thousandth.
     share_for_full: float = 3e-3
+    share_for_draws: float = 1e-4  # many with so little matter together, and draws cost little
     most_several: int = 300  # hypotheses with several features that are tried quickly, in a minute
     share_left_out: float = 1e-3  # of what the others have, for all together that a look leaves out
     least_expected: float = 1e-3  # probability of a hypothesis with several features that is tried
@@ -214,6 +217,25 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Sc
     )
 
 
+def with_more_draws(item: tuple[ModelClass, Screened], seed: int) -> Screened:
+    """A screened hypothesis with as many new draws from its mixture as the wanted error takes."""
+    model_class, screened = item
+    target = class_target(model_class)
+    rng = np.random.default_rng(seed_of(f"more draws of {model_class.name}", seed))
+    with threadpool_limits(limits=1, user_api="blas"):
+        sampler = ImportanceSampler(target, rng, EFFORTS.full.batch, max_draws=EFFORTS.most_draws)
+        sample = _to_wanted_error(sampler, sampler.sample(screened.mixture))
+    return replace(
+        screened,
+        log_evidence=sample.estimate.log_evidence,
+        error=sample.estimate.error,
+        n_evaluations=screened.n_evaluations + target.n_evaluations,
+        z=sample.z,
+        weights=sample.weights,
+        mixture=sample.mixture.reweighted(sample.z, sample.weights),
+    )
+
+
 def _maxima(
     target: Target,
     hypothesis: ToScreen,
@@ -241,7 +263,7 @@ def _importance_sample(
 ) -> ImportanceSample:
     batch = effort.batch
     sampler = ImportanceSampler(
-        target, rng, batch, prior_share=0.05, least_efficiency=0.05, max_draws=10 * batch
+        target, rng, batch, prior_share=0.05, least_efficiency=0.05, max_draws=EFFORTS.most_draws
     )
     trial = sampler.sample(mixture)
     if not effort.is_full:
@@ -249,6 +271,10 @@ def _importance_sample(
     trial = sampler.refined(trial, math.inf)
     # Components were added at the heaviest draws, which now weigh too little: new draws only.
     sample = sampler.sample(trial.mixture.reweighted(trial.z, trial.weights))
+    return _to_wanted_error(sampler, sample)
+
+
+def _to_wanted_error(sampler: ImportanceSampler, sample: ImportanceSample) -> ImportanceSample:
     while sample.estimate.error > EFFORTS.wanted_error and len(sample.z) < sampler.max_draws:
         sample = sampler.extended(sample, (sample.estimate.error / EFFORTS.wanted_error) ** 2)
     return sample

@@ -42,6 +42,7 @@ from bayes_ssi.studies.search.approximate_evidence import (
     each_in_workers,
     scan_draws,
     screen_all,
+    with_more_draws,
 )
 
 LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
@@ -241,8 +242,19 @@ def screen_best(
         results |= going_on(log_masses(results), efforts.quick, most)
     else:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.quick)))
-    of_all = np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results)))
-    least = float(of_all) + math.log(efforts.share_for_full)
+    of_all = float(np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results))))
+    least = of_all + math.log(efforts.share_for_draws)
+    rough = [
+        i
+        for i, mass in zip(results, log_masses(results), strict=True)
+        if mass >= least
+        and results[i].error > efforts.wanted_error
+        and not math.isnan(results[i].laplace)  # neither a look nor a scan
+    ]
+    items = [(hypotheses[i][0], results[i]) for i in rough]
+    drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
+    results |= zip(rough, drawn, strict=True)
+    least = of_all + math.log(efforts.share_for_full)
     results |= going_on(log_masses(results), efforts.full, efforts.most_full, least=least)
     return [results[i] for i in range(n)]
 
