@@ -1,12 +1,10 @@
-"""Plans of tests against brute force, against all layouts, and against what tests then say.
+"""Plans of tests against evidences of the engine, and against what tests then say.
 
-    python runs/benchmarks/planning.py oracle|nested|exhaustive|forecasts|steel
+    python runs/benchmarks/planning.py oracle|forecasts|steel
     python runs/benchmarks/planning.py frame concrete_frame_fe.mat
 
 oracle: gains of all layouts of the numerical study, and of a harder one, against evidences that
 the package's engine gives each simulated test, layout and class by itself.
-nested: the same layouts at errors of ten per cent, against nested Monte Carlo on other tests.
-exhaustive: all 495 layouts of 4 of 12 floors, and the greedy search.
 frame: 6 of 36 sensors of a finite-element model of 2302 degrees of freedom.
 forecasts: 200 other tests with the best, an evenly spread and the worst layout of two sensors: the
 share in which the right class wins beside the forecast; with best and worst also by ranking some.
@@ -20,22 +18,20 @@ import runpy
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from unittest import mock
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.inference.likelihood.shape_density import log_sphere_area
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.planning import layout_values
 from bayes_ssi.studies.planning.layout_values import (
     LayoutSearch,
     SimulatedPlan,
     class_worth,
     served_layouts,
 )
-from bayes_ssi.studies.planning.planned_class import PlannedClass, SimulatedTests, simulate
+from bayes_ssi.studies.planning.planned_class import PlannedClass
 
 HERE = Path(__file__).parent
 CLASSES = HERE.parents[1] / "model_classes"
@@ -128,148 +124,6 @@ def oracle(given):
             print(f"{names:42s} gain {gain:.3f} ± {error:.3f}; in {n} tests {plan.mean():.4f}, by "
                   f"the engine {engine.mean():.4f}, difference {off.mean():+.4f} ± "
                   f"{off.std() / math.sqrt(n):.4f}", flush=True)  # fmt: skip
-
-
-def evidences_by_prior_draws(planned_class, tests, layouts, modes):
-    """Evidences (layout, test), relative to pairing nothing, by plain averages over prior draws.
-
-    Written here anew, in single precision: with errors of ten per cent no sum comes near its ends.
-    """
-    identification = planned_class.model_class.identification
-    low, high = planned_class.configuration.data.band_hz
-    hz, (frequency_var, shape_var) = modes.frequencies_hz, modes.variances[0]
-    sd = math.sqrt(frequency_var)
-    inside = ndtr((high / hz - 1.0) / sd) - ndtr((low / hz - 1.0) / sd)
-    missed = 1.0 - identification.detection_probability * inside
-    spurious = identification.expected_spurious_modes / (high - low)
-    by_draw = missed.prod(axis=1) / len(hz)
-    shapes, means = {}, np.empty((len(layouts), len(tests.frequencies_hz)))
-    for layout in layouts:
-        own = modes.shapes[:, layout]
-        own = own / np.sqrt(np.square(own).sum(axis=1, keepdims=True))
-        shapes[layout] = own.transpose(1, 2, 0).reshape(len(layout), -1).astype(np.float32)
-    n_found = np.isfinite(tests.frequencies_hz).sum(axis=1)
-    for j in np.unique(n_found):
-        alike = np.flatnonzero(n_found == j)
-        for some in np.array_split(alike, -(-len(alike) // 16)):  # which stay in the cache
-            found = tests.frequencies_hz[some, :j].T[:, :, None, None]
-            pairs = np.exp(-0.5 * np.square((hz.T / found - 1.0) / sd)) / (sd * found)
-            pairs *= identification.detection_probability / math.sqrt(2.0 * math.pi)
-            pairs = (pairs / (spurious * missed.T)).astype(np.float32)
-            picked = SimulatedTests._make(array[some] for array in tests)
-            for layout, of_layout in zip(layouts, means, strict=True):
-                ratios = pairs
-                if (d := len(layout)) > 1:
-                    seen = picked.identified_shapes(list(layout))[:, :, :j].transpose(2, 0, 1)
-                    cosine = np.abs(seen.reshape(-1, d).astype(np.float32) @ shapes[layout])
-                    constant = log_sphere_area(d) - log_shape_normaliser(np.sqrt(shape_var), d)
-                    cosine *= np.float32(1.0 / shape_var)
-                    cosine += np.float32(constant - 1.0 / shape_var)
-                    ratios = pairs * np.exp(cosine, out=cosine).reshape(pairs.shape)
-                of_layout[some] = sums_over_pairings(ratios) @ by_draw
-    return means
-
-
-def sums_over_pairings(ratios):
-    """Sums (n, k) of products of ratios (J, n, I, k), by sets of model modes that are taken."""
-    n_data, n, n_model, k = ratios.shape
-    state = np.zeros((2**n_model, n, k), dtype=ratios.dtype)
-    state[0] = 1.0
-    for j in range(n_data):
-        before = state.copy()
-        for i in range(n_model):
-            taken = state.reshape(-1, 2, 2**i, n, k)[:, 1]
-            taken += before.reshape(-1, 2, 2**i, n, k)[:, 0] * ratios[j, :, i]
-    return state.sum(axis=0)
-
-
-def nested(given):
-    """Other tests than the plan's: each hundred of a class with a thousand new prior draws."""
-    error = bs.ErrorModel(0.1, 0.2)
-    study = STUDY["study"].with_any_pairing()
-    study = bs.Study("ten per cent", [replace(c, error=error) for c in study.model_classes])
-    classes = planned(study)
-    layouts = [(0,), *(each for each in layouts_of(4) if len(each) > 1)]
-    rng = np.random.default_rng(given.seed + 1)
-    sums, n, started = np.zeros((3, len(layouts))), 0, perf_counter()
-    while perf_counter() - started < given.seconds and n < given.oracle_tests:
-        tests = SimulatedTests.joined([simulate(each, 100, rng) for each in classes])
-        halves = []
-        for planned_class in classes:
-            modes = planned_class.modes(planned_class.draw(1000, rng))
-            halves.append([
-                evidences_by_prior_draws(
-                    planned_class, tests, layouts,
-                    modes._make([array[half] for array in modes]),
-                ) for half in (slice(500), slice(500, None))
-            ])  # fmt: skip
-        halves = np.transpose(halves, (2, 3, 1, 0))  # (layout, test, half, class)
-        both = np.concatenate([halves, halves.mean(axis=2, keepdims=True)], axis=2)
-        right = np.where((np.arange(200) < 100)[:, None], both[..., 0], both[..., 1])
-        values = np.log(right / both.mean(axis=3))
-        # The bias of averages falls with the number of draws: half as many show its size.
-        bias = values[..., :2].mean(axis=2) - values[..., 2]
-        sums += [values[..., 2].sum(axis=1), np.square(values[..., 2]).sum(axis=1),
-                 bias.sum(axis=1)]  # fmt: skip
-        n += values.shape[1]
-    print(f"{n} tests by 1000 prior draws of each class: {perf_counter() - started:.0f} s")
-    mean, square, bias = sums / n
-    errors = np.sqrt((square - mean**2) / n)
-    simulated = simulated_plan(classes, 2, given.tests, given.inner, given.seed)
-    for layout, gain, error, off in zip(layouts, mean, errors, bias, strict=True):
-        planned_gain, planned_error = simulated.mean(class_worth(simulated, layout).values)
-        names = ", ".join(PLACES[i] for i in layout) if len(layout) > 1 else "frequencies alone"
-        print(f"{names:42s} gain {planned_gain:.4f} ± {planned_error:.4f}, nested Monte Carlo "
-              f"{gain:.4f} ± {error:.4f}, less a bias of {off:+.4f}: difference "
-              f"{planned_gain - gain + off:+.4f} ± {math.hypot(error, planned_error):.4f}",
-              flush=True)  # fmt: skip
-
-
-def twelve_floors():
-    """Twelve storeys in three groups, with a mass on floor 8 or a pendulum in its place."""
-    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, cov=0.2)) for i in (1, 2, 3)]
-    stiffness = 4000.0
-    frame = bs.ShearBuilding((1.0,) * 12, tuple(stiffness * factors[i // 4] for i in range(12)))
-    tuned = bs.Parameter("f", bs.LogNormal(1.0, cov=0.1))
-    pendulum = bs.Pendulum(on=8, mass=0.05, frequency=6.3 * tuned)
-    floors = tuple(f"floor {i}" for i in range(1, 13))
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, np.ones(12)),), (0.0, 9.0), floors)
-    error = bs.ErrorModel(0.01, 0.05)
-    missing = bs.IdentificationModel(detection_probability=0.8, expected_spurious_modes=0.5)
-    return bs.Study("twelve floors", [
-        bs.ModelClass(name, frame.with_element(element), data, error, pairing="any",
-                      identification=missing)
-        for name, element in (("mass", pendulum.as_mass()), ("pendulum", pendulum))
-    ]), floors  # fmt: skip
-
-
-def exhaustive(given):
-    study, floors = twelve_floors()
-    classes = planned(study, floors)
-    simulated = simulated_plan(classes, 4, given.tests, given.inner, given.seed)
-    some = simulated.part(300, 100)
-
-    def gain(layout):
-        return some.mean(class_worth(some, layout).values)[0]
-
-    best = {}
-    for most in (1000, 0):
-        with mock.patch.object(layout_values, "MOST_EXHAUSTIVE", most):
-            started = perf_counter()
-            search = LayoutSearch(gain, (), tuple(range(12)))
-            layout = ()
-            for number in (4,) if most else (2, 3, 4):
-                layout = search.best(number, layout)
-            took = perf_counter() - started
-        value, error = simulated.mean(class_worth(simulated, layout).values)
-        best[most] = search.tried[layout]
-        print(f"{'all' if most else 'greedy'}: {len(search.tried)} layouts in {took:.1f} s: "
-              f"{', '.join(floors[i] for i in layout)}; gain in the search {best[most]:.4f}, with "
-              f"all tests {value:.4f} ± {error:.4f}", flush=True)  # fmt: skip
-        if most:
-            values = np.array(list(search.tried.values()))
-            print(f"gains of all layouts: {values.min():.4f} to {values.max():.4f}")
-    print(f"greedy / best = {best[0] / best[1000]:.4f}")
 
 
 def frame(given):
@@ -389,16 +243,12 @@ def steel(given):
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument(
-        "what", choices=("oracle", "nested", "exhaustive", "frame", "forecasts", "steel")
-    )
+    arguments.add_argument("what", choices=("oracle", "frame", "forecasts", "steel"))
     arguments.add_argument("file", nargs="?", help="concrete_frame_fe.mat")
     arguments.add_argument("--tests", type=int, default=1000)
     arguments.add_argument("--inner", type=int, default=200)
     arguments.add_argument("--oracle-tests", type=int, default=100)
-    arguments.add_argument(
-        "--seconds", type=float, default=math.inf, help="of oracle, nested and ranks"
-    )
+    arguments.add_argument("--seconds", type=float, default=math.inf, help="of oracle and ranks")
     arguments.add_argument("--ranked", type=int, default=40)
     arguments.add_argument("--mass", type=float, default=0.005)
     arguments.add_argument("--seed", type=int, default=0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import assert_one_line_error
 from searches import COARSE as OF_FEW
+from searches import QUICK
 
 import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
@@ -14,9 +15,9 @@ from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, element_places
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
+pytestmark = pytest.mark.usefixtures("quick_screening")
 COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
 K = (2.0 * np.pi) ** 2
 SENSORS = ("floor 1", "floor 2", "floor 3")
@@ -155,7 +156,7 @@ def screened_changes(after, pairing):
     )  # fmt: skip
     settings = bs.ChangeSettings(number_weights=(1.0, 1.0))
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], settings)
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), replace(EFFORTS, most_full=0))
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
     none = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     return change_record(family, FamilySearch(none, tuple(hypotheses.values()), tuple(levels)))
 
@@ -404,7 +405,7 @@ def study_file(tmp_path, request):
     return path
 
 
-@pytest.mark.usefixtures("coarse_command")
+@pytest.mark.usefixtures("coarse_command", "no_figures", "no_drawings")
 def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file, tmp_path):
     out = tmp_path / "r"
     arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1,

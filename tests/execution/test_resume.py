@@ -125,15 +125,18 @@ forks.set_forkserver_preload(
     ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
      "matplotlib.backends.backend_agg", "matplotlib.pyplot", "rich.progress",
      "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.ranking_plots",
-     "bayes_ssi.results.stored_result", "bayes_ssi.report.tables.ranking_tables"]
+     "bayes_ssi.results.stored_result", "bayes_ssi.report.tables.ranking_tables",
+     "bayes_ssi.studies.questions"]
 )  # fmt: skip
 
 
 def in_the_process(arguments, stderr, moment):
     for path, stream in ((os.devnull, 1), (stderr, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+    patch = pytest.MonkeyPatch()
+    patch.setattr("bayes_ssi.studies.questions.appendage_checks", lambda *_: ())
     if moment is not None:
-        MOMENTS[moment](pytest.MonkeyPatch())
+        MOMENTS[moment](patch)
     main(arguments)
 
 

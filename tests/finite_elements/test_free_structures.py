@@ -127,6 +127,7 @@ def test_soft_supports_are_no_rigid_body_modes():
     assert first == pytest.approx(0.03, rel=1e-3)
 
 
+@pytest.mark.usefixtures("quick_screening")
 def test_a_free_beam_is_ranked_and_searched():
     free = structure(4)
     truth = free.with_element(bs.Pendulum(on="middle", mass=0.02, frequency=3.5))

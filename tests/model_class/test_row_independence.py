@@ -19,7 +19,7 @@ STUDIES = {
     for path in sorted((ROOT / "model_classes").glob("*.py"))
     for model_class in load_study(path).model_classes
 }
-PARTS = (1, 2, 3, 7, 64)
+PARTS, MOST_PARTS = (1, 2, 3, 7, 64), 20
 
 
 def parameter(name, median=1.0, cov=0.3):
@@ -79,7 +79,7 @@ def explained(structure, error, numbers, shapes=(), own_errors=False, spurious=(
 def coordinates(d, n=100):
     """Prior draws, and a few rows so far out that a model breaks down or fits nothing."""
     z = np.random.default_rng(d).standard_normal((n, d))
-    z[[3, 64, 99]] = [[9.0], [-30.0], [5000.0]]
+    z[[3, 17, 99]] = [[9.0], [-30.0], [5000.0]]
     return z
 
 
@@ -89,8 +89,9 @@ def assert_rows_are_independent(model_class):
         whole = model_class.log_likelihood_at(z)
         assert np.isfinite(whole).mean() > 0.95
         for size in PARTS:
-            parts = [model_class.log_likelihood_at(z[i : i + size]) for i in range(0, len(z), size)]
-            np.testing.assert_array_equal(np.concatenate(parts), whole, err_msg=f"parts of {size}")
+            begun = range(0, len(z), size)[:MOST_PARTS]
+            parts = np.concatenate([model_class.log_likelihood_at(z[i : i + size]) for i in begun])
+            np.testing.assert_array_equal(parts, whole[: len(parts)], err_msg=f"parts of {size}")
 
 
 @pytest.mark.parametrize("model_class", STUDIES.values(), ids=lambda m: m.name)

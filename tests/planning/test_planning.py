@@ -62,6 +62,12 @@ def two_classes():
     )
 
 
+@pytest.fixture(scope="module")
+def whole(two_classes):
+    """Layouts of two sensors, all compared."""
+    return bs.plan(two_classes, 2, **FEW)
+
+
 def planned(study):
     places = tuple(Candidate(floor, floor) for floor in FLOORS)
     return [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
@@ -198,8 +204,7 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
     assert plan.best.gain == pytest.approx(exact, abs=0.02)
 
 
-def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, monkeypatch):
-    whole = bs.plan(two_classes, 2, **FEW)
+def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, whole, monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.planning.layout_values.MOST_EXHAUSTIVE", 0)
     greedy = bs.plan(two_classes, 2, **FEW)
     assert whole.is_exhaustive
@@ -214,8 +219,8 @@ def test_effective_independence_keeps_what_tells_shapes_apart():
     assert effective_independence(shapes, 2, fixed=(0,)) == (0, 2)
 
 
-def test_a_layout_gives_the_form_of_its_modes(two_classes, tmp_path):
-    layout = bs.plan(two_classes, 2, **FEW).best
+def test_a_layout_gives_the_form_of_its_modes(whole, tmp_path):
+    layout = whole.best
     form = tmp_path / "modes.csv"
     layout.write_template(form)
     rows = list(csv.reader(form.read_text("utf-8").splitlines()))
@@ -302,8 +307,7 @@ def test_classes_with_correlated_errors_are_refused():
         bs.plan(bs.Study("one", [own]), 2, aim="k")
 
 
-def test_layouts_are_drawn_in_space(two_classes):
-    whole = bs.plan(two_classes, 2, **FEW)
+def test_layouts_are_drawn_in_space(two_classes, whole):
     with figures_for_files():
         drawn = plot_layout(whole)
         assert {text.get_text().strip() for text in drawn.texts} == {*FLOORS, *"xyz"}

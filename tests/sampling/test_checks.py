@@ -231,7 +231,7 @@ def cut_off_bump(z):
 
 
 # Of the last, importance draws are where coordinates end, or beyond.
-@pytest.mark.parametrize("seed", [0, 1, 3, 18])
+@pytest.mark.parametrize("seed", [0, 1, 18])
 def test_a_floor_is_passed_or_reported(seed):
     result = sample_target(Target(cut_off_bump, 2), np.random.SeedSequence(seed))
     exact = math.log(2.0 * math.pi) + 2.0 * math.log(2.5e-4)
