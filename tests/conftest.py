@@ -367,6 +367,13 @@ def two_workers():
 
 
 @pytest.fixture
+def copied_workers():
+    """Two copies of this process, which start at once."""
+    with LocalWorkers(2, copies=True) as pool:
+        yield pool
+
+
+@pytest.fixture
 def run(tmp_path, monkeypatch):
     """Runs the command in an empty working directory."""
     work = tmp_path / "work"

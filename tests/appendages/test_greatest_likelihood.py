@@ -81,12 +81,12 @@ def test_the_greatest_likelihood_is_that_of_full_screening(chain):
         assert looks[i].log_evidence == pytest.approx(of_class(looks[i].z).max(), abs=1e-9)
 
 
-def test_looking_together_changes_nothing(chain, two_workers):
+def test_looking_together_changes_nothing(chain, copied_workers):
     hypotheses = chain.hypotheses
     alone = [looks_at([each], 0, bs.Run())[0] for each in hypotheses]
     for together in (
         looks_at(hypotheses, 0, bs.Run()),
-        looks_at(hypotheses, 0, bs.Run(two_workers)),
+        looks_at(hypotheses, 0, bs.Run(copied_workers)),
     ):
         for i, look in enumerate(alone):
             assert np.array_equal(look.z, together[i].z)

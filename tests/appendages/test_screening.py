@@ -82,11 +82,10 @@ def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare):
     assert np.ptp(evidences) < 0.3
 
 
-def test_workers_do_not_change_screening(bare, two_workers):
+def test_workers_do_not_change_screening(bare, copied_workers):
     items = [(hypothesis(bare, places), None) for places in ((), (INFILL_12,))]
     here = screen_all(items, 3, bs.Run())
-    with two_workers:
-        there = screen_all(items, 3, bs.Run(two_workers))
+    there = screen_all(items, 3, bs.Run(copied_workers))
     for one, other in zip(here, there, strict=True):
         assert one.log_evidence == other.log_evidence
         assert one.z.tobytes() == other.z.tobytes()

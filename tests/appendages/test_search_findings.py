@@ -51,12 +51,12 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
 
 
 @pytest.mark.usefixtures("quick_screening")
-def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, two_workers):
+def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, copied_workers):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_12,))
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))
-        for workers in (None, two_workers)
+        for workers in (None, copied_workers)
     )
     assert [row.name for row in here.ranking.comparison.classes] == [
         row.name for row in there.ranking.comparison.classes
