@@ -3,7 +3,6 @@
     pip install -e ".[benchmarks,fem]"
     python runs/benchmarks/nested_samplers.py FILE [--sampler bayes_ssi] [--seeds 0:10]
         [--only NAME,…] [--time-limit 200]
-    python runs/benchmarks/nested_samplers.py FILE --references
     python runs/benchmarks/nested_samplers.py FILE [FILE …] --summary
 
 The first appends a line of JSON for each run. ``--sampler`` is bayes_ssi at its defaults (its whole
@@ -17,10 +16,6 @@ the processor did.
 dynesty's error falls with the root of its number of live points, to which its cost is proportional
 (``--live 2000`` shows it), so its time at equal error is its time multiplied by the square of the
 ratio of root-mean-square errors. The best of dynesty's samplings counts.
-
-``--references`` computes the log evidences that errors are measured against, from dynesty's draws
-in FILE: importance sampling from a kernel of heavy tails around each of some draws, with the
-covariance of its neighbours, which owes nothing to bayes_ssi's sampling.
 """
 
 from __future__ import annotations
@@ -43,7 +38,7 @@ import quoted_draws
 import scaling
 from problems_modal import any_pairing_of_twelve_degrees_of_freedom, two_frequencies
 from quoted_draws import Run
-from scipy.special import gammaln, logsumexp, ndtri
+from scipy.special import ndtri
 
 import bayes_ssi as bs
 
@@ -52,7 +47,7 @@ BATCH = 512
 
 
 class UsersProblem(NamedTuple):
-    """A class, its log evidence by ``--references`` unless stated, and seconds a call besides."""
+    """A class, its log evidence where it is known, and seconds a call besides."""
 
     model_class: Callable[[], bs.ModelClass]
     log_evidence: float
@@ -133,7 +128,6 @@ def of_dynesty(
         "evaluations": calls,
         "priced": process_time() - sampling,
         "saved_by_batches": calls * max(one_by_one - batched, 0.0),
-        "draws": draws[:: max(1, len(draws) // 2000)].tolist() if seed == 0 else [],
     }
 
 
@@ -176,43 +170,6 @@ def sample_within(sampler: str, name: str, seed: int, live: int, limit: int) -> 
     return {**answer, "seconds": process_time() - begun - answer.pop("priced", 0.0)}
 
 
-def log_kernels(z: np.ndarray, centres: np.ndarray, roots: np.ndarray, nu: float) -> np.ndarray:
-    """Log density (n,) of the mean of Student t kernels, ``roots`` (K, d, d) L⁻¹ of scales."""
-    n, d = z.shape
-    constant = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * math.log(nu * math.pi)
-    logs = np.full(n, -np.inf)
-    for centre, root in zip(centres, roots, strict=True):
-        squares = (((z - centre) @ root.T) ** 2).sum(1)
-        own = constant + np.linalg.slogdet(root)[1] - 0.5 * (nu + d) * np.log1p(squares / nu)
-        logs = np.logaddexp(logs, own)
-    return logs - math.log(len(centres))
-
-
-def reference(
-    candidate: bs.ModelClass, draws: np.ndarray, n: int = 100_000, kernels: int = 200
-) -> tuple[float, float, float]:
-    """Log evidence, standard error and share of effective draws, from draws of the posterior."""
-    rng, (size, d), nu = np.random.default_rng(0), draws.shape, 5.0
-    centres = draws[rng.choice(size, min(kernels, size), replace=False)]
-    neighbours, scales = max(10 * d, size // 10), []
-    spread = draws.std(axis=0)
-    for centre in centres:
-        order = (((draws - centre) / spread) ** 2).sum(1).argsort()[:neighbours]
-        scales.append(np.cov(draws[order].T).reshape(d, d) + 1e-12 * np.diag(spread**2))
-    roots = np.linalg.cholesky(np.array(scales))
-    which = rng.integers(len(centres), size=n)
-    steps = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(nu, (n, 1)) / nu)
-    z = centres[which] + np.einsum("nij,nj->ni", roots[which], steps)
-    inverses = np.linalg.inv(roots)
-    logs = np.concatenate([candidate.log_likelihood_at(part) for part in np.array_split(z, 50)])
-    logs = np.nan_to_num(logs, nan=-np.inf) - 0.5 * (z**2).sum(1) - 0.5 * d * math.log(2 * math.pi)
-    logs -= log_kernels(z, centres, inverses, nu)
-    weights = np.exp(logs - logs.max())
-    effective = weights.sum() ** 2 / (weights**2).sum()
-    error = weights.std() / weights.mean() / math.sqrt(n)
-    return float(logsumexp(logs)) - math.log(n), error, effective / n
-
-
 def rms(runs: list[Run], exact: float) -> float:
     return float(np.sqrt(np.mean([(run["log_evidence"] - exact) ** 2 for run in runs])))
 
@@ -252,15 +209,6 @@ def summary(runs: list[Run]) -> None:
             print(line)
 
 
-def references(runs: list[Run]) -> None:
-    for name in PROBLEMS:
-        draws = [r["draws"] for r in runs if r["problem"] == name and r.get("draws")]
-        if draws:
-            value, error, share = reference(PROBLEMS[name].model_class(), np.concatenate(draws))
-            known = PROBLEMS[name].log_evidence
-            print(f"{name}: {value:.4f} ± {error:.4f}, {share:.0%} effective; stated {known}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", type=Path, nargs="+")
@@ -269,17 +217,16 @@ def main() -> None:
     parser.add_argument("--only", help="names of problems, separated by commas")
     parser.add_argument("--live", type=int, default=500, help="live points of dynesty")
     parser.add_argument("--time-limit", type=int, default=200, help="CPU seconds of a run")
-    parser.add_argument("--references", action="store_true")
     parser.add_argument("--summary", action="store_true")
     options = parser.parse_args()
-    if options.references or options.summary:
+    if options.summary:
         runs = [
             run
             for file in options.files
             for each in quoted_draws.read(file).values()
             for run in each
         ]
-        (references if options.references else summary)(runs)
+        summary(runs)
         return
     for name in options.only.split(",") if options.only else PROBLEMS:
         bs.sample(of_study("shear_building", "1-a"), 1000)  # imports are not compared
@@ -287,8 +234,7 @@ def main() -> None:
             run = {"problem": name, "sampler": options.sampler, "seed": seed}
             run |= sample_within(options.sampler, name, seed, options.live, options.time_limit)
             quoted_draws.append(options.files[0], [run])
-            shown = {k: v for k, v in run.items() if k not in ("draws", "problem")}
-            print(f"{name}: {shown}", flush=True)
+            print(f"{name}: {run}", flush=True)
 
 
 if __name__ == "__main__":
