@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import searches
-from conftest import TINY_STUDY
+from conftest import TINY_STUDY, screen_quickly
 from searches import INFILL_01, PENDULUM_1
 
 import bayes_ssi as bs
@@ -104,6 +104,7 @@ def searched(tmp_path_factory):
         patch.setattr(
             "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
         )
+        screen_quickly(patch)
         actual = search(baseline, settings, settings=searches.COARSE)
     save_search(actual, directory / "result", directory / "tiny.py")
     return actual, directory / "result"
