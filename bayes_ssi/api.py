@@ -4,6 +4,8 @@
 """
 
 import bayes_ssi.results.answer as _answer  # noqa: F401 - puts results into words
+import bayes_ssi.results.identification_answer as _identification_answer  # noqa: F401
+import bayes_ssi.results.plan_answer as _plan_answer  # noqa: F401
 from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
 from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
 from bayes_ssi.inference.calibration.modal_sensitivities import (

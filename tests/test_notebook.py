@@ -1,7 +1,6 @@
-"""How objects show themselves, and the README's study as a notebook."""
+"""How objects show themselves, and the notebook, from two records to what changed."""
 
 import re
-import shutil
 from pathlib import Path
 
 import nbformat
@@ -12,16 +11,16 @@ from nbclient import NotebookClient
 import bayes_ssi as bs
 from bayes_ssi.foundations.displayed import Displayed
 
-STUDIES = Path(__file__).parents[1] / "model_classes"
+NOTEBOOK = Path(__file__).parents[1] / "model_classes" / "hidden_tank.ipynb"
 
 
 @pytest.fixture(scope="module")
 def executed(tmp_path_factory):
     """The outputs of every cell of code: MIME type → text."""
-    folder = tmp_path_factory.mktemp("notebook")
-    shutil.copy(STUDIES / "shear_building.py", folder)
-    shutil.copytree(STUDIES / "data", folder / "data")
-    notebook = nbformat.read(STUDIES / "shear_building.ipynb", as_version=4)
+    folder = tmp_path_factory.mktemp("notebook") / "model_classes"
+    folder.mkdir()
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    assert len(notebook.cells) <= 40
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
     return {
         cell.source: [output.get("data", {"text/plain": output.get("text")})
@@ -35,39 +34,71 @@ def of_cell(executed, begin):
     return outputs
 
 
-def test_tables_in_a_notebook(executed):
-    (study,) = of_cell(executed, "import bayes_ssi")
-    assert study["text/plain"] == (
-        "<Study 'Shear building with a resonant infill': 4 model classes>"
-    )
-    assert study["text/html"].count("<tr>") == 4
-    (data,) = of_cell(executed, "study.model_classes[0]")
-    assert "<td>2b</td>" in data["text/html"]
+def numbers(executed, begin):
+    """The rows of a cell's last table: its index → the numbers in it."""
+    table = of_cell(executed, begin)[-1]["text/html"]
+    rows = re.findall(r"<tr>\s*<th>(.+?)</th>(.*?)</tr>", table, re.S)
+    return {name: [float(each) for each in re.findall(r"-?\d+\.\d+", row)] for name, row in rows}
 
 
-def test_progress_and_a_ranking_in_a_notebook(executed):
-    progress, ranking = of_cell(executed, "ranking = bs.rank")
+def test_tables_and_progress_in_a_notebook(executed):
+    (study,) = of_cell(executed, "k1, k2, k3")
+    assert study["text/plain"] == "<Study 'Which mode is the second one?': 2 model classes>"
+    assert study["text/html"].count("<tr>") == 2
+    progress, ranking = of_cell(executed, "fits = bs.rank")
     # Last, whether an appendage on the most probable class explains the data as well.
-    assert sorted(progress["text/plain"].splitlines()) == [
-        *(f"{name}: evidence 100 %" for name in ("1-a", "1-b", "2", "3")),
-        "all hypotheses: screening 3 100 %",
-    ]
-    assert ranking["text/html"].index("<td>3</td>") < ranking["text/html"].index("<td>1-a</td>")
+    assert [line.split(":")[0] for line in progress["text/plain"].splitlines()] == [
+        "mode 2 is", "mode 3 is", "all hypotheses",
+    ]  # fmt: skip
+    assert ranking["text/html"].index("mode 2 is") < ranking["text/html"].index("mode 3 is")
 
 
-def test_words_pictures_and_frames_in_a_notebook(executed):
-    (words,) = of_cell(executed, "print(ranking.summary())")
-    assert words["text/plain"].startswith("The most probable of the 4 model classes is: infill")
-    for begin in ("%matplotlib inline", "bs.plots.plot_corner"):
-        assert "image/png" in of_cell(executed, begin)[-1]
-    (frame,) = of_cell(executed, "print(ranking.to_frame")
-    (summary,) = of_cell(executed, "import arviz")
-    assert re.findall(r"<th>(k1|k2|k3|ks)</th>", summary["text/html"]) == ["k1", "k2", "k3", "ks"]
-    assert "image/png" in of_cell(executed, "az.plot_trace")[-1]
-    compared = of_cell(executed, "table = az.compare")[-1]["text/html"]
-    assert compared.index("<th>log_evidence</th>") < compared.index("<th>3</th>")
-    assert re.search(r"<th>3</th>.*?<td>16\.\d+</td>\s*</tr>", compared, re.S)
-    assert re.match(r"name,log_evidence,probability\n3,16\.\d+,0\.99999", frame["text/plain"])
+def test_the_story_begins_with_a_wrong_fit_and_its_warning(executed):
+    for row in numbers(executed, "def intervals").values():
+        *fits, true = row
+        for median, low, high in (fits[:3], fits[3:]):
+            assert low < median < high
+            assert not low <= true <= high
+    (words,) = of_cell(executed, "print(fits.summary())")
+    assert words["text/plain"].startswith("(!) The data look as if an appendage split a mode")
+    assert words["text/plain"].index("The answer is among wrong") < words["text/plain"].index(
+        "The most probable of the 2 model classes is: class 'mode 2 is'"
+    )
+
+
+def test_the_story_ends_with_what_is_true(executed):
+    (plan,) = (each for each in of_cell(executed, "mass = bs.Par") if "layout" in str(each))
+    assert "says most about which of the 4 model classes holds is floor 1" in plan["text/plain"]
+    for begin in ("found = bs.identify", "found_after = bs.identify"):
+        rows = numbers(executed, begin)
+        assert len(rows) == 4
+        for identified, error, *_, true in rows.values():
+            assert abs(identified / true - 1.0) < 3.0 * error
+    (words,) = of_cell(executed, "print(search.summary())")
+    assert (
+        "It is most probably a pendulum at floor 3 (probability above 0.99" in words["text/plain"]
+    )
+    for low, _, high, true in numbers(executed, "place = search").values():
+        assert low < true < high
+    (words,) = of_cell(executed, "print(changes.summary())")
+    lost = (
+        r"Most probably it is k1 \(probability above 0.9999\), which lost \S+ % \((\S+) to (\S+)\)"
+    )
+    low, high = map(float, re.search(lost, words["text/plain"]).groups())
+    assert low < 15.0 < high
+    words = of_cell(executed, "bare = both_tests")[-1]["text/plain"]
+    low, high = map(float, re.search(lost, words).groups())
+    assert high < 15.0
+    assert words.startswith("(!) The most probable class does not explain the data.")
+
+
+def test_pictures_moving_shapes_and_the_report_of_the_story(executed):
+    pictures = [source for source, outputs in executed.items()
+                if any("image/png" in output for output in outputs)]  # fmt: skip
+    assert len(pictures) == sum(source.count("bs.plots.plot_") for source in executed) - 1
+    (moving,) = of_cell(executed, "bs.plots.plot_moving_shapes")
+    assert moving["text/html"].startswith("<iframe srcdoc=")
+    assert "report.html" in of_cell(executed, "result = ")[-1]["text/plain"]
 
 
 def test_a_line_and_a_table(tiny_ranking):

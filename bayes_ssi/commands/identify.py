@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd", "shape",
 )  # fmt: skip
+WHAT_HELPS = (
+    "Understand why before you use the modes. The pictures of --figures show where the spectra "
+    "are not explained; what helps is another --band, --mode for a mode that was missed, a longer "
+    "record, or one without strong motion."
+)
 
 
 @click.command()
@@ -35,6 +40,7 @@ MODE_FIELDS = (
     "Whose modes are written; the others look near those of the Bayesian FFT.",
     click.Choice(list(METHOD_NAMES)))  # fmt: skip
 @options.flag("--compare", text="Print the modes by every method in one table.")
+@options.flag("--verbose", text="Print what the record says of every peak and of the loads, too.")
 @options.modes_option
 @options.path_option(
     "--figures", text="Directory for figures of spectra, poles, residuals and shapes, a new one."
@@ -43,7 +49,8 @@ MODE_FIELDS = (
 @terminal.json_option
 def identify(
     files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
-    stated: dict[str, Any], method: str, compare: bool, out: Path | None, figures: Path | None,
+    stated: dict[str, Any], method: str, compare: bool, verbose: bool, out: Path | None,
+    figures: Path | None,
 ) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
 
@@ -54,6 +61,7 @@ def identify(
     from bayes_ssi.measurements.records import modal_identification, other_methods
     from bayes_ssi.measurements.records.record_files import read_record
     from bayes_ssi.report.tables.mode_tables import estimates_table
+    from bayes_ssi.results.identification_answer import identification_answer
     from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
@@ -84,6 +92,10 @@ def identify(
             own = replace(own, method=METHOD_NAMES[method])
         data = replace(data, identifications=(own,))
         said.append(f"Wrote {listed(write_modal_data(data, out))}.")
+    if failed := found.failed_checks:
+        checks = "1 check failed" if len(failed) == 1 else f"{len(failed)} checks failed"
+        terminal.say_warnings([(f"{checks}. {WHAT_HELPS}", failed)])
+    terminal.say_in_paragraphs(identification_answer(found), "")
     terminal.show(estimates_table(found.quoted, found.method))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
@@ -91,14 +103,18 @@ def identify(
         terminal.show(methods_table(by_others, METHOD_NAMES))
         failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
         terminal.say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
-    terminal.say(
-        f"The record shows {found.loads}; chi-square of its spectra over degrees of freedom is up "
-        f"to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}.",
-        *(f"{str(peak)[0].upper()}{str(peak)[1:]}." for peak in found.peaks),
-        *(f"(!) {remark}" for remark in (*warnings, *found.remarks)),
-        *(f"(!) Failed check: {check}" for check in found.failed_checks),
-    )
-    terminal.say(*said)
+    remarks = [*warnings, *found.remarks]
+    if verbose:
+        remarks += [
+            f"the record shows {found.loads}; chi-square of its spectra over degrees of freedom is "
+            f"up to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}",
+            *map(str, found.peaks),
+        ]
+    if remarks:
+        terminal.say_in_paragraphs("\n".join(f"{each[0].upper()}{each[1:]}." for each in remarks))
+    if out is None:
+        said.append("Nothing is written; --out NAME.csv writes the modes for model classes.")
+    terminal.say("", *said, "Every peak, loads and fit: --verbose. Pictures: --figures DIRECTORY.")
     terminal.conclude(_record(found, warnings), found.failed_checks)
 
 

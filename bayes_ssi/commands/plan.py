@@ -59,9 +59,9 @@ def plan(
     from bayes_ssi.report.tables.plan_tables import (
         layout_table,
         number_table,
-        plan_answer,
         plan_notes,
     )
+    from bayes_ssi.results.plan_answer import plan_answer
     from bayes_ssi.results.result_files import require_new_files, write_json
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.studies.appendages.candidates import read_candidates

@@ -138,7 +138,7 @@ def plot_corner(
 
     Dashed lines are the 5 %, 50 % and 95 % quantiles; contours hold 39 % and 86 % of the draws, as
     one and two standard deviations of a normal density do. Panels leave out the outermost 0.3 % of
-    the draws.
+    the draws, and reach to true values.
 
     Args:
         parameters: names of the parameters; all if None.
@@ -155,6 +155,11 @@ def plot_corner(
     # draw far away does not shrink all others to a point; and within one and two of a density of
     # two variables.
     shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
+    spans = np.quantile(values, (0.5 - 0.5 * shown, 0.5 + 0.5 * shown), axis=0)
+    for k in (names.index(name) for name in truths if name in names):  # where lines are to be seen
+        width = 0.05 * np.ptp(spans[:, k])
+        spans[0, k] = min(spans[0, k], truths[names[k]] - width)
+        spans[1, k] = max(spans[1, k], truths[names[k]] + width)
     figure = look.figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
     arviz()  # corner imports it, and would show its warnings
     import corner
@@ -163,7 +168,7 @@ def plot_corner(
         # Constrained layout replaces corner's own.
         warnings.filterwarnings("ignore", "This figure was using a layout engine", UserWarning)
         corner.corner(
-            values, bins=30, range=[shown] * n, fig=figure, color=look.BLUE, quantiles=LEVELS,
+            values, bins=30, range=spans.T, fig=figure, color=look.BLUE, quantiles=LEVELS,
             smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
             truths=[truths.get(name) for name in names], truth_color=look.VERMILION,

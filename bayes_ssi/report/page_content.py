@@ -25,9 +25,10 @@ from bayes_ssi.report.report_figures import LIMITS, EmbeddedFigure, embedded_fil
 from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
 from bayes_ssi.report.tables import search_tables
 from bayes_ssi.report.tables.layout import number
-from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
+from bayes_ssi.report.tables.plan_tables import layout_rows
 from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
 from bayes_ssi.results.answer import answer
+from bayes_ssi.results.plan_answer import plan_answer
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.stored_what_if import recorded_class
 from bayes_ssi.results.wording import listed

@@ -36,8 +36,8 @@ def auto_mac(data: ModalData) -> dict[str, Any] | None:
 def co_mac(data: ModalData, modes: ConfigurationModes, shapes: FloatArray) -> dict[str, Any] | None:
     """COMACs of sensors over the paired modes, the lowest first, with 90 % intervals, in rows.
 
-    And what they say; None of fewer than two modes. ``shapes`` are the model's at draws,
-    (n_draws, n_sensors, n_modes).
+    And what they say; None of fewer than two modes, or where the model has no shapes at the
+    sensors. ``shapes`` are the model's at draws, (n_draws, n_sensors, n_modes).
     """
     paired = [i for i, mode in enumerate(data.modes)
               if mode.label in modes.pairing and mode.unit_shape is not None]  # fmt: skip
@@ -50,6 +50,8 @@ def co_mac(data: ModalData, modes: ConfigurationModes, shapes: FloatArray) -> di
     of_sensors = np.quantile(comac(model, measured), LEVELS, axis=0).T
     known = (row for row in zip(data.sensors, of_sensors, strict=True) if np.isfinite(row[1]).all())
     rows = sorted(known, key=lambda row: float(row[1][1]))
+    if not rows:
+        return None
     (lowest, (_, smallest, _)), *_ = rows
     sentence = f"No sensor is at odds with the model: the smallest is {smallest:.3f}, at {lowest}."
     if at_odds := [f"{name} ({row[1]:.2f})" for name, row in rows if row[1] < ALIKE]:

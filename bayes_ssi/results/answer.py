@@ -102,10 +102,14 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     failed = result.comparison.failed_checks_besides("misfit", "data", "appendage")
     if failed:
         several = len(failed) > 1
+        among = ""  # a search compares what it sampled, and says probabilities of all hypotheses
+        if search is not None and search.n_unsampled:
+            n = len(result.comparison.classes)
+            among = f" Their probabilities are among the {n} hypotheses that were sampled."
         yield (
             f"{len(failed)} check{'s' if several else ''} failed"
             f"{' and were accepted when the result was saved' if accepted else ''}. Do not trust "
-            f"the ranking until {'they are' if several else 'it is'} understood.",
+            f"the ranking until {'they are' if several else 'it is'} understood.{among}",
             failed,
         )
 

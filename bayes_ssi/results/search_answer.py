@@ -266,8 +266,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     if record.shared is not None:
         yield (
             f"The tests share {_percent(record.shared)} of the "
-            "errors of the model, which is wrong in the same way before and after: their "
-            f"correlation is inferred, with the prior {record.settings.shared}."
+            "errors of the model, which is wrong in the same way before and after."
         )
     yield from unsampled(record)
 

@@ -34,7 +34,7 @@ from bayes_ssi.studies.ranking.study import (
     Ranking,
     ResultRecord,
 )
-from bayes_ssi.studies.search.findings import FamilyRecord
+from bayes_ssi.studies.search.findings import FamilyRecord, SearchResult
 
 # The file that every result directory holds.
 MARKER = "result.json"
@@ -122,7 +122,7 @@ def as_stored(result: AnyResult) -> StoredResult:
 
 @checked
 def save_result(
-    ranking: Ranking,
+    result: Ranking | SearchResult[Any],
     directory: str | Path,
     *,
     study_file: str = "",
@@ -132,10 +132,10 @@ def save_result(
     extra: Mapping[str, Any] | None = None,
     figures: Callable[[Path], object] | None = None,
 ) -> StoredResult:
-    """Write a ranking to a new directory; nothing is left there if writing fails.
+    """Write a result to a new directory; nothing is left there if writing fails.
 
     Args:
-        ranking: the result.
+        result: of a ranking, or of a search for appendages or changes.
         directory: where the result goes.
         study_file: the file that defines the study, for the record.
         overwrite: replace a result that exists.
@@ -150,6 +150,10 @@ def save_result(
             than a result.
         OSError: a file cannot be written.
     """
+    ranking = result.ranking if isinstance(result, SearchResult) else result
+    further = dict(extra or {})
+    if isinstance(result, SearchResult):
+        further[SEARCH] = result.record
     with result_files.new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         (partial / "posteriors").mkdir()
         data = _save_tests(ranking.tests, partial)
@@ -170,8 +174,8 @@ def save_result(
         )
         result_files.write_json(partial / MARKER, record)
         result_files.write_json(partial / COMPARISON, ranking.comparison)
-        for name, further in (extra or {}).items():
-            result_files.write_json(partial / name, further)
+        for name, record_of_file in further.items():
+            result_files.write_json(partial / name, record_of_file)
         _write_comparison_csv(partial / "comparison.csv", ranking.comparison)
         if figures is not None:
             (partial / FIGURES).mkdir()

@@ -1,14 +1,18 @@
 """``bayes-ssi identify`` from files to a CSV of modes, and its exit codes."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from identified_records import identified
 from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
+from bayes_ssi.measurements.modes.identification_summary import Peak
+from bayes_ssi.results.identification_answer import identification_answer
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = ["--band", "0.6", "4.6"]
@@ -95,7 +99,49 @@ def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
     between = ["--band", "2.2", "3.5", "--mode", 2.8]
     wrong = run(path, *between, "--quantity", "acceleration")
     assert wrong.exit_code == 3
-    assert "Failed check" in wrong.stdout
+    first, answer = wrong.stdout.lstrip().split("\n\n")[:2]
+    assert first.startswith("(!) 1 check failed. Understand why before you use the modes.")
+    assert "the record shows a mode at 2.8 Hz that is not identified" in " ".join(first.split())
+    assert answer.startswith("1 mode at 2.6")
+    assert "peak" not in answer
+
+
+def peak(*frequencies, two=None, phases=1e-4):
+    return Peak(frequencies, tuple(range(len(frequencies))), two, phases, 0.05, 1.2)
+
+
+@pytest.mark.parametrize(
+    ("peaks", "words"),
+    [
+        ((peak(1.0), peak(2.0, two=0.01)), "One mode explains every peak."),
+        ((peak(1.0), peak(2.0, 2.1, two=0.99)), "At 2 and 2.1 Hz there are two modes and not one. "
+         "One mode explains every other peak."),
+        ((peak(2.0, two=0.4),), "Whether one mode or two are at 2 Hz, the record cannot tell."),
+        ((peak(1.0), peak(2.0, two=0.4, phases=0.9)), "At 2 Hz the sensors move out of phase. "
+         "One mode explains every other peak."),
+        ((peak(2.0, phases=None),), "The spectra around 2 Hz are not explained."),
+    ],
+)  # fmt: skip
+def test_the_answer_says_which_peaks_hold_more_than_one_mode(peaks, words):
+    summary = identified("a.csv", peaks=peaks)
+    found = SimpleNamespace(**vars(summary), quoted=summary.record, is_explained=True)
+    assert identification_answer(found) == (
+        "1 mode at 1 Hz, from 10 minutes of 2 sensors, with standard deviations of 0.2 % of "
+        f"frequency. {words}"
+    )
+
+
+def test_the_first_screen_of_eight_modes_has_40_lines(path):
+    done = run(path, *BAND, "--quantity", "acceleration")
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    # Four modes here, and four lines more.
+    assert len(lines) + 4 <= 40
+    assert lines[1].startswith("4 modes from 0.98")
+    assert "chi-square" not in done.stdout
+    verbose = run(path, *BAND, "--quantity", "acceleration", "--verbose").stdout
+    assert verbose.count("Peak at") == 4
+    assert "The record shows independent loads; chi-square" in verbose
 
 
 def test_a_place_for_the_modes_is_made_or_refused_before_they_are_identified(

@@ -14,7 +14,7 @@ from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log_sphere_area
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_gains, plot_layout
-from bayes_ssi.report.tables.plan_tables import layout_rows, plan_answer
+from bayes_ssi.report.tables.plan_tables import layout_rows
 from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_values import (
@@ -343,4 +343,6 @@ def test_ties_are_called_ties(two_classes):
     worse = replace(best, sensors=("third",), gain=best.gain - 1.1 * best.error)
     tied = replace(plan, layouts=(best, tie, worse))
     assert [row[0] for row in layout_rows(tied)[1:4]] == ["best", "tie", ""]
-    assert "(a tie within its error with other)" in plan_answer(tied)
+    assert "(a tie within its error with other)" in tied.summary()
+    doubtful = replace(tied, failed_checks=("few draws",)).summary()
+    assert doubtful == f"(!) few draws.\n\n{tied.summary()}"

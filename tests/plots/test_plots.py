@@ -128,6 +128,7 @@ def test_a_corner_plot_marks_true_values(make_posterior):
     at = [line.get_xdata()[0] for line in k2.lines]
     assert at[:3] == pytest.approx(np.quantile(make_posterior("3").values[:, 1], [0.05, 0.5, 0.95]))
     assert at[3:] == [0.25]
+    assert k2.get_xlim()[0] < 0.25
     assert len(k1.lines) == 3
     with pytest.raises(ValueError, match="no parameter 'k9'"):
         plot_corner(make_posterior("3"), truths={"k9": 1.0})

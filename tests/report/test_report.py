@@ -229,8 +229,7 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
         "bayes_ssi.report.report_figures._drawn_classes",
         lambda stored: [(stored.comparison.best.name, False)],
     )
-    save_result(found_in_case_c.ranking, tmp_path / "r",
-                extra={"search.json": found_in_case_c.record})  # fmt: skip
+    save_result(found_in_case_c, tmp_path / "r")
     html = write_report(tmp_path / "r").read_text("utf-8")
     answer, rest = html.split('<nav aria-label="Sections">')
     assert 'aria-label="Probability of an appendage by place"' in answer

@@ -64,6 +64,13 @@ def test_sensors_at_odds_with_the_model_are_named():
     assert co_mac(data_of([measured[:, 0], None]), modes, draws) is None
 
 
+def test_a_test_of_one_sensor_has_no_comac():
+    """Its model has no shapes: a single component says nothing of them."""
+    unknown = np.full((20, 1, 2), np.nan)
+    modes = SimpleNamespace(pairing={"1": 1, "2": 2})
+    assert co_mac(data_of([[1.0], [1.0]], ("a",)), modes, unknown) is None
+
+
 def test_sensors_that_no_paired_mode_was_measured_at_have_no_comac():
     shapes = [np.array([0.6, 0.8, np.nan]), np.array([0.8, -0.6, np.nan]), [0.0, 0.0, 1.0]]
     draws = np.stack([np.array([[0.6, 0.8, 0.3], [0.8, -0.6, 0.1]]).T] * 20)

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.foundations.displayed import Displayed, columns, counted
+from bayes_ssi.foundations.displayed import InWords, columns, counted
 from bayes_ssi.measurements.modes.identification_summary import (
     BAYESIAN_FFT,
     METHOD_NAMES,
@@ -63,7 +63,7 @@ MOST_DELAY_SEARCHES = 3  # delays are sought again where shapes still have phase
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class ModalIdentification(Displayed, IdentificationSummary):
+class ModalIdentification(InWords, IdentificationSummary):
     """The modes identified from a record, and what they were identified in.
 
     Attributes:

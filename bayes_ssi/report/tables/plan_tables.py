@@ -6,52 +6,17 @@ from rich.table import Table
 
 from bayes_ssi.foundations.displayed import counted
 from bayes_ssi.report.tables.layout import MOST_PLACES, add_row, new_table, number
+from bayes_ssi.results.plan_answer import gain_text, ties_with_best
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.hidden_cases import WRONG, BlindSpots
-from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Layout, Plan
+from bayes_ssi.studies.planning.plan_record import CLASS, Plan
 from bayes_ssi.studies.ranking.comparison import probability_text
-
-
-def gain_text(gain: float, error: float, form: str = ".3f") -> str:
-    """A gain and its error, which is never zero: other tests might differ where all agree."""
-    return f"{number(gain, form)} ± {'<0.001' if error < 0.0005 else number(error, '.3f')}"
-
-
-def plan_answer(plan: Plan) -> str:
-    """The layout to take and what it is worth, in words."""
-    about = {CLASS: f"which of the {len(plan.classes)} model classes holds",
-             PARAMETERS: "the parameters"}.get(plan.aim, repr(plan.aim))  # fmt: skip
-    layout = plan.best
-    where = f" in configuration {plan.configuration!r}" if plan.alternatives else ""
-    text = (
-        f"{'After the earlier test' if plan.is_after_a_test else 'Before any test'}, the layout of "
-        f"{counted(len(layout.sensors), 'sensor')} that says most about {about} is "
-        f"{listed(layout.sensors)}{where}: expected information "
-        f"{gain_text(layout.gain, layout.error)} nats"
-    )
-    if ties := [each for each in plan.layouts[1:] if _ties(plan, each)]:
-        others = "; or ".join(listed(each.sensors) for each in ties)
-        text += f" (a tie within its error with {others})"
-    if plan.greatest is None or layout.naming is None:
-        return f"{text}."
-    least = 3.0 / plan.n_tests  # which none in n tests excludes, at 95 %
-    sure = layout.naming > 1.0 - least
-    naming = f"above {1.0 - least:.3f}" if sure else f"{layout.naming:.3f}"
-    return (
-        f"{text}, of {plan.greatest:.3f} that would settle it. With it the right class comes out "
-        f"as the most probable one with probability {naming}."
-    )
-
-
-def _ties(plan: Plan, layout: Layout) -> bool:
-    """Whether a layout is worth as much as the best one, within the error of its gain."""
-    return plan.best.gain - layout.gain <= layout.error
 
 
 def layout_rows(plan: Plan) -> list[list[str]]:
     """Headings, and the best layouts, others beside them, and those of other configurations."""
     rows = [
-        ("best" if i == 0 else "tie" if _ties(plan, layout) else "", layout)
+        ("best" if i == 0 else "tie" if ties_with_best(plan, layout) else "", layout)
         for i, layout in enumerate(plan.layouts)
     ]
     rows += plan.compared.items()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_ssi.foundations.displayed import Displayed
+from bayes_ssi.foundations.displayed import InWords
 from bayes_ssi.structures.geometry import Candidate, Geometry
 
 # Aims of a plan that have a name.
@@ -53,7 +53,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Displayed):
+class Plan(InWords):
     """The plan of a test.
 
     Attributes:
