@@ -101,7 +101,9 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
         ax.annotate(text, (probability, row), xytext=(3, 0), textcoords="offset points",
                     va="center", fontsize=look.SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
-    ax.set_xlim(0.0, 1.25 * highest or 1.0)  # with room for the numbers
+    limit = 1.25 * highest or 1.0  # with room for the numbers
+    ax.set_xticks([tick for tick in ax.get_xticks() if 0.0 <= tick <= min(limit, 1.0)])
+    ax.set_xlim(0.0, limit)
     ax.set_xlabel(f"probability of {search.a_feature}")
     return ax
 

@@ -26,7 +26,12 @@ from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
 from bayes_ssi.report.tables import search_tables
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows
-from bayes_ssi.report.tables.ranking_tables import pairing_notes, region_notes, sensitivity_notes
+from bayes_ssi.report.tables.ranking_tables import (
+    explains,
+    pairing_notes,
+    region_notes,
+    sensitivity_notes,
+)
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.plan_answer import plan_answer
 from bayes_ssi.results.stored_result import StoredResult
@@ -91,6 +96,7 @@ FORMATS: tuple[Callable[..., Any], ...] = (
 )  # fmt: skip
 FILTERS = {form.__name__: form for form in FORMATS} | {
     "probability": probability_text,
+    "explains": explains,
     "names": listed,
 }
 

@@ -125,3 +125,10 @@ def test_without_coordinates_the_most_probable_places_are_bars(draw):
     assert lengths[-1] == pytest.approx(0.01 * (32 - MOST_BARS))
     assert ax.get_yticklabels()[-1].get_text() == f"{32 - MOST_BARS} others together"
     assert ax.get_xlabel() == "probability of an appendage"
+
+
+def test_no_tick_of_a_probability_is_above_one(draw):
+    ax = draw([place_record(type(each.place)(bs.Candidate(f"s{i}", f"s{i}")), each.probability)
+               for i, each in enumerate(places_in_space([0.999, 0.001]))])  # fmt: skip
+    assert max(ax.get_xticks()) == pytest.approx(1.0)
+    assert ax.get_xlim() == (0.0, pytest.approx(1.25 * 0.999))

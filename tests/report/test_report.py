@@ -92,6 +92,7 @@ def test_the_page_holds_what_is_stored(page, tiny_ranking):
     for words in ("LogNormal(median=1.0, cov=0.3)", "bayes-ssi rank tiny.py --seed 7",
                   "0.618", "two-storey building", tiny_ranking.comparison.data_digest,
                   "floor 2 3.25", "All checks passed", "'one k' ranks first under every setting",
+                  f"yes ({tiny_ranking.comparison.best.misfit_text})",
                   f"numpy {np.__version__}"):  # fmt: skip
         assert words in shown, words
 

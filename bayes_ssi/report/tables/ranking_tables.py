@@ -43,14 +43,15 @@ def ranking_table(comparison: Comparison, title: str = "") -> Table:
             *[probability_text(row.prior_probability)] * priors_differ,
             # Alone, a class has no probability.
             row.probability_text if len(comparison.classes) > 1 else "-",
-            _explains(row),
+            explains(row),
         )
         for row in comparison.classes
     ]
     return new_table(title, ["model class"], numbers, rows, last=["explains the data"])
 
 
-def _explains(row: RankedClass) -> str:
+def explains(row: RankedClass) -> str:
+    """Whether a class explains the data, and its misfit; a dash where that is not known."""
     if row.misfit_sds is None:
         return "-"
     return f"{'no' if row.misfit_sds > INADEQUATE_SDS else 'yes'} ({row.misfit_text})"
