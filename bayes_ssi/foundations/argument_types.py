@@ -11,7 +11,17 @@ from itertools import islice
 from numbers import Integral, Real
 from os import PathLike
 from types import NoneType, UnionType
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Generic,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -52,6 +62,7 @@ def _described(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[st
 
 def _fits(value: Any, hint: Any) -> bool:
     """Whether a value has a type. Hints that are not checked fit; iterators are not consumed."""
+    hint = _without_arguments(hint)
     kind, parts = get_origin(hint), get_args(hint)
     if hint is Any:
         return True
@@ -81,6 +92,12 @@ def _fits(value: Any, hint: Any) -> bool:
     return isinstance(value, hint) if isinstance(hint, type) else True
 
 
+def _without_arguments(hint: Any) -> Any:
+    """The class of a hint such as ``SearchResult[Any]``; other hints as they are."""
+    kind = get_origin(hint)
+    return kind if Generic in getattr(kind, "__mro__", ()) else hint
+
+
 def _is_record(hint: Any) -> bool:
     """Whether a hint is that of a tuple with a type for each place."""
     return get_origin(hint) is tuple and Ellipsis not in get_args(hint)
@@ -88,6 +105,7 @@ def _is_record(hint: Any) -> bool:
 
 def _words(hint: Any) -> str:
     """A type in words: ``a Study``, ``text or a path``, ``ModelClasses in a sequence``."""
+    hint = _without_arguments(hint)
     kind, parts = get_origin(hint), get_args(hint)
     if hint is Any:
         return "anything"
