@@ -31,7 +31,7 @@ def check(data: tuple[Path, ...], band: tuple[float, float] | None, stated: dict
     """Show the identified modes read from DATA (CSV), with warnings about them.
 
     Where DATA is a vibration record, in one file or in several of the same instants, warns of
-    sensors that are dead, clipped, drifting, late or alike, of gaps and of machines. The exit code
+    sensors that are dead, clipped or alike, of gaps and of machines. The exit code
     is 3 where the modes are of an identification that failed a check.
     """
     from bayes_ssi.measurements.records.record_files import is_record, read_record

@@ -154,7 +154,7 @@ def record_options(command: Command) -> Command:
             help="Samples per second, if the files do not state it."),
         "quantity": click.option(
             "--quantity",
-            help="acceleration, velocity or displacement, if not stated; of .v2, which."),
+            help="acceleration, velocity or displacement, if not stated."),
         "unit": click.option("--unit", help="Unit of the samples, if not stated."),
         "sensors": repeated_option(
             "--sensor", "sensors", "NAME",

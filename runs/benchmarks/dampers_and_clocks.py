@@ -113,9 +113,6 @@ def main() -> None:
                 "f": f.round(4).tolist(), "zeta": zeta.round(4).tolist(), "lost": lost,
                 "false": len(left), "failed": len(found.failed_checks), "pulls": pulls,
                 "pulls_z": pulls_z, "late": delays, "named": named, "said": said,
-                "checked": [
-                    text for text in record.warnings() if "late" in text or "early" in text
-                ],
                 "cpu": time.process_time() - start,
             }
         )  # fmt: skip

@@ -4,7 +4,7 @@
 
 Sound records are of a building of three storeys, with and without a resonant infill, under loads
 on its floors or ground motion, of 300 to 1,200 s, damping 0.5 to 5 %, noise 1 to 10 %. Earthquakes
-have an envelope, and are filtered as agencies do and rounded. Faults are added to sound records.
+have an envelope, and are filtered as agencies do and rounded. Lines of machines are added.
 """
 
 from __future__ import annotations
@@ -51,32 +51,12 @@ def earthquake(seed: int) -> tuple[np.ndarray, float]:
     return np.round(filtered, 6), 100.0
 
 
-def late(row: np.ndarray, rate_hz: float, seconds: float) -> np.ndarray:
-    turns = np.exp(-2j * np.pi * seconds * np.fft.rfftfreq(len(row), 1.0 / rate_hz))
-    return np.fft.irfft(np.fft.rfft(row) * turns, len(row))
-
-
-def slow(row: np.ndarray, rate_hz: float, share: float) -> np.ndarray:
-    times = np.arange(len(row)) / rate_hz
-    return np.interp(times * (1.0 - share), times, row)
-
-
 def main() -> None:
     records = [sound(seed) for seed in range(100)]
     quakes = [earthquake(seed) for seed in range(48)]
     for what, some in (("sound records", records), ("earthquakes", quakes)):
         alarms = sum(bool(remarks_on(*each, SENSORS)) for each in some)
         print(f"{what}: {alarms} of {len(some)} with a remark")
-    for fault, sizes in ((late, (0.01, 0.015, 0.02)), (slow, (5e-5, 1e-4, 2e-4))):
-        for size in sizes:
-            said = []
-            for samples, rate_hz in records[:40]:
-                wrong = samples.copy()
-                wrong[1] = fault(wrong[1], rate_hz, size)
-                said.append(" ".join(remarks_on(wrong, rate_hz, SENSORS)))
-            found = sum("'floor 2'" in text for text in said)
-            others = sum("'floor 1'" in text or "'floor 3'" in text for text in said)
-            print(f"{fault.__name__} by {size:g}: {found} of 40 found, {others} sound ones blamed")
     for ground in (False, True):
         sounds = [
             simulated_record(

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.record_checks import common_delays
 
 DELAY_SD_S = 0.02
 PHASE_SD = 0.2  # of a sensor with phases of its own in every mode
@@ -129,3 +128,22 @@ def _posterior(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> tupl
     )
     covariance = np.linalg.inv(precision)
     return float(covariance[0] @ slope), float(np.sqrt(covariance[0, 0]))
+
+
+def common_delays(
+    squares: ComplexArray, omega: FloatArray, n_sought: int, n_rounds: int
+) -> tuple[FloatArray, ComplexArray]:
+    """Delays (n,) in s that the phases of modes have in common; the median sensor is on time.
+
+    Least squares of the phases of modes and of sensors, in turn, from the squares (L, n) of the
+    shapes' components, whose phases are twice theirs; the squares turned by the phases of the modes
+    are returned, too. Delays are tried over half a period of the root mean square frequency.
+    """
+    sought = np.linspace(-0.5, 0.5, n_sought) * np.pi / np.sqrt((omega**2).mean())
+    seconds = np.zeros(squares.shape[1])
+    for _ in range(n_rounds):
+        modes = (squares * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
+        turned = squares * np.conj(modes / np.abs(modes))
+        seconds = sought[(turned.T @ np.exp(2j * omega * sought)).real.argmax(1)]
+        seconds = seconds - np.median(seconds)
+    return seconds, turned

@@ -1,19 +1,12 @@
 """Modes of one record by each of several methods, side by side.
 
-All but the Bayesian FFT look near modes that are given, as a user who compares them would. A method
-more is a function like theirs, a line in OTHERS and its name in METHOD_NAMES.
-
-NExT-ERA, natural excitation technique and eigensystem realisation: correlations of a stationary
-record are sums of free decays (James, Carne and Lauffer 1993), whose poles are those of candidates
-for modes: the clusters of orders nearest to each mode.
-
-The others read modes at peaks of short-time spectra, without damping. FDD, frequency
-domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the spectral matrix at
-its peaks; frequencies are no finer than the lines. TFIE, time–frequency instantaneous estimators
-after Bonato, Ceravolo, De Stefano and Molinari (2000), as inferred from the abstract and from
-papers that use it: while a mode dominates, the phase between two channels is 0 or 180 degrees. The
-frequencies at which it stays there with the least dispersion over time are those of modes, and the
-amplitude ratios at these give the shape.
+All but the Bayesian FFT look near modes that are given, as a user who compares them would, and give
+no errors. NExT-ERA: poles of free decays (:mod:`bayes_ssi.measurements.records.mode_candidates`).
+FDD, frequency domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the
+spectral matrix at its peaks. TFIE, time–frequency instantaneous estimators after Bonato, Ceravolo,
+De Stefano and Molinari (2000), as inferred from the abstract and from papers that use it: while a
+mode dominates, the phase between two channels is 0 or 180 degrees. The frequencies at which it
+stays there over time are those of modes, and the amplitude ratios at these give the shape.
 """
 
 from collections.abc import Callable
@@ -34,7 +27,7 @@ SAME_LOG_FREQUENCY = 0.05  # a pole is that of a mode within this
 SAME_SHAPE_MAC = 0.8  # and above this
 FDD_PERIODS = 50.0  # of a window, which resolves a fiftieth of the lowest frequency
 TFIE_PERIODS = 20.0  # long enough to tell modes apart, and short for many instants
-
+LINES_AROUND = 2  # within which the peak of a mode is
 
 Band = tuple[float, float]
 
@@ -70,29 +63,18 @@ def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     low, high = record.checked_band(band_hz)
     reach = (low / REACH, min(high * REACH, record.nyquist_hz))
     poles = candidates(transforms_of(record, reach), low, high).poles
-    found = _matched(poles._replace(shapes=real_shapes(poles.shapes)), near)
-    if found is None:
-        raise ValueError(
-            "NExT-ERA: orders do not agree on the modes at "
-            + ", ".join(f"{f:.3f}" for f in near.frequencies_hz)
-            + " Hz"
-        )
+    poles = poles._replace(shapes=real_shapes(poles.shapes))
+    apart = np.abs(np.log(poles.frequencies_hz[:, None] / near.frequencies_hz))
+    alike = mac(poles.shapes, near.shapes)
+    apart = np.where((apart < SAME_LOG_FREQUENCY) & (alike > SAME_SHAPE_MAC), apart, np.inf)
+    nearest = np.vstack([apart, np.full(near.n_modes, np.inf)]).argmin(0).tolist()
+    if np.isinf(apart).all(0).any() or len(set(nearest)) < near.n_modes:
+        named = ", ".join(f"{f:.3f}" for f in near.frequencies_hz)
+        raise ValueError(f"NExT-ERA: orders do not agree on the modes at {named} Hz")
+    found = poles.at(nearest)
     return ModalData.from_arrays(
         found.frequencies_hz, found.shapes, band_hz, record.sensors, damping=found.dampings
     )
-
-
-def _matched(candidates: Resonances, modes: Resonances) -> Resonances | None:
-    """Of the candidates, those that are the modes, each once; None if one is missing."""
-    if not candidates.n_modes:
-        return None
-    apart = np.abs(np.log(candidates.frequencies_hz[:, None] / modes.frequencies_hz))
-    alike = mac(candidates.shapes, modes.shapes)
-    apart = np.where((apart < SAME_LOG_FREQUENCY) & (alike > SAME_SHAPE_MAC), apart, np.inf)
-    chosen = apart.argmin(0)
-    if np.isinf(apart.min(0)).any() or len(set(chosen.tolist())) < len(chosen):
-        return None
-    return candidates.at(chosen.tolist())
 
 
 def fdd(record: Record, band_hz: Band, near: Resonances) -> ModalData:
@@ -146,18 +128,10 @@ def _short_time_spectra(
 
 
 def _peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArray) -> list[int]:
-    """Lines at which an indicator (F,) is highest, from each of some frequencies uphill."""
-    lines = []
-    for frequency in near:
-        line = int(np.abs(frequencies_hz - frequency).argmin())
-        while True:
-            around = range(max(0, line - 1), min(len(indicator), line + 2))
-            higher = max(around, key=lambda k: indicator[k])
-            if higher == line:
-                break
-            line = higher
-        lines.append(line)
-    return sorted(lines)
+    """Lines at which an indicator (F,) is highest, within a few lines of some frequencies."""
+    lines = np.abs(frequencies_hz[:, None] - near).argmin(0)
+    far = np.abs(np.arange(len(indicator))[:, None] - lines) > LINES_AROUND
+    return sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
 
 
 OTHERS: dict[str, Callable[[Record, Band, Resonances], ModalData]] = {

@@ -12,15 +12,9 @@ wanders; a shock is over soon. A sine has one phase in all parts of the record.
 A spectral model takes loads to be the same all the time. The motion of a band in short windows is
 compared with its median: where it is many times as strong, those windows are left out, with what
 follows until it has decayed.
-
-A sensor whose clock is late has motion with a phase that grows with frequency: at a peak of the
-spectra where one mode moves all sensors, they move in phase or in opposition. A sensor
-that is late by τ turns by -2π f τ there, which moves the phases of first singular vectors. A clock
-that runs at another rate is later in the second half of the record than in the first.
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -36,18 +30,10 @@ MOST_FILLED = 0.2  # of a sensor's samples; with more it is left out, with fewer
 MOST_CLIPPED = 0.001
 FEWEST_CLIPPED = 8  # samples
 NOISE_ALONE = "noise alone, coherent with no other sensor at any frequency; is it connected?"
-DRIFT_PARTS = 20  # whose means are compared
-DRIFT_SCATTER = 0.5  # of these means, over that of the samples
-WINDOWS = 40  # in which coherence and phases are judged
+WINDOWS = 40  # in which coherence is judged
 LONGEST_WINDOW = 4096  # samples
 RECORDS_PER_COHERENT_NOISE = 1e3  # in one of which noise is coherent by chance
 NAMED_LINES = 3  # of machines
-PEAK_POWER = 4.0  # over what is beside a peak where phases are judged
-LEAST_PEAK_POWER = 1e-3  # over that of the highest peak
-SHARE_OF_ONE_MODE = 0.8  # of the power, by the first singular value
-FEWEST_PEAKS = 3  # one or two tell nothing: their modes may have phases
-SOUND_PHASE_DEG = 3.0  # by which other motion turns sensors that are in step
-LATE_SDS = 3.7  # errors beyond which a sensor is late
 WINDOW_PERIODS = 8.0  # of the lowest frequency, of windows that may not be stationary
 FEWEST_WINDOWS = 20
 STRONG_POWER = 12.0  # over the median, at which a window is left out
@@ -281,12 +267,7 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
                 f"sensor {name!r}: on a straight line, or the same as before, from {first:.6g} s "
                 f"on for {end - first:.3g} s{more}; it is taken for a gap that was filled"
             )
-        if (drift := _drift(row)) > DRIFT_SCATTER:
-            remarks.append(
-                f"sensor {name!r}: drifts; its mean over twentieths of the record scatters by "
-                f"{drift:.2g} times what is left without them"
-            )
-    return [*remarks, *late_sensors(samples, rate_hz, sensors), *_machines(samples, rate_hz)]
+    return [*remarks, *_machines(samples, rate_hz)]
 
 
 def faults_of(
@@ -428,111 +409,3 @@ def _repeats(row: FloatArray) -> NDArray[np.bool_]:
     changes = np.concatenate([[0], np.cumsum(np.diff(row) != 0.0)])
     is_again = (first[places] < np.arange(n)) & (changes[length - 1 :] - changes[:n] > length // 2)
     return np.convolve(is_again, np.ones(length)) > 0.5
-
-
-def _drift(row: FloatArray) -> float:
-    """Scatter of the means of parts, over that of the samples about them."""
-    edges = np.linspace(0, len(row), DRIFT_PARTS + 1).astype(int)
-    if len(row) < 2 * DRIFT_PARTS:
-        return 0.0
-    means = np.array([row[a:b].mean() for a, b in pairwise(edges)])
-    inner = float(np.sqrt(np.mean([row[a:b].var() for a, b in pairwise(edges)])))
-    return float(means.std()) / max(inner, np.finfo(float).tiny)
-
-
-def late_sensors(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> list[str]:
-    """A sentence for each sensor that seems late or early, or whose clock runs at another rate.
-
-    All sensors of the samples (n, N) move.
-    """
-    n_window = 2 * samples.shape[1] // (WINDOWS + 1)
-    if len(samples) < 2 or n_window < WINDOWS:
-        return []
-    frequencies, transforms = _peaks(samples, rate_hz, n_window)
-    half = transforms.shape[2] // 2
-    parts = [transforms, transforms[:, :, :half], transforms[:, :, half:]]
-    whole, first, second = (_lateness(frequencies, part) for part in parts)
-    if whole is None or first is None or second is None:
-        return []
-    remarks = []
-    growths = second[0] - first[0]
-    grow = np.abs(growths) > LATE_SDS * np.hypot(first[1], second[1])
-    for name, seconds, deviation, growth, grows in zip(sensors, *whole, growths, grow, strict=True):
-        if grows:
-            remarks.append(
-                f"sensor {name!r}: its clock runs at another rate; it is later by {growth:.2g} s "
-                "in the second half of the record than in the first"
-            )
-        elif abs(seconds) > LATE_SDS * deviation:
-            remarks.append(
-                f"sensor {name!r}: {abs(seconds):.2g} s {'late' if seconds > 0.0 else 'early'} "
-                "against the others; are the clocks synchronised?"
-            )
-    return remarks
-
-
-def _peaks(samples: FloatArray, rate_hz: float, n_window: int) -> tuple[FloatArray, ComplexArray]:
-    """Frequencies (L,) of the peaks of power, and the transforms there (n, L, windows)."""
-    from scipy.signal import find_peaks, stft
-
-    def spectra_of(row: FloatArray) -> ComplexArray:
-        scaled = (row - row.mean()) / row.std()
-        transforms: ComplexArray = stft(
-            scaled, rate_hz, nperseg=n_window, boundary=None, padded=False
-        )[2]
-        return transforms
-
-    # Sensor by sensor, and twice: the spectra of all would fill memory.
-    power = sum((np.abs(spectra_of(row)) ** 2).mean(1) for row in samples)
-    levels = np.log(np.maximum(power, LEAST_PEAK_POWER * np.max(power)))
-    lines = find_peaks(levels, prominence=np.log(PEAK_POWER))[0]
-    return lines * rate_hz / n_window, np.array([spectra_of(row)[lines] for row in samples])
-
-
-def _lateness(
-    frequencies_hz: FloatArray, transforms: ComplexArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """τ in s of each sensor against the others, and its standard deviation.
-
-    None where too few peaks show one mode alone.
-    """
-    values, vectors = np.linalg.eigh(np.einsum("ilw,jlw->lij", transforms, transforms.conj()))
-    alone = values[:, -1] > SHARE_OF_ONE_MODE * values.sum(1)
-    if alone.sum() < FEWEST_PEAKS:
-        return None
-    # Twice the phase is the same for motion in phase and in opposition; (L, n), as long as power.
-    doubled, omega = vectors[alone, :, -1] ** 2, 2.0 * np.pi * frequencies_hz[alone, None]
-    n_lines, n = doubled.shape
-    weights, mean_omega = n * np.abs(doubled), np.sqrt((omega**2).mean())
-    seconds, turned = common_delays(doubled, omega, 801, 10)
-    left = 0.5 * np.angle(turned * np.exp(2j * omega * seconds))
-    scatter = (weights * left**2).sum() / weights.sum() / (1.0 - 1.0 / n_lines) / (1.0 - 1.0 / n)
-    shared = weights / np.sqrt(weights.sum(1, keepdims=True))
-    information = np.diag((weights * omega**2).sum(0)) - (shared * omega).T @ (shared * omega)
-    # A sensor that hardly moves may be late by all that phases can tell apart.
-    sound = np.radians(SOUND_PHASE_DEG)
-    latest = 0.5 * np.pi / mean_omega
-    covariance = np.linalg.inv(information / (sound**2 + scatter) + np.eye(n) / latest**2)
-    against_mean = np.eye(n) - 1.0 / n
-    deviations = np.sqrt((against_mean @ covariance @ against_mean).diagonal())
-    # Overlapping modes turn each other by more at higher frequencies, as lateness does.
-    return seconds, np.maximum(deviations, sound / mean_omega)
-
-
-def common_delays(
-    squares: ComplexArray, omega: FloatArray, n_sought: int, n_rounds: int
-) -> tuple[FloatArray, ComplexArray]:
-    """Delays (n,) in s that the phases of modes have in common; the median sensor is on time.
-
-    Least squares of the phases of modes and of sensors, in turn, from the squares (L, n) of the
-    shapes' components, whose phases are twice theirs; the squares turned by the phases of the modes
-    are returned, too. Delays are tried over half a period of the root mean square frequency.
-    """
-    sought = np.linspace(-0.5, 0.5, n_sought) * np.pi / np.sqrt((omega**2).mean())
-    seconds = np.zeros(squares.shape[1])
-    for _ in range(n_rounds):
-        modes = (squares * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
-        turned = squares * np.conj(modes / np.abs(modes))
-        seconds = sought[(turned.T @ np.exp(2j * omega * sought)).real.argmax(1)]
-        seconds = seconds - np.median(seconds)
-    return seconds, turned

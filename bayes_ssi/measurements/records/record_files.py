@@ -15,11 +15,9 @@ from bayes_ssi.measurements.modes.table_spellings import holds_modes
 from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
 from bayes_ssi.measurements.records.instrument_files import (
     SEISMIC,
-    STRONG_MOTION,
     begins_miniseed,
     read_at2,
     read_seismic,
-    read_strong_motion,
     read_tdms,
     read_universal,
 )
@@ -50,14 +48,13 @@ def read_record(
     Formats are columns of text or of a workbook
     (:mod:`bayes_ssi.measurements.records.text_columns`), arrays in MATLAB, numpy or HDF5 files
     (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58), TDMS,
-    MiniSEED, SAC and strong motion (:mod:`bayes_ssi.measurements.records.instrument_files`).
+    MiniSEED and SAC (:mod:`bayes_ssi.measurements.records.instrument_files`).
     What the files do not state must be given; what both state must agree.
 
     Args:
         paths: the file, or several.
         rate_hz: samples per second.
-        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``; of strong motion, which
-            has all three, the one to be read, acceleration if none is given.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
         unit: of all samples.
         sensors: names of the sensors, in place of the files' own.
         keys: names of arrays, ``data.acc`` where they are in structures, or of groups of a TDMS
@@ -74,7 +71,7 @@ def read_record(
     parts = []
     for path in files:
         with _named(path):
-            parts.append(_read_file(path, keys, quantity, rate_hz))
+            parts.append(_read_file(path, keys, rate_hz))
     lengths = [part.samples.shape[1] for part in parts]
     for path, length in zip(files, lengths, strict=True):
         if length != lengths[0]:
@@ -128,7 +125,7 @@ def read_ground_motion(
     """Read the acceleration of the ground from a PEER AT2 file or a record of one channel.
 
     Records are those of :func:`read_record`: columns of text, with the times in a column or dt in a
-    line ``# dt_s, 0.005``; arrays; universal files; TDMS; and strong motion.
+    line ``# dt_s, 0.005``; arrays; universal files; and TDMS.
 
     Args:
         path: the file; one whose name ends in .AT2 is read as PEER's.
@@ -143,7 +140,7 @@ def read_ground_motion(
     """
     path = Path(path)
     with _named(path):
-        channels = _read_file(path, (), "acceleration", 1.0 / dt if dt else None)
+        channels = _read_file(path, (), 1.0 / dt if dt else None)
         if len(channels.samples) != 1:
             held = ", ".join(map(repr, channels.names)) or "without names"
             raise ValueError(
@@ -179,16 +176,14 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC, *STRONG_MOTION) or begins_miniseed(head):
+    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC) or begins_miniseed(head):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
     return bool(head.strip()) and not holds_modes(path)
 
 
-def _read_file(
-    path: Path, keys: Sequence[str], quantity: str | None, rate_hz: float | None
-) -> Channels:
+def _read_file(path: Path, keys: Sequence[str], rate_hz: float | None) -> Channels:
     """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
@@ -201,8 +196,6 @@ def _read_file(
         return read_seismic(path)
     if suffix == ".at2":
         return read_at2(path)
-    if suffix in STRONG_MOTION:
-        return read_strong_motion(path, quantity or "acceleration")
     if begins_universal(first_bytes(path)):
         return read_universal(path)
     return read_columns_of_record(path, rate_hz, keys)
