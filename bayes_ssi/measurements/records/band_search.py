@@ -28,6 +28,7 @@ from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transfor
 
 NATS_OF_PHASES = 5.0  # sensors are in step but for few records
 NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
+NATS_TO_GIVE_UP = -14.0  # of the bands that were compared
 SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
 DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
@@ -193,18 +194,19 @@ def _is_one_source(bands: Sequence[_Band]) -> bool:
 
     As the candidates have them; sensors may have phases: late ones are no source.
     """
-    one, many = (
-        [Explained(band.fits(drive)[1], (), band.group.is_wanted) for band in bands]
-        for drive in (True, False)
-    )
+    many = [Explained(band.fits(False)[1], (), band.group.is_wanted) for band in bands]
+    one, nats = [], 0.0
+    for band, independent in zip(bands, many, strict=True):
+        one.append(Explained(band.fits(True)[1], (), band.group.is_wanted))
+        if one[-1].excess < 1.0:
+            gain = one[-1].fit.log_evidence - independent.fit.log_evidence
+            nats += float(np.clip(gain, *NATS_OF_ONE_BAND))
+        # A source is of all bands: what some contradict is not sought in others.
+        if not _n_doubtful(many) and (_n_doubtful(one) or nats < NATS_TO_GIVE_UP):
+            return False
     if _n_doubtful(one) != _n_doubtful(many):
         return _n_doubtful(one) < _n_doubtful(many)
-    nats = [
-        float(np.clip(a.fit.log_evidence - b.fit.log_evidence, *NATS_OF_ONE_BAND))
-        for a, b in zip(one, many, strict=True)
-        if a.excess < 1.0
-    ]
-    return sum(nats) > NATS_OF_A_MODE
+    return nats > NATS_OF_A_MODE
 
 
 def _n_doubtful(bands: Sequence[Explained]) -> int:

@@ -60,6 +60,7 @@ class Explained:
     fit: LocalFit
     peaks: tuple[ExplainedPeak, ...]
     is_wanted: bool
+    halves: tuple[LocalFit, ...] = ()  # its modes in each half of the record, with phases
 
     def distance_to(self, frequency_hz: float) -> float:
         """How far a frequency is from the middle of the band, in half bands."""

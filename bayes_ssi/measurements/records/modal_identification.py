@@ -25,6 +25,7 @@ from bayes_ssi.measurements.records.explained_band import (
     complex_shapes,
     resolution,
 )
+from bayes_ssi.measurements.records.halves import growth_by_halves, skewed_clocks, with_halves
 from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 from bayes_ssi.measurements.records.mode_candidates import Candidates, Prominence, candidates
 from bayes_ssi.measurements.records.record import Record
@@ -169,30 +170,52 @@ def identify(
             "to be"
         )
 
-    def searched(
-        mask: FloatArray | None,
-    ) -> tuple[Candidates, list[Explained], list[Delay], Spectra]:
+    def lines(mask: FloatArray | None, instants: slice = slice(None)) -> Transforms:
+        """Of some instants, without what the mask leaves out."""
         if pieces is not None:
             mask = pieces if mask is None else pieces * mask
-        transforms = transforms_of(still, reach, mask)
-        if driven_by is not None:
-            transforms = transforms.relative_to(driven_by)
+        part_of = replace(still, samples=still.samples[:, instants], gaps=())
+        transforms = transforms_of(part_of, reach, None if mask is None else mask[instants])
+        return transforms if driven_by is None else transforms.relative_to(driven_by)
+
+    def searched(
+        transforms: Transforms,
+    ) -> tuple[Candidates, list[Explained], list[Delay], Transforms]:
         found = _given(transforms, band, at) if at else candidates(transforms, lowest, highest)
         return found, *_on_time(transforms, found, band, bool(at), driven_by is not None)
 
-    found, bands, late, spectrum = searched(part.mask)
+    mask, loud = part.mask, lines(None)
+    found, bands, late, on_time = searched(loud if mask is None else lines(mask))
     if part.spans_s and not any(_inside(explained, band) for explained in bands):
         doubts.append(
             "only the strong motion shows modes: they are of the whole record, whose loads are not "
             "stationary, as the spectral model takes them to be"
         )
-        found, bands, late, spectrum = searched(None)
+        mask = None
+        found, bands, late, on_time = searched(loud)
     else:
         remarks += [
             f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and "
             "is left out"
             for start, end in part.spans_s
         ]
+    if mask is not None and not at:
+        only_loud = _not_identified(candidates(loud, lowest, highest).peaks, bands, band)
+        remarks += [
+            f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, and no mode is there"
+            for hz, _ in only_loud
+        ]
+    seconds = np.zeros(len(record.sensors))
+    for sensor, delay, _ in late:
+        seconds[sensor] = delay
+    middle = still.n_samples // 2
+    halves = [lines(mask, half).turned(seconds) for half in (slice(middle), slice(middle, None))]
+    bands = with_halves(bands, halves, middle / still.rate_hz)
+    doubts += [
+        f"sensor {record.sensors[i]!r}: its clock runs at another rate; it is later by {more:.2g} "
+        "s in the second half of the record than in the first, which is not removed"
+        for i, more, _ in skewed_clocks(halves, found.of_peaks.frequencies_hz)
+    ]
     if late:
         said = ", ".join(
             f"{record.sensors[i]!r} by {abs(delay):.2g} ± {deviation:.1g} s "
@@ -203,6 +226,7 @@ def identify(
             f"clocks differ from the others' by the phases of all modes, at sensor {said}; this is "
             "removed"
         )
+    spectrum = on_time.spectra(*band, SHOWN_WIDTH)
     result = _result(record, band, found, bands, spectrum, remarks, doubts, ground)
     measured = replace(result.record, sensors=whole.sensors, duration_s=whole.duration_s)
     return replace(result, record=measured, left_out=tuple(left_out.items()))
@@ -237,8 +261,8 @@ def _on_time(
     band: tuple[float, float],
     fixed: bool,
     is_driven: bool,
-) -> tuple[list[Explained], list[Delay], Spectra]:
-    """Bands, sensors that are late by the phases of all modes, and the spectrum without delays."""
+) -> tuple[list[Explained], list[Delay], Transforms]:
+    """Bands, sensors that are late by the phases of all modes, and the lines without delays."""
     late: dict[int, Delay] = {}
     seconds = np.zeros(len(transforms.values))
     on_time = transforms
@@ -260,7 +284,7 @@ def _on_time(
             late[sensor] = Delay(sensor, float(seconds[sensor]), deviation)
         on_time = transforms.turned(seconds)
         bands = explain(on_time, found.turned(seconds), band, fixed, is_driven)
-    return bands, list(late.values()), on_time.spectra(*band, SHOWN_WIDTH)
+    return bands, list(late.values()), on_time
 
 
 def _inside(explained: Explained, band: tuple[float, float]) -> list[int]:
@@ -385,14 +409,14 @@ def _result(
     ground: str = "",
 ) -> ModalIdentification:
     kept = [(explained, inside) for explained in bands if (inside := _inside(explained, band))]
-    not_identified = _not_identified(found, bands, band)
+    not_identified = _not_identified(found.peaks, bands, band)
     if not kept:
         raise ValueError(
             f"no mode is identified from {band[0]:g} to {band[1]:g} Hz"
             + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
             + "; give frequencies as at, or another band"
         )
-    quoted, peaks = _quoted(record, band, kept, ground)
+    quoted, peaks, grown = _quoted(record, band, kept, ground)
     dampings = np.array([mode.damping for mode in quoted.modes])
     decays = dampings * quoted.frequencies_hz * record.duration_s
     too_short = np.flatnonzero(decays < SHORTEST_DECAYS).tolist()
@@ -417,6 +441,7 @@ def _result(
         not_identified=not_identified,
         remarks=(
             *remarks,
+            *grown,
             *(
                 f"mode at {quoted.frequencies_hz[i]:.4g} Hz: no wider than a line of the record "
                 f"(ζ f T = {decays[i]:.2g}); nothing is claimed of its damping and shape, for "
@@ -457,14 +482,14 @@ def _too_little_damping(quoted: ModalData) -> Iterable[str]:
 
 
 def _not_identified(
-    found: Candidates, bands: list[Explained], band: tuple[float, float]
+    peaks: Sequence[Prominence], bands: list[Explained], band: tuple[float, float]
 ) -> tuple[tuple[float, str], ...]:
     """Clear peaks of the band that have no mode, and why."""
     modes = [explained.fit.modes for explained in bands]
     f = np.concatenate([np.empty(0), *(of_band.frequencies_hz for of_band in modes)])
     half = np.concatenate([np.empty(0), *(of_band.half_widths_hz for of_band in modes)])
     missing = []
-    for peak in found.peaks:
+    for peak in peaks:
         if not (peak.is_clear and band[0] <= peak.frequency_hz <= band[1]):
             continue
         near = np.abs(f - peak.frequency_hz) < np.maximum(half, 0.5 * peak.width_hz) + peak.width_hz
@@ -481,20 +506,32 @@ def _quoted(
     band: tuple[float, float],
     kept: list[tuple[Explained, list[int]]],
     ground: str,
-) -> tuple[ModalData, tuple[Peak, ...]]:
-    """The modes of all bands, without the ground, with their joint covariance, and their peaks."""
+) -> tuple[ModalData, tuple[Peak, ...], list[str]]:
+    """The modes of all bands, without the ground, with their joint covariance, and their peaks.
+
+    And a sentence for each error that grows because the halves of the record disagree.
+    """
     channels = [i for i, name in enumerate(record.sensors) if name != ground]
     n, m = len(channels), sum(len(inside) for _, inside in kept)
     covariance = np.zeros((m * (2 + n), m * (2 + n)))
     parts: list[Resonances] = []
-    peaks = []
+    peaks, grown = [], []
     first = 0
     for explained, inside in kept:
         modes, of_band = explained.estimates(inside, channels)
         parts.append(modes)
         end = first + modes.n_modes
         rows = np.r_[first:end, m + first : m + end, 2 * m + n * first : 2 * m + n * end]
-        covariance[np.ix_(rows, rows)] = of_band
+        growth = growth_by_halves(explained, inside, channels, of_band)
+        factors = np.concatenate([growth[:2].ravel(), np.repeat(growth[2], n)])
+        covariance[np.ix_(rows, rows)] = factors[:, None] * of_band * factors
+        grown += [
+            f"mode at {f:.4g} Hz: the halves of the record differ in {what} by more than their "
+            f"errors; its error is {factor:.2g} times as large as otherwise"
+            for what, row in zip(("frequency", "damping", "shape"), growth, strict=True)
+            for f, factor in zip(modes.frequencies_hz, row, strict=True)
+            if factor > 1.0
+        ]
         for peak in explained.peaks:
             members = [inside.index(i) for i in peak.modes if i in inside]
             if not members:
@@ -517,4 +554,4 @@ def _quoted(
         damping=dampings,
         damping_sd=dampings * np.sqrt(covariance.diagonal()[m : 2 * m]),
     )
-    return data, tuple(peaks)
+    return data, tuple(peaks), grown

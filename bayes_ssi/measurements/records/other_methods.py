@@ -67,8 +67,8 @@ def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     apart = np.abs(np.log(poles.frequencies_hz[:, None] / near.frequencies_hz))
     alike = mac(poles.shapes, near.shapes)
     apart = np.where((apart < SAME_LOG_FREQUENCY) & (alike > SAME_SHAPE_MAC), apart, np.inf)
-    nearest = np.vstack([apart, np.full(near.n_modes, np.inf)]).argmin(0).tolist()
-    if np.isinf(apart).all(0).any() or len(set(nearest)) < near.n_modes:
+    nearest = np.vstack([apart, np.full(apart.shape[1], np.inf)]).argmin(0).tolist()
+    if np.isinf(apart).all(0).any() or len(set(nearest)) < len(nearest):
         named = ", ".join(f"{f:.3f}" for f in near.frequencies_hz)
         raise ValueError(f"NExT-ERA: orders do not agree on the modes at {named} Hz")
     found = poles.at(nearest)

@@ -1,0 +1,73 @@
+"""Errors grow where the halves of a record disagree, and only there; skewed clocks are said."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from simulated_records import simulated_record, with_infill
+
+import bayes_ssi as bs
+
+RATE, N = 20.0, 24_000
+SHAPES = np.array([[0.526, 0.851], [0.851, -0.526]])
+
+
+def samples(seed, hz, first=SHAPES[:, 0], zeta=0.02):
+    """Accelerations of two modes under white loads, exact at the rate and stationary."""
+    rng = np.random.default_rng(seed)
+    both = 0.02 * rng.standard_normal((2, N // 2))
+    for shape, f in zip((first, SHAPES[:, 1]), (hz, 2.62), strict=True):
+        pole = np.exp(2 * np.pi * f / RATE * (-zeta + 1j * np.sqrt(1 - zeta**2)))
+        recursion = [1.0, -2.0 * pole.real, abs(pole) ** 2]
+        motion = lfilter([1.0, -2.0, 1.0], recursion, rng.standard_normal(N))
+        both += np.outer(shape, motion[N // 2 :])
+    return both
+
+
+def identified(*halves):
+    record = bs.Record(np.hstack(halves), RATE, ("a", "b"), "acceleration", "m/s2")
+    return bs.identify(record, (0.5, 4.0))
+
+
+def said(found):
+    return [text for text in found.remarks if "halves" in text]
+
+
+def test_halves_of_stationary_records_agree():
+    for seed in range(5):
+        assert not said(identified(samples(seed, 1.0), samples(100 + seed, 1.0)))
+
+
+def test_errors_cover_a_frequency_that_changes():
+    """From 1.00 to 1.04 Hz: the error of the mean, half of the difference, is 2 %."""
+    found = identified(samples(0, 1.0), samples(1, 1.04))
+    assert "differ in frequency by more than their errors" in said(found)[0]
+    first, second = found.quoted.modes
+    assert first.frequency_cov == pytest.approx(0.5 * np.log(1.04), rel=0.3)
+    assert first.frequency_hz == pytest.approx(1.02, rel=2.0 * first.frequency_cov)
+    assert second.frequency_cov < 0.003
+    covariance = found.quoted.covariance
+    assert covariance[0, 0] == pytest.approx(first.frequency_cov**2)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def test_short_records_have_no_halves():
+    """Of 100 cycles each."""
+    found = identified(samples(0, 1.0)[:, :2000], samples(1, 1.04)[:, :2000])
+    assert not said(found)
+
+
+def test_a_clock_of_another_rate_is_said():
+    """A ten-thousandth over 20 minutes: 60 ms from the middle of one half to that of the other."""
+    names = ("floor 1", "floor 2", "floor 3")
+    record = simulated_record(
+        with_infill(), names, np.random.default_rng(1), duration_s=1200.0, rate_hz=50.0
+    )
+    times = np.arange(record.n_samples) / record.rate_hz
+    skewed = record.samples.copy()
+    skewed[1] = np.interp(times * (1.0 - 1e-4), times, skewed[1])
+    found = bs.identify(bs.Record(skewed, 50.0, names, "acceleration", "m/s2"), (0.6, 4.6))
+    (text,) = [check for check in found.failed_checks if "clock runs" in check]
+    assert text.startswith("sensor 'floor 2': its clock runs at another rate; it is later by 0.06")
+    sound = bs.identify(record, (0.6, 4.6))
+    assert not said(sound)
+    assert not sound.failed_checks
