@@ -89,16 +89,17 @@ def growth_by_halves(
     return growth
 
 
-def skewed_clocks(halves: Sequence[Transforms], peaks_hz: Sequence[float]) -> list[Delay]:
+def skewed_clocks(halves: Sequence[Transforms], peaks_hz: FloatArray) -> list[Delay]:
     """Sensors that are later in the second half of the record than in the first, and by how much.
 
     What is late by as much in both halves, and what damping turns, is the same in both.
     """
-    if min(half.share for half in halves) < LEAST_SHARE or len(peaks_hz) < 2:
+    widths = np.maximum(DAMPING * peaks_hz, 8.0 * halves[0].line_hz)
+    inside = peaks_hz + 1.5 * widths < halves[0].band_hz[1]
+    if min(half.share for half in halves) < LEAST_SHARE or inside.sum() < 2:
         return []
     turns = []
-    for f in peaks_hz:
-        width = max(DAMPING * f, 8.0 * halves[0].line_hz)
+    for f, width in zip(peaks_hz[inside], widths[inside], strict=True):
         blocks = (half.spectra(f - width, f + 4.0 * width, 2.0 * width / f) for half in halves)
         first, second = (np.linalg.eigh(each.matrices[0])[1][:, -1] for each in blocks)
         turn = second * first.conj()
@@ -106,5 +107,5 @@ def skewed_clocks(halves: Sequence[Transforms], peaks_hz: Sequence[float]) -> li
     shapes = np.transpose(turns)
     noise = PHASE_NOISE**2 * np.eye(len(shapes))
     return delays_of(
-        shapes / np.linalg.norm(shapes, axis=0), np.array([noise] * len(turns)), np.array(peaks_hz)
+        shapes / np.linalg.norm(shapes, axis=0), np.array([noise] * len(turns)), peaks_hz[inside]
     )

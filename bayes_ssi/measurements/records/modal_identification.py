@@ -202,7 +202,7 @@ def identify(
     if mask is not None and not at:
         only_loud = _not_identified(candidates(loud, lowest, highest).peaks, bands, band)
         remarks += [
-            f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, and no mode is there"
+            f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, where no mode is"
             for hz, _ in only_loud
         ]
     seconds = np.zeros(len(record.sensors))
@@ -211,10 +211,11 @@ def identify(
     middle = still.n_samples // 2
     halves = [lines(mask, half).turned(seconds) for half in (slice(middle), slice(middle, None))]
     bands = with_halves(bands, halves, middle / still.rate_hz)
+    clear = np.array([peak.frequency_hz for peak in found.peaks if peak.is_clear])
     doubts += [
         f"sensor {record.sensors[i]!r}: its clock runs at another rate; it is later by {more:.2g} "
         "s in the second half of the record than in the first, which is not removed"
-        for i, more, _ in skewed_clocks(halves, found.of_peaks.frequencies_hz)
+        for i, more, _ in skewed_clocks(halves, clear)
     ]
     if late:
         said = ", ".join(
