@@ -44,7 +44,7 @@ def test_nothing_is_said_where_the_best_class_has_the_appendage():
     assert not comparison.hidden_appendage
 
 
-def test_what_an_appendage_would_change_that_shows_no_second_mode():
+def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     """f1, f2a and f3 alone: nothing is spurious, and k2 is 13 % too stiff (true value 1)."""
     (first, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
     modes = tuple(mode for mode in first.data.modes if mode.label != "2b")
@@ -62,6 +62,11 @@ def test_what_an_appendage_would_change_that_shows_no_second_mode():
     said = ranking.comparison.hidden_appendage
     assert said == " ".join(map(str, near.values()))
     assert said in " ".join(first_screen(ranking).split())
+    # Of one that is improbable nothing is said, whatever it would change.
+    monkeypatch.setattr(module, "_nats", lambda *_: -7.0)
+    assert hidden_appendages(ranking, Run()) == []
+    monkeypatch.setattr(module, "_nats", lambda *_: -1.0)
+    assert [each.label for each in hidden_appendages(ranking, Run())] == ["1", "2a"]
 
 
 def test_a_test_of_torsion_alone_has_no_places_of_appendages():

@@ -40,6 +40,7 @@ from bayes_ssi.studies.search.family import prior_draws
 ASK = "; ask with a search for appendages"
 NEAR_A_MODE = 1.15  # an appendage splits a mode within this factor of its own frequency
 PLACES_NEAR_A_MODE = 3  # those that move most in it, which stand for all
+LEAST_PROBABILITY = 0.005  # of a hidden appendage of which something is said
 MOST_SHOWN = 3  # parameters that a hidden appendage would change
 
 
@@ -72,7 +73,7 @@ class Hidden(NamedTuple):
 
 
 def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
-    """Those that would change the best class's parameters, the largest change first."""
+    """Those that may be and would change parameters of the best class, the largest change first."""
     best, posterior = _best(ranking)
     try:
         baselines = choose_baselines(Study(best.name, [best]))
@@ -94,7 +95,7 @@ def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
         changed[label] = _changed(posterior, best, classes, screened)
     found = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())
     return sorted(
-        (each for each in found if each.changed),
+        (each for each in found if each.changed and each.probability >= LEAST_PROBABILITY),
         key=lambda each: -max(map(_change, each.changed.values())),
     )
 
