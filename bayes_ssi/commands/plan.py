@@ -100,7 +100,7 @@ def plan(
     terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     terminal.say_in_paragraphs(plan_answer(planned), "")
     terminal.show(layout_table(planned), number_table(planned))
-    terminal.say(*plan_notes(planned))
+    terminal.say_in_paragraphs("\n".join(plan_notes(planned)))
     if out is not None:
         terminal.say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
     terminal.conclude({"plan": planned}, planned.failed_checks)

@@ -344,5 +344,15 @@ def test_ties_are_called_ties(two_classes):
     tied = replace(plan, layouts=(best, tie, worse))
     assert [row[0] for row in layout_rows(tied)[1:4]] == ["best", "tie", ""]
     assert "(a tie within its error with other)" in tied.summary()
+    one, two = best, replace(best, sensors=("floor 1", "floor 2"))
+    three = replace(best, sensors=("floor 1", "floor 2", "floor 3"))
+    wide = replace(plan, layouts=(three,), by_number=(one, two, three), knee=2)
+    gain = f"{best.gain:.3f} ± {best.error:.3f}"
+    assert wide.summary().endswith(
+        f" Fewer sensors say nearly as much: floor 1 and floor 2, {gain} nats."
+    )
+    alone = f" Fewer sensors say nearly as much: frequencies alone, as of one sensor, {gain} nats."
+    assert replace(wide, knee=1).summary().endswith(alone)
+    assert "Fewer" not in replace(wide, knee=3).summary()
     doubtful = replace(tied, failed_checks=("few draws",)).summary()
     assert doubtful == f"(!) few draws.\n\n{tied.summary()}"

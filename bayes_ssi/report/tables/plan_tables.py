@@ -66,7 +66,8 @@ def plan_notes(plan: Plan) -> Iterator[str]:
     yield f"Model classes before the test: {', '.join(classes)}."
     yield (
         f"{plan.n_tests} simulated tests; effective draws of a class about each "
-        f"{plan.effective_draws:.0f} (median); bias from few draws {plan.bias:+.4f} nats."
+        f"{plan.effective_draws:.0f} (median); bias from few draws "
+        f"{round(plan.bias, 4) + 0.0:.4f} nats."
     )
     yield (
         "One sensor says no more than frequencies alone: every layout is alike."
