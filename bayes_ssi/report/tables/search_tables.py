@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
-from bayes_ssi.foundations.displayed import columns
+from bayes_ssi.foundations.displayed import columns, counted
 from bayes_ssi.report.tables import layout
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import quantity
@@ -93,9 +93,10 @@ def appendage_place_table(record: SearchRecord) -> Table:
 
     Of one appendage after the other, each over all hypotheses with as many.
     """
+    number = counted(len(record.matched), "appendage") if record.matched else "any"
     table = layout.new_table(
-        f"Appendages by place, averaged over all hypotheses with {len(record.matched) or 'any'}: "
-        "medians and 90 % intervals",
+        f"Appendages by place, averaged over all hypotheses with {number}: medians and 90 % "
+        "intervals",
         ["place"],
         ["probability", record.mass_heading, "frequency (Hz)"],
     )
