@@ -23,7 +23,8 @@ from time import perf_counter, process_time
 
 import beside_tests  # noqa: F401
 import numpy as np
-from scipy.special import logsumexp, ndtri
+from linear_tests import exact_log_evidence, linear_tests, log_normal
+from scipy.special import logsumexp
 from scipy.stats import chisquare, kstest
 from simulated import print_bands
 
@@ -91,37 +92,6 @@ def sampler(
     return PopulationSampler(tests, fits, [0], x, seed, settings or bs.SamplingSettings())
 
 
-def log_normal(residual: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    return -0.5 * residual**2 / variance - 0.5 * np.log(2.0 * math.pi * variance)
-
-
-def linear_test(i: int, datum: float, variance: float, rng: np.random.Generator) -> SingleTest:
-    """One datum ~ N(z_0 + 0.3 z_1, variance), with exact draws."""
-    row = np.array([1.0, 0.3])
-    precision = np.outer(row, row) / variance + np.eye(2)
-    mean = np.linalg.solve(precision, row * datum / variance)
-    steps = rng.standard_normal((MOST_DRAWS, 2)) @ np.linalg.cholesky(np.linalg.inv(precision)).T
-    z = mean + steps
-    log_evidence = float(log_normal(datum, variance + row @ row))
-    error = EVIDENCE_ERROR * rng.standard_normal()
-    log_likelihoods = log_normal(datum - z @ row, variance)
-    return single_test(str(i), z, log_likelihoods, log_evidence + error, EVIDENCE_ERROR)
-
-
-def exact_evidence(kind: Population, y: np.ndarray, variances: np.ndarray, x: np.ndarray) -> float:
-    """By quadrature over the spread; mean and slope are integrated in closed form."""
-    middles = (np.arange(4000) + 0.5) / 4000
-    spreads = PRIORS.spread.from_normal(ndtri(middles)) if kind.varies else np.zeros(1)
-    total = variances + spreads[:, None] ** 2
-    design = np.column_stack([np.ones(len(y)), 0.5 * x * kind.follows])
-    precision = np.eye(2) + np.einsum("ta,st,tb->sab", design, 1.0 / total, design)
-    right = np.einsum("ta,st->sa", design, y / total)
-    gained = np.einsum("sa,sa->s", right, np.linalg.solve(precision, right[..., None])[..., 0])
-    log_parts = log_normal(y, total).sum(axis=1) + 0.5 * gained
-    log_parts -= 0.5 * np.linalg.slogdet(precision)[1]
-    return float(logsumexp(log_parts)) - math.log(len(spreads))
-
-
 def evidence() -> None:
     print("Log evidence less its closed form, nats (stated standard error):")
     print(f"{'tests':>5} {'true population':20}", *(f"{population(*k).name:>20}" for k in KINDS))
@@ -133,13 +103,14 @@ def evidence() -> None:
         variances = 0.05**2 * np.exp(rng.standard_normal(n_tests))
         y = z + 0.3 * rng.standard_normal(n_tests)
         y += np.sqrt(variances) * rng.standard_normal(n_tests)
-        tests = [linear_test(i, y[i], variances[i], rng) for i in range(n_tests)]
+        tests = linear_tests(y, variances, n_draws=MOST_DRAWS, seed=n_tests)
         ours, cells = sampler(tests, x, 0), []
         for other in KINDS:
             sampled = ours.sample(population(*other), lambda *_: None)
-            off = sampled.log_evidence - exact_evidence(
-                sampled.population, y, variances + 0.3**2, x
-            )
+            off = sampled.log_evidence - exact_log_evidence(
+                y, variances + 0.3**2, x, varies=other[0], follows=other[1],
+                spread_prior=PRIORS.spread, slope_sd=0.5,
+            )  # fmt: skip
             worst = max(worst, abs(off))
             cells.append(f"{off:+.4f} ({sampled.error:.4f})")
         print(f"{n_tests:5} {kind.name:20}", *(f"{cell:>20}" for cell in cells), flush=True)
