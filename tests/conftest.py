@@ -310,6 +310,12 @@ def screen_quickly(patched):
 
 
 @pytest.fixture
+def no_motions(monkeypatch):
+    """Searches are for appendages alone, not for motions that the model lacks."""
+    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
+
+
+@pytest.fixture
 def quick_screening(monkeypatch):
     screen_quickly(monkeypatch)
 

@@ -144,9 +144,9 @@ def storeys_by_matrices(baseline):
     return replace(baseline, structure=model.reduced())
 
 
-def test_a_search_by_matrices_is_that_of_the_building(bare, monkeypatch):
+@pytest.mark.usefixtures("no_motions")
+def test_a_search_by_matrices_is_that_of_the_building(bare):
     """The same hypotheses, named by the same candidates: the evidences agree."""
-    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     made = storeys_by_matrices(bare)
     first, second, _ = made.data.sensors
     candidates = [bs.Candidate("1", first), bs.Candidate("1-2", first, to=second)]

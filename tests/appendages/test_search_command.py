@@ -186,12 +186,11 @@ def stop(*_):
     raise KeyboardInterrupt
 
 
-@pytest.mark.usefixtures("no_figures", "all_sampled")
+@pytest.mark.usefixtures("no_figures", "all_sampled", "no_motions")
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
-    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     out = tmp_path / "r"
     arguments = ("search", tiny_study_file, *ONE_K, "--error", 0.5, "--accept-failed-checks",
                  "--out", out)  # fmt: skip
@@ -209,7 +208,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 
 
-@pytest.mark.usefixtures("no_figures", "all_sampled")
+@pytest.mark.usefixtures("no_figures", "all_sampled", "no_motions")
 def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch, make_posterior
 ):
@@ -220,7 +219,6 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_as_it_is", sample)
-    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     monkeypatch.setattr("bayes_ssi.plots.ranking_plots.save_scenes", lambda *_: None)
     monkeypatch.setattr(
         "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)

@@ -50,10 +50,9 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     assert result.record.probability_of_any < 0.2
 
 
-@pytest.mark.usefixtures("quick_screening")
+@pytest.mark.usefixtures("quick_screening", "no_motions")
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, copied_workers):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_12,))
-    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     here, there = (
         search(tiny_study.model_classes[0], ONE, 3, COARSE, bs.Run(workers))
         for workers in (None, copied_workers)
