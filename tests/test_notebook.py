@@ -48,9 +48,9 @@ def test_tables_and_progress_in_a_notebook(executed):
     progress, ranking = of_cell(executed, "fits = bs.rank")
     # Last, whether an appendage on the most probable class explains the data as well.
     assert [line.split(":")[0] for line in progress["text/plain"].splitlines()] == [
-        "mode 2 is", "mode 3 is", "all hypotheses",
+        "fit to mode 2", "fit to mode 3", "all hypotheses",
     ]  # fmt: skip
-    assert ranking["text/html"].index("mode 2 is") < ranking["text/html"].index("mode 3 is")
+    assert ranking["text/html"].index("fit to mode 2") < ranking["text/html"].index("fit to mode 3")
 
 
 def test_the_story_begins_with_a_wrong_fit_and_its_warning(executed):
@@ -62,7 +62,7 @@ def test_the_story_begins_with_a_wrong_fit_and_its_warning(executed):
     (words,) = of_cell(executed, "print(fits.summary())")
     assert words["text/plain"].startswith("(!) The data look as if an appendage split a mode")
     assert words["text/plain"].index("The answer is among wrong") < words["text/plain"].index(
-        "The most probable of the 2 model classes is: class 'mode 2 is'"
+        "The most probable of the 2 model classes is: class 'fit to mode 2'"
     )
 
 
