@@ -404,12 +404,6 @@ def no_automatic_workers(monkeypatch):
 
 
 @pytest.fixture
-def no_figures(monkeypatch):
-    """Saves results without their figures, which take longest."""
-    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.result_figures", lambda *_: [])
-
-
-@pytest.fixture
 def no_drawings(monkeypatch):
     """Reports and predictions without their figures, which take longest."""
     none = defaultdict(list)

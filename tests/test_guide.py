@@ -123,9 +123,7 @@ def check_for_contributors(printed):
 CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "check_" in name}
 
 
-@pytest.mark.usefixtures(
-    "close_figures", "coarse_command", "no_figures", "no_drawings", "quick_screening"
-)
+@pytest.mark.usefixtures("close_figures", "coarse_command", "no_drawings", "quick_screening")
 @pytest.mark.filterwarnings(  # arviz 0.23
     "ignore::FutureWarning", "ignore::UserWarning", r"ignore::DeprecationWarning:arviz\..*"
 )

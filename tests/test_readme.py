@@ -35,7 +35,6 @@ def test_the_script_has_15_lines_and_finds_the_right_class(monkeypatch, capsys):
     assert float(probability) > 0.9999
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_the_table_is_what_the_command_prints(tmp_path, capsys):
     pages = runpy.run_path(str(ROOT / "tests" / "documented_tables.py"))
     (table,) = pages["documented_tables"](README)
@@ -53,7 +52,7 @@ def test_the_table_is_what_the_command_prints(tmp_path, capsys):
     assert len(list(pages["differences"](table, now[::-1]))) == 1
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures")
+@pytest.mark.usefixtures("coarse_command")
 def test_an_own_study_takes_three_commands(tmp_path, monkeypatch):
     (own,) = (block for block in BLOCKS if block.text.startswith("bayes-ssi new"))
     assert len(own.commands) == 3

@@ -150,22 +150,17 @@ def _is_not_unique(calibration: Calibration) -> bool:
 @click.command()
 @options.study_argument
 @options.classes_option("Only these model classes.")
-@options.path_option("--figures", text="Directory for a heat map of each class, a new one.")
 @terminal.json_option
-def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> None:
+def sensitivities(study: Path, names: tuple[str, ...]) -> None:
     """Print how the modes of STUDY's model classes change with their parameters.
 
     At the prior medians. A set of parameters to update is proposed: those of which the data say
     more than the prior does, beside one another.
     """
-    from bayes_ssi.foundations.text_files import file_names
     from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
     from bayes_ssi.report.tables.calibration_tables import sensitivities_table
-    from bayes_ssi.results.result_files import require_new_files
     from bayes_ssi.results.wording import listed
 
-    if figures is not None:
-        require_new_files(figures)
     found = _of_each(options.load(study, names).model_classes, modal_sensitivities)
     for each in found:
         terminal.show(sensitivities_table(each))
@@ -177,15 +172,5 @@ def sensitivities(study: Path, names: tuple[str, ...], figures: Path | None) -> 
             f"{', '.join(signals)}.",
             f"Proposed for updating: {listed(each.proposed) if each.proposed else 'none'}.",
         )
-    if figures is not None:
-        from bayes_ssi.plots.class_plots import plot_modal_sensitivities
-        from bayes_ssi.plots.figure_style import save_figure, style
-
-        figures.mkdir(parents=True)
-        files = file_names([each.name for each in found], "png")
-        with style():
-            for each in found:
-                save_figure(plot_modal_sensitivities(each), figures / files[each.name])
-        terminal.say(f"Wrote {len(found)} figures in {figures}.")
     records = [columns(each) | {"proposed": each.proposed} for each in found]
     terminal.conclude({"sensitivities": records})

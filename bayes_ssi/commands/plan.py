@@ -88,19 +88,17 @@ def plan(
             **further,
         )
     if out is not None:
-        from bayes_ssi.plots.figure_style import save_figure, style
-        from bayes_ssi.plots.place_plots import plot_gains, plot_layout
+        from bayes_ssi.plots.figure_style import save_figures
+        from bayes_ssi.plots.place_plots import plot_layout
 
         out.mkdir(parents=True)
         write_json(out / SAVED.name, planned)
         planned.best.write_template(out / "modes.csv")
-        with style():
-            save_figure(plot_layout(planned), out / "layout.png")
-            save_figure(plot_gains(planned), out / "gains.png")
+        save_figures(out, (("layout", plot_layout(planned)),))
     terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     terminal.say_in_paragraphs(plan_answer(planned), "")
     terminal.show(layout_table(planned), number_table(planned))
     terminal.say_in_paragraphs("\n".join(plan_notes(planned)))
     if out is not None:
-        terminal.say("", f"Wrote {out}: the plan, two figures, and modes.csv, to be filled in.")
+        terminal.say("", f"Wrote {out}: the plan, a figure, and modes.csv, to be filled in.")
     terminal.conclude({"plan": planned}, planned.failed_checks)

@@ -81,7 +81,6 @@ class RunOptions:
         The exit code says whether a check failed that was not accepted.
         """
         from bayes_ssi.results.answer import answer as say_answer
-        from bayes_ssi.results.stored_result import FIGURES
 
         directory = RESULTS / name if self.out is None else self.out
         checkpoint, overwrite = self._checkpoint(study, directory, inputs)
@@ -102,9 +101,8 @@ class RunOptions:
                     terminal.say(each)
                 else:
                     terminal.show(each)
-        n_figures = len(list((result.directory / FIGURES).glob("*.png")))
         terminal.say(
-            f"Saved in {result.directory}, with {n_figures} figures. Everything, on one page:",
+            f"Saved in {result.directory}. Everything, with figures, on one page:",
             f"bayes-ssi report {shlex.quote(str(result.directory))}",
         )
         failed = () if self.accept_failed_checks else result.comparison.failed_checks
@@ -176,15 +174,15 @@ class RunOptions:
         self, ranking: Ranking, records: Mapping[str, Any], study_file: Path, directory: Path,
         overwrite: bool, run: Run,
     ) -> StoredResult:  # fmt: skip
-        from bayes_ssi.plots.ranking_plots import save_result_figures
+        from bayes_ssi.plots.moving_shapes import save_scenes
         from bayes_ssi.results.result_files import require_new
-        from bayes_ssi.results.stored_result import MARKER, SEARCH, save_result
+        from bayes_ssi.results.stored_result import MARKER, save_result
 
         # Another result may have appeared since the run began.
         require_new(directory, marker=MARKER, overwrite=overwrite)
         assert run.checkpoint is not None
         run.checkpoint.begin_saving()
-        run.report("saving", "result and figures", 0.0)
+        run.report("saving", "result", 0.0)
         # The path is relative only where the result, too, is below where the command began.
         below = directory.absolute().is_relative_to(Path.cwd())
         result = save_result(
@@ -195,9 +193,9 @@ class RunOptions:
             accept_failed_checks=self.accept_failed_checks,
             command=terminal.command_line(),
             extra=records,
-            figures=partial(save_result_figures, ranking, records.get(SEARCH)),
+            figures=partial(save_scenes, ranking),
         )
-        run.report("saving", "result and figures", 1.0)
+        run.report("saving", "result", 1.0)
         return result
 
     def search(

@@ -11,7 +11,6 @@ import click
 from bayes_ssi.commands import options, terminal
 
 if TYPE_CHECKING:
-    from bayes_ssi.inference.model_class.model_class import ModelClass
     from bayes_ssi.results.stored_result import StoredResult
 
 PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
@@ -32,22 +31,18 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 @options.repeated_option(
     "--weight", "weights", "NAME=WEIGHT", "Prior weight of a model class; may be repeated."
 )
-@options.flag("--sample-again", text="Without other options: sample classes again where their "
-              "draws do not cover a setting, which takes as long as a ranking.")  # fmt: skip
-@options.study_option
 @terminal.json_option
 def what_if(
     result: Path, priors: tuple[str, ...], bands: tuple[str, ...], weights: tuple[str, ...],
     frequency_cov: float | None, shape_sd: float | None, detection: float | None,
-    spurious: float | None, sample_again: bool, study: Path | None,
+    spurious: float | None,
 ) -> None:  # fmt: skip
     """Show how RESULT, a directory that rank or search saved, changes with its settings.
 
-    Without options, each setting is halved and doubled in turn: missed and spurious modes, error
-    sizes, widths of priors. The stored draws are reweighted in seconds: nothing is sampled, and the
-    study file is not needed. Where they do not cover the change, the exit code is 3 and the output
-    says how to sample again. It is also 3 where the most probable class does not explain the data
-    after the change, and where a failed check of the data was not accepted when RESULT was saved.
+    The stored draws are reweighted in seconds: nothing is sampled, and the study file is not
+    needed. Where they do not cover the change, the exit code is 3 and the output says how to sample
+    again. It is also 3 where the most probable class does not explain the data after the change,
+    and where a failed check of the data was not accepted when RESULT was saved.
     """
     from bayes_ssi.parameters.families import prior_from_text
     from bayes_ssi.report.tables import ranking_tables
@@ -58,12 +53,6 @@ def what_if(
     from bayes_ssi.studies.ranking.comparison import probability_text
 
     stored = load_result(result)
-    given = (priors, bands, weights, frequency_cov, shape_sd, detection, spurious)
-    if all(each in (None, ()) for each in given):
-        _show_every_setting(stored, sample_again, study)
-        return
-    if sample_again:
-        raise ValueError("--sample-again: applies where no setting is given")
     settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
         priors=options.named_values(
@@ -100,23 +89,6 @@ def what_if(
     of_data = () if accepted else answer.failed_data_checks
     failed = [text for text in (*of_data, answer.misfit, *answer.problems) if text]
     terminal.conclude({"directory": str(result), "answer": answer}, failed)
-
-
-def _show_every_setting(stored: StoredResult, sample_again: bool, study: Path | None) -> None:
-    from bayes_ssi.inference.workers.run import Run
-    from bayes_ssi.report.tables.ranking_tables import sensitivity_notes, sensitivity_table
-    from bayes_ssi.results.predictions.predictions import load_predictions
-    from bayes_ssi.results.stored_what_if import every_setting
-
-    classes: list[ModelClass] = []
-    if sample_again:
-        classes = [*load_predictions(stored.directory, study).model_classes.values()]
-    with terminal.progress_bars() as progress:
-        found = every_setting(stored, classes, Run(progress=progress))
-    terminal.show(sensitivity_table(found))
-    again = "Sample again where the draws do not say: --sample-again."
-    terminal.say(*sensitivity_notes(found), *([again] if found.problems and not classes else []))
-    terminal.conclude({"directory": str(stored.directory), "sensitivity": found}, found.problems)
 
 
 def _band(text: str) -> tuple[float, float]:

@@ -7,13 +7,10 @@ for others.
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner
 from bayes_ssi.plots.class_plots import plot_mac as plot_mac
-from bayes_ssi.plots.class_plots import plot_modal_sensitivities as plot_modal_sensitivities
-from bayes_ssi.plots.class_plots import plot_parameters as plot_parameters
 from bayes_ssi.plots.class_plots import plot_population as plot_population
 from bayes_ssi.plots.figure_style import style as style
 from bayes_ssi.plots.moving_shapes import plot_moving_shapes as plot_moving_shapes
 from bayes_ssi.plots.place_plots import plot_blind_spots as plot_blind_spots
-from bayes_ssi.plots.place_plots import plot_gains as plot_gains
 from bayes_ssi.plots.place_plots import plot_layout as plot_layout
 from bayes_ssi.plots.place_plots import plot_places as plot_places
 from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_history

@@ -1,4 +1,4 @@
-"""One model class: its parameters before and after updating, and matrices of its modes.
+"""One model class: joint densities of its parameters, and matrices of its modes.
 
 And its parameters in many tests.
 """
@@ -9,14 +9,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import arviz
 from bayes_ssi.foundations.summaries import LEVELS
-from bayes_ssi.inference.calibration.modal_sensitivities import ModalSensitivities
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.plots import figure_style as look
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
@@ -39,48 +37,11 @@ def plot_mac(
             blank.
     """
     ax = look.axes_of(ax, (2.0 + 0.55 * len(columns), 1.1 + 0.45 * len(rows)))
-    image = _annotate(ax, matrix, rows, columns, of, ".2f")
-    ax.figure.colorbar(image, ax=ax, label="MAC")
-    return ax
-
-
-def plot_modal_sensitivities(sensitivities: ModalSensitivities, ax: Axes | None = None) -> Axes:
-    """How many percent each frequency rises where a parameter rises by one.
-
-    Parameters proposed for updating are in bold.
-    """
-    modes, names = sensitivities.modes, sensitivities.parameters
-    ax = look.axes_of(ax, (2.4 + 0.55 * len(names), 1.3 + 0.3 * len(modes)))
-    matrix = sensitivities.of_frequencies
-    largest = max(float(np.abs(matrix).max()), np.finfo(float).tiny)
-    # Values that round to 0.00 are left blank.
-    shown = np.where(np.abs(matrix) < 0.005, np.nan, matrix)
-    of = ("mode", "parameter; bold: proposed for updating")
-    image = _annotate(ax, shown, modes, names, of, "+.2f", -largest, largest, "RdBu_r")
-    for label in ax.get_xticklabels():
-        if label.get_text() in sensitivities.proposed:
-            label.set_fontweight("bold")
-    ax.figure.colorbar(image, ax=ax, label="% of frequency per % of parameter")
-    return ax
-
-
-def _annotate(
-    ax: Axes,
-    matrix: FloatArray,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    of: tuple[str, str],
-    form: str,
-    least: float = 0.0,
-    most: float = 1.0,
-    colours: str = "Blues",
-) -> AxesImage:
-    """A matrix in colours from ``least`` to ``most``, with its values where they are finite."""
-    image = ax.imshow(matrix, cmap=colours, vmin=least, vmax=most, aspect="auto")
+    image = ax.imshow(matrix, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     for (i, k), value in np.ndenumerate(matrix):
         if np.isfinite(value):
-            ax.text(k, i, f"{value:{form}}", ha="center", va="center", fontsize=look.SMALL_TEXT,
-                    color="white" if abs(value) > 0.6 * most else "black")  # fmt: skip
+            ax.text(k, i, f"{value:.2f}", ha="center", va="center", fontsize=look.SMALL_TEXT,
+                    color="white" if value > 0.6 else "black")  # fmt: skip
     ax.set_xticks(range(len(columns)), columns)
     ax.set_yticks(range(len(rows)), rows)
     look.without_math(*ax.get_xticklabels(), *ax.get_yticklabels())
@@ -88,42 +49,7 @@ def _annotate(
     ax.set_xlabel(of[1])
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
-    return image
-
-
-def plot_parameters(
-    posterior: Posterior, ax: Axes | None = None, units: Mapping[str, str] | None = None
-) -> Axes:
-    """The 90 % prior and posterior intervals of every parameter.
-
-    Each row has a scale of its own: 0 is the prior median, -1 and 1 are the ends of the prior's
-    90 % interval, and between them the scale is linear.
-
-    Args:
-        units: parameter → its unit, which is written beside the name.
-    """
-    rows = posterior.summary
-    ax = look.rows_of(ax, [_with_unit(row.name, units) for row in rows], 1.3)
-    ax.axvline(0.0, color=look.GREY, linewidth=0.8, linestyle=":")
-    for y, row in enumerate(rows):
-        low, median, high = posterior.prior_quantiles[y]
-        after = (row.quantile_05, row.median, row.quantile_95)
-        bar = ax.barh(y, 2.0, left=-1.0, height=0.62, color=look.GREY, alpha=0.25,
-                      label=None if y else "prior, 90 %")  # fmt: skip
-        unit = f" {units[row.name]}" if units and row.name in units else ""
-        look.hover(bar[0], f"{row.name} before: {median:.4g} ({low:.4g} to {high:.4g}){unit}")
-        scaled = [
-            (value - median) / (median - low if value < median else high - median)
-            for value in after
-        ]
-        text = f"{row.name} after: {after[1]:.4g} ({after[0]:.4g} to {after[2]:.4g}){unit}"
-        square = ax.errorbar(scaled[1], y, xerr=[[scaled[1] - scaled[0]], [scaled[2] - scaled[1]]],
-                             fmt="s", color=look.BLUE, markersize=5, capsize=3,
-                             label=None if y else "posterior, 90 %")  # fmt: skip
-        look.hover(square, text)
-    ax.set_xlabel("0: prior median\n-1 and 1: ends of the prior's 90 % interval")
-    ax.grid(axis="x", alpha=0.3)
-    look.legend_below(ax, columns=2)
+    ax.figure.colorbar(image, ax=ax, label="MAC")
     return ax
 
 

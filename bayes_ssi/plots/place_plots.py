@@ -157,23 +157,6 @@ def plot_layout(plan: Plan, ax: Any = None) -> Any:
     return ax
 
 
-def plot_gains(plan: Plan, ax: Axes | None = None) -> Axes:
-    """The gain of the best layout against its number of sensors, with 90 % intervals."""
-    ax = look.axes_of(ax, (look.FIGURE_WIDTH, 2.6))
-    numbers = [len(layout.sensors) for layout in plan.by_number]
-    gains = [layout.gain for layout in plan.by_number]
-    errors = [look.SDS_OF_90_PERCENT * layout.error for layout in plan.by_number]
-    ax.errorbar(numbers, gains, yerr=errors, color=look.BLUE, marker="o", label="best layout")
-    if plan.greatest is not None:
-        ax.axhline(plan.greatest, color=look.GREY, linestyle="--", label="settles it")
-    ax.axvline(plan.knee, color=look.ORANGE, linestyle=":", label="knee")
-    ax.set_xticks(numbers)
-    ax.set_xlabel("number of sensors")
-    ax.set_ylabel(f"information about {plan.aim} (nats)")
-    look.legend_below(ax, 3)
-    return ax
-
-
 # What becomes of an appendage, by the colour of its cell.
 OUTCOMES = {
     "no stiffness wrong": "#EEEEEE",

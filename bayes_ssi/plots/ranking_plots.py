@@ -1,7 +1,6 @@
-"""How model classes compare: evidences, frequencies, changes with settings; a ranking's files."""
+"""How model classes compare: evidences and frequencies."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,12 +10,7 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
-from bayes_ssi.plots.class_plots import plot_corner
-from bayes_ssi.plots.moving_shapes import save_scenes
-from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.studies.ranking.comparison import Comparison
-from bayes_ssi.studies.ranking.study import Ranking
-from bayes_ssi.studies.search.findings import FamilyRecord
 
 
 def plot_evidence(
@@ -125,32 +119,3 @@ def _draw_class(
         look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
               f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
         name = None
-
-
-def save_result_figures(ranking: Ranking, search: FamilyRecord | None, directory: Path) -> None:
-    """Write the figures of a ranking, and of the search that gave it, into a directory."""
-    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
-    ranked = [by_name[row.name] for row in ranking.comparison.classes]
-    best = next(each for each in ranking.study.model_classes if each.name == ranked[0].name)
-    tests = {test.name: test.data for test in best.configurations}
-    units = {parameter.name: parameter.unit for parameter in best.parameters if parameter.unit}
-    look.save_figures(directory, result_figures(tests, ranked, ranking.comparison, search, units))
-    save_scenes(ranking, directory)
-
-
-def result_figures(
-    tests: Mapping[str, ModalData],
-    ranked: Sequence[Posterior],
-    comparison: Comparison,
-    search: FamilyRecord | None = None,
-    units: Mapping[str, str] | None = None,
-) -> Iterator[look.NamedFigure]:
-    """The figures of a result, of its best classes; ``units`` are those of the best one's."""
-    yield "corner", plot_corner(ranked[0], units=units)
-    most = look.MOST_CLASSES
-    for i, (configuration, modes) in enumerate(tests.items(), 1):
-        name = f"frequencies_{i}" if len(tests) > 1 else "frequencies"
-        yield name, plot_frequencies(modes, ranked[:most], configuration=configuration)
-    yield "evidence", plot_evidence(comparison, most=most)
-    if search is not None:
-        yield "places", plot_places(search)

@@ -26,12 +26,7 @@ from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
 from bayes_ssi.report.tables import search_tables
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.tables.plan_tables import layout_rows
-from bayes_ssi.report.tables.ranking_tables import (
-    explains,
-    pairing_notes,
-    region_notes,
-    sensitivity_notes,
-)
+from bayes_ssi.report.tables.ranking_tables import explains, pairing_notes, region_notes
 from bayes_ssi.results.answer import answer
 from bayes_ssi.results.plan_answer import plan_answer
 from bayes_ssi.results.stored_result import StoredResult
@@ -39,7 +34,6 @@ from bayes_ssi.results.stored_what_if import recorded_class
 from bayes_ssi.results.wording import listed
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.planning.plan_record import Plan
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity
 from bayes_ssi.studies.ranking.comparison import RankedClass, probability_text
 from bayes_ssi.studies.ranking.study import averaged_parameters
 
@@ -104,7 +98,6 @@ FILTERS = {form.__name__: form for form in FORMATS} | {
 def page_content(
     stored: StoredResult,
     predictions: Mapping[str, Any],
-    sensitivity: Sensitivity | None,
     figures: Mapping[str, Sequence[EmbeddedFigure]],
     plan: Plan | None = None,
 ) -> dict[str, Any]:
@@ -137,8 +130,6 @@ def page_content(
         "unsampled": " ".join(search_tables.unsampled_notes(stored.search))
         if stored.search
         else "",
-        "sensitivity": sensitivity,
-        "sensitivity_notes": sensitivity_notes(sensitivity) if sensitivity else (),
         "predictions": predictions,
         "plan": [plan_answer(plan), layout_rows(plan)] if plan else None,
         "figures": figures,

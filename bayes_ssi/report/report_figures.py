@@ -118,7 +118,6 @@ def _drawn(stored: StoredResult, plan: Plan | None) -> Iterator[tuple[str, str, 
         yield "search", caption, plots.plot_places(stored.search)
     if plan is not None:
         yield "plan", "Sensors of the next test", plots.plot_layout(plan)
-        yield "plan", "What they are worth", plots.plot_gains(plan)
     for name, data in stored.tests.items():
         for caption, plot in _of_test(name, data, stored.ranked_posteriors):
             yield f"test {name}", caption, plot
@@ -160,10 +159,9 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
                 f"{where}Mode shapes {of}, {SHAPE_SCALE}",
                 plots.plot_mode_shapes(modes.updated, data),
             )
-    parameters = stored.record.model_class(posterior.name).parameters
-    units = {each.name: each.unit for each in parameters if each.unit}
-    yield f"Parameters {of}, prior and posterior", plots.plot_parameters(posterior, units=units)
     if with_corner:
+        parameters = stored.record.model_class(posterior.name).parameters
+        units = {each.name: each.unit for each in parameters if each.unit}
         names = _of_most_interest(posterior, stored.search)
         few = len(names) < len(posterior.parameter_names)
         first = stored.search and f"those of the {stored.search.feature}s, and "

@@ -38,7 +38,6 @@ def write_report(
 
     # Imported here, not at start-up: figures, tables and filters are needed for reports alone.
     from bayes_ssi.results.predictions.requested_predictions import load_saved_predictions
-    from bayes_ssi.results.stored_what_if import every_setting
 
     stored = load_result(result)
     predictions = load_saved_predictions(stored.directory)
@@ -56,12 +55,9 @@ def write_report(
     environment.filters.update(FILTERS)
     environment.tests["of_numbers"] = of_numbers
     try:
-        can_be_varied = all(each.sensor_shapes is not None for each in stored.posteriors)
-        several = len(stored.posteriors) > 1
-        sensitivity = every_setting(stored) if several and can_be_varied else None
         figures = draw_figures(stored, predictions, plan)
         page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, predictions, sensitivity, figures, plan),
+            page_content(stored, predictions, figures, plan),
             page_versions=versions(),
             result=str(stored.directory),
         )

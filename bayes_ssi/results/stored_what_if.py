@@ -3,7 +3,6 @@
 Model classes of a stored result without its study: their modes are known at stored draws.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from bayes_ssi.foundations.argument_types import checked
@@ -11,20 +10,14 @@ from bayes_ssi.inference.likelihood.error_model import IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import known_structures
-from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 from bayes_ssi.studies.ranking.changed_settings import (
     ChangedSettings,
-    Sensitivity,
     WhatIf,
-    sensitivity,
     with_changed_settings,
 )
-from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.variations import SampledClasses
 
 
 def recorded_class(stored: StoredResult, name: str) -> ModelClass:
@@ -76,33 +69,6 @@ def what_if(result: AnyResult, settings: ChangedSettings) -> WhatIf:
     """
     stored = as_stored(result)
     weights = stored.record.prior_weights
-    answer = with_changed_settings(stored.posteriors, _recorded(stored), weights, settings)
+    known = {each.name: recorded_class(stored, each.name) for each in stored.posteriors}
+    answer = with_changed_settings(stored.posteriors, known, weights, settings)
     return replace(answer, failed_data_checks=stored.comparison.failed_data_checks)
-
-
-def every_setting(
-    result: AnyResult, classes: Sequence[ModelClass] = (), run: Run | None = None
-) -> Sensitivity:
-    """The ranking with every setting halved and doubled, in seconds.
-
-    Args:
-        classes: the model classes of the study, if they are to be sampled again where their draws
-            do not cover a setting.
-        run: how to sample them.
-
-    Raises:
-        ValueError: a posterior keeps no mode shapes at its draws.
-    """
-    stored = as_stored(result)
-    seed, settings = stored.record.seed, SamplingSettings(log_evidence_error=0.03)
-    sampled = SampledClasses(
-        {posterior.name: posterior for posterior in stored.posteriors},
-        _recorded(stored),
-        {model_class.name: model_class for model_class in classes},
-        lambda changed: sample_all(changed, seed, settings, run),
-    )
-    return sensitivity(sampled, stored.record.prior_weights)
-
-
-def _recorded(stored: StoredResult) -> dict[str, ModelClass]:
-    return {each.name: recorded_class(stored, each.name) for each in stored.posteriors}

@@ -18,12 +18,6 @@ pytestmark = pytest.mark.usefixtures("coarse_command", "quick_screening")
 
 
 @pytest.fixture
-def no_figures(no_figures, monkeypatch):
-    del no_figures  # those of a ranking
-    monkeypatch.setattr("bayes_ssi.plots.figure_style.save_figure", lambda *_: None)
-
-
-@pytest.fixture
 def one_place(monkeypatch):
     """Few hypotheses are soon saved."""
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1,))
@@ -56,14 +50,14 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     assert len(stored.posteriors) == len(record["hypotheses"])
 
 
-@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.usefixtures("one_place")
 def test_where_a_search_goes_by_default(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
     assert run("search", tiny_study_file).exit_code == 0
     assert (tmp_path / "work" / "runs" / "results" / "tiny_search" / "search.json").is_file()
 
 
-@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.usefixtures("one_place")
 def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fake_sampling):
     def log_evidence(made):
         return 2.0 * made.name.startswith("each k") - len(made.structure.appendages)
@@ -86,7 +80,7 @@ def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fa
     )
 
 
-@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.usefixtures("one_place")
 @pytest.mark.parametrize(
     ("options", "lead", "warned", "noted"),
     [
@@ -107,7 +101,7 @@ def test_a_baseline_that_another_class_beats_is_said_aloud(
     assert (said in text) == noted
 
 
-@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.usefixtures("one_place")
 def test_the_baseline_is_chosen_by_name(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
     result = run("search", tiny_study_file, "--class", "each k", "--out", tmp_path / "r")
@@ -119,7 +113,6 @@ def test_an_unknown_baseline_is_refused(run, tiny_study_file):
     assert_one_line_error(result, "no model class 'no k'", "'one k', 'each k'")
 
 
-@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(("most", "n_levels"), [(1, 2), (2, 3), (3, 4)])
 def test_the_largest_number_of_appendages(
     run, tiny_study_file, tmp_path, fake_sampling, most, n_levels, monkeypatch
@@ -142,7 +135,7 @@ def test_bad_options_of_a_search_are_refused(run, tiny_study_file, options, fake
     assert levels == []
 
 
-@pytest.mark.usefixtures("no_figures", "one_place")
+@pytest.mark.usefixtures("one_place")
 def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
     arguments = (*ONE_K, "--mass", 0.2, 0.5, "--frequency", 1.5, 2.5, "--out", tmp_path / "r")
@@ -155,7 +148,6 @@ def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fak
     assert priors["frequency, pendulum 1"] == to_record(bs.LogUniform(1.5, 2.5))
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_candidates_of_a_file_are_tried(run, tiny_study_file, tmp_path, fake_sampling):
     levels = fake_sampling(by_count(1.0, 0.0))
     candidates = tmp_path / "places.csv"
@@ -186,7 +178,7 @@ def stop(*_):
     raise KeyboardInterrupt
 
 
-@pytest.mark.usefixtures("no_figures", "all_sampled", "no_motions")
+@pytest.mark.usefixtures("all_sampled", "no_motions")
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
@@ -208,7 +200,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 
 
-@pytest.mark.usefixtures("no_figures", "all_sampled", "no_motions")
+@pytest.mark.usefixtures("all_sampled", "no_motions")
 def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch, make_posterior
 ):
@@ -244,7 +236,6 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
     assert not checkpoint.exists()
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_failed_check_of_a_search_has_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
     monkeypatch.setattr(SamplingResult, "failed_checks", ["the ensembles differ"])

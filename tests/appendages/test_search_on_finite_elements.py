@@ -13,7 +13,7 @@ STUDY = ROOT / "model_classes" / "finite_elements" / "footbridge.py"
 TRUE_PLACE, TRUE_MASS, TRUE_HZ = "pendulum bottom left 8 z", 607.7, 2.2648
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures")
+@pytest.mark.usefixtures("coarse_command")
 def test_the_pipe_on_the_footbridge(run, tmp_path):
     """At one of three places that the sensors can tell apart."""
     candidates, out = tmp_path / "places.csv", tmp_path / "r"

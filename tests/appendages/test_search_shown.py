@@ -13,9 +13,7 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.plots.figure_style import figures_for_files, save_figure
 from bayes_ssi.plots.place_plots import plot_places
-from bayes_ssi.plots.ranking_plots import result_figures
 from bayes_ssi.report.tables.search_tables import (
     appendage_place_table,
     averaged_table,
@@ -164,13 +162,3 @@ def test_the_figure_has_a_bar_for_every_place(found_in_case_c):
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert dict(zip(names, [bar.get_width() for bar in ax.patches], strict=True)) == places
     assert names[0] == "infill 1-2"
-
-
-def test_figures_have_room_for_many_hypotheses(of_a_tall_building, tmp_path):
-    ranking = of_a_tall_building.ranking
-    by_name = {posterior.name: posterior for posterior in ranking.posteriors}
-    ranked = [by_name[row.name] for row in ranking.comparison.classes][:40]
-    data = ranking.study.model_classes[0].data
-    with figures_for_files():
-        figures = result_figures({"": data}, ranked, bs.compare(ranked))
-        assert len([save_figure(drawn, tmp_path / f"{name}.png") for name, drawn in figures]) == 3

@@ -11,7 +11,6 @@ from click.testing import CliRunner
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
-from bayes_ssi.plots import plot_modal_sensitivities
 
 N = 3
 
@@ -113,14 +112,6 @@ def test_a_test_of_which_no_mode_is_paired_adds_nothing(with_shapes):
         assert found.modes == ("a: 1", "a: 2", "a: 3")
         np.testing.assert_array_equal(found.of_frequencies, whole.of_frequencies)
         np.testing.assert_array_equal(found.of_shapes, whole.of_shapes if with_shapes else 0.0)
-
-
-def test_the_heat_map_has_a_cell_for_each_and_the_proposed_in_bold():
-    found = bs.modal_sensitivities(model_class())
-    ax = plot_modal_sensitivities(found)
-    bold = {each.get_text() for each in ax.get_xticklabels() if each.get_fontweight() == "bold"}
-    assert bold == set(found.proposed)
-    assert len(ax.texts) == 3 * 4
 
 
 def test_the_command(tmp_path):

@@ -63,7 +63,6 @@ def says_both(done):
     return done.exit_code == 3 and all(each in words for each in (WORDS, CHECK, NOT_IDENTIFIED))
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_rank(run, path):
     done = run("rank", path, "--seed", 7, "--workers", 1)
     assert says_both(done)
@@ -71,7 +70,6 @@ def test_rank(run, path):
     assert "one k (!)" not in done.stdout  # no check of a class failed
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_search(run, path, fake_sampling):
     fake_sampling(by_count(0.0, 12.0))
     assert says_both(run("search", path, "--class", "one k", "--most", "1"))
@@ -90,7 +88,6 @@ def test_calibrate(run, path):
     assert says_both(run("calibrate", path, "--class", "one k", "--starts", 4))
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_what_if_and_predict(run, saved):
     result = saved()
     assert says_both(run("what-if", result, "--spurious", "2"))
@@ -99,7 +96,6 @@ def test_what_if_and_predict(run, saved):
     assert (quiet.exit_code, quiet.stderr.startswith("(!) 2 failed checks: ")) == (3, True)
 
 
-@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("command", [("what-if", "--spurious", "2"), ("predict", "--draws", "20")])
 def test_of_a_result_that_was_accepted_they_are_said(run, saved, command):
     done = run(command[0], saved(accept_failed_checks=True), *command[1:])

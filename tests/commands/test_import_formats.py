@@ -51,24 +51,6 @@ def calculix(name, k):
     return f"{name}.sti"
 
 
-def harwell_boeing(name, k):
-    """ANSYS HBMAT: a file for each matrix, one number a line, the lower triangle; the mapping."""
-    for kind, matrix in (("K", k), ("M", M)):
-        values = [matrix[0, 0], matrix[1, 0], matrix[1, 1]]
-        numbers = [f"{value:25.15E}".replace("E", "D") for value in values]
-        lines = [
-            "Stiffness matrix from ANSYS FULL file dumped into Harwell-Boeing format".ljust(80),
-            f"{9:14d}{3:14d}{3:14d}{3:14d}{0:14d}",
-            f"{'RSA':14s}{2:14d}{2:14d}{3:14d}{0:14d}",
-            f"{'(I14)':16s}{'(I14)':16s}{'(d25.15)':20s}{'(d25.15)':20s}",
-            *(f"{number:14d}" for number in (1, 3, 4, 1, 2, 2)), *numbers, "",
-        ]  # fmt: skip
-        Path(f"{name}{kind}.matrix").write_text("\n".join(lines))
-        mapping = "  Matrix Eqn     Node        DOF\n       1   1    UX\n       2   2    UX\n"
-        Path(f"{name}{kind}.mapping").write_text(mapping)
-    return f"{name}K.matrix+{name}M.matrix"
-
-
 def matrix_market(name, k):
     """ANSYS ``*EXPORT, …, MMF``."""
     for kind, matrix in (("K", k), ("M", M)):
@@ -97,7 +79,7 @@ def npz(name, k):
 
 UNLABELLED = ("--labels", "labels.txt")
 FORMATS = {
-    abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (), harwell_boeing: (),
+    abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (),
     matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED,
     matlab: ("--keys", "Kff,Mff", *UNLABELLED),
 }  # fmt: skip

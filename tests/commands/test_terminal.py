@@ -19,7 +19,6 @@ from bayes_ssi.commands.terminal import lines_of_progress
 from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
 
-pytestmark = pytest.mark.usefixtures("no_figures")
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
 
 

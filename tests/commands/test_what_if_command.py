@@ -45,6 +45,7 @@ def test_a_record(run, saved):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        ((), ("nothing is changed; give a prior",)),
         (("--prior", "k"), ("--prior: must be NAME=DISTRIBUTION", "'k'")),
         (("--prior", "k=Gamma(1, 2)"), ("--prior", "choose from Normal, LogNormal")),
         (("--prior", "k=Normal(1, -2)"), ("--prior: Normal: sd must be positive",)),

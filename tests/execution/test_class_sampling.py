@@ -204,7 +204,6 @@ def test_failures_in_workers_are_reported(two_workers, tiny_study):
 
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-@pytest.mark.usefixtures("no_figures")
 def test_the_command_gives_the_same_with_workers(
     run, alone, tiny_study_file, tmp_path, monkeypatch
 ):

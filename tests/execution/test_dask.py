@@ -121,7 +121,6 @@ def test_a_malformed_address_is_refused(address):
 
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-@pytest.mark.usefixtures("no_figures")
 def test_the_command_gives_the_same_with_dask(
     run, address, tmp_path, tiny_study_file, tiny_study, monkeypatch
 ):

@@ -139,8 +139,8 @@ def test_commands_on_a_study_say_nothing_of_shapes(study, command):
 
 def test_commands_on_a_result_say_nothing_of_shapes(study):
     result = study.parent / "result"
-    settings = CliRunner().invoke(main, ["what-if", str(result)]).output
-    assert "σ_f × 2" in settings
+    settings = run("what-if", result, "--frequency-cov", 0.02)
+    assert "Before and after" in settings
     assert not OF_SHAPES.search(settings)
     assert "shape_sd: no shape was identified" in run("what-if", result, "--shape-sd", 0.1, code=2)
     predicted = run("predict", result)

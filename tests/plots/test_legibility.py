@@ -11,7 +11,7 @@ from searches import places_in_space, search_of
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
+from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
 from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
@@ -51,7 +51,6 @@ def plots(posteriors, updated, case_c, make_posterior):
         "identified": lambda: plot_identified_modes(case_c, configuration="as built"),
         "shapes": lambda: plot_mode_shapes(updated, case_c),
         "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
-        "parameters": lambda: plot_parameters(posteriors[0]),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots.class_plots import plot_corner, plot_parameters
+from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 
 pytestmark = pytest.mark.usefixtures("close_figures")
@@ -73,20 +73,7 @@ def test_shapes_without_floors_are_bars(updated, case_c):
         plot_mode_shapes(replace(updated, modes=()), case_c)
 
 
-def test_parameters(make_posterior):
-    posterior = make_posterior("a")
-    ax = plot_parameters(posterior)
-    row = posterior.summary[0]
-    (after,) = [at for text, at in points(ax).items() if text.startswith("k1 after")]
-    expected = row.median / (4.0 if row.median > 0 else 2.0)
-    assert after == pytest.approx([expected, 0])
-
-
 def test_units_stand_beside_the_names_of_parameters(make_posterior):
     units = {"k2": "N/m"}
-    ax = plot_parameters(make_posterior("a"), units=units)
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["k1", "k2 (N/m)"]
-    of_k2 = [text for text in points(ax) if text.startswith("k2 after")]
-    assert [text.endswith(") N/m") for text in of_k2] == [True]
     corner = plot_corner(make_posterior("a"), units=units)
     assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}

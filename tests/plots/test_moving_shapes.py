@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +14,7 @@ from html_page import Page
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import plot_moving_shapes
-from bayes_ssi.plots.moving_shapes import MOST_NODES, asset, class_scenes
-from bayes_ssi.plots.ranking_plots import save_result_figures
+from bayes_ssi.plots.moving_shapes import MOST_NODES, asset, class_scenes, save_scenes
 from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.geometry import Geometry, stick
 
@@ -216,10 +216,7 @@ def test_identified_modes_alone(tmp_path):
 
 
 def test_a_result_keeps_its_scenes(tiny_ranking, tmp_path):
-    def figures(directory):
-        save_result_figures(tiny_ranking, None, directory)
-
-    stored = save_result(tiny_ranking, tmp_path / "r", figures=figures)
+    stored = save_result(tiny_ranking, tmp_path / "r", figures=partial(save_scenes, tiny_ranking))
     expected = plot_moving_shapes(tiny_ranking).page()
     for result in (stored, tmp_path / "r", str(tmp_path / "r"), load_result(tmp_path / "r")):
         assert plot_moving_shapes(result).page() == expected

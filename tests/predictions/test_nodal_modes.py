@@ -111,7 +111,7 @@ def test_nodes_that_have_names_are_numbered(tmp_path):
     assert text[12].split() == ["2"]
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures")
+@pytest.mark.usefixtures("coarse_command")
 def test_export(tmp_path, monkeypatch):
     pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
     monkeypatch.chdir(tmp_path)

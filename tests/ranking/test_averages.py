@@ -74,7 +74,7 @@ def test_the_table_fits_a_terminal(make_posterior):
 
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-@pytest.mark.usefixtures("no_figures", "coarse_command")
+@pytest.mark.usefixtures("coarse_command")
 def test_ranking_shows_and_saves_the_averages(run, tiny_study_file, tmp_path):
     title = "Parameters averaged over the model classes that infer them"
     unlike = run("rank", tiny_study_file, "--out", tmp_path / "a", "--accept-failed-checks",

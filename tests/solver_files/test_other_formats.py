@@ -1,4 +1,4 @@
-"""OpenSees's printed matrices, Harwell-Boeing, ANSYS's full file, and matrices of no program."""
+"""OpenSees's printed matrices, ANSYS's full file, and matrices of no program."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from frames import LABELS, assert_is_portal, lower_entries, portal
+from frames import LABELS, assert_is_portal, portal
 
 import bayes_ssi as bs
 
@@ -86,80 +86,6 @@ class TestOpenSees:
             bs.read_model(tmp_path / "K.out")
         with pytest.raises(ValueError, match=r"K.out: 2 labels for 6 rows"):
             self.read(tmp_path, labels=["2 x", "3 x"])
-
-
-def harwell_boeing(matrix, kind="RSA", right_hand_sides=0):
-    """As ANSYS writes it: columns of the lower triangle, D exponents, formats (10I8), (3D25.15)."""
-    entries = sorted((j, i, value) for i, j, value in lower_entries(matrix))
-    columns = [j for j, _, _ in entries]
-    starts = [1 + sum(each < j for each in columns) for j in range(len(matrix) + 1)]
-
-    def lines(numbers, each, form):
-        shown = [form.format(number) for number in numbers]
-        return ["".join(shown[i : i + each]) for i in range(0, len(shown), each)]
-
-    blocks = [
-        lines(starts, 10, "{:8d}"),
-        lines([i + 1 for _, i, _ in entries], 10, "{:8d}"),
-        [line.replace("E", "D") for line in lines([v for *_, v in entries], 3, "{:25.16E}")],
-    ]
-    counts = [*map(len, blocks), right_hand_sides]
-    return "\n".join(
-        [
-            f"{'Stiffness matrix from a full file':<72}{'KEY':<8}",
-            "".join(f"{each:14d}" for each in [sum(counts), *counts]),
-            f"{kind:<14}" + "".join(f"{n:14d}" for n in (*matrix.shape, len(entries), 0)),
-            f"{'(10I8)':<16}{'(10I8)':<16}{'(3D25.16)':<20}{'(3D25.16)':<20}",
-            *(["F              1             0"] if right_hand_sides else []),
-            *(line for block in blocks for line in block),
-            *(["  0.0"] * right_hand_sides),
-            "",
-        ]
-    )
-
-
-class TestHarwellBoeing:
-    def write(self, folder, stiffness, mapping=True):
-        (folder / "K.matrix").write_text(stiffness)
-        (folder / "M.matrix").write_text(harwell_boeing(portal()[1]))
-        if mapping:
-            numbers = {"x": "UX", "z": "UZ", "ry": "ROTY"}
-            rows = [label.split() for label in LABELS]
-            (folder / "K.mapping").write_text(
-                "  Matrix Eqn      Node     DOF\n"
-                + "".join(f"{i:8d} {n:>8} {numbers[d]:>6}\n" for i, (n, d) in enumerate(rows, 1))
-            )
-        return folder / "K.matrix", folder / "M.matrix"
-
-    @pytest.mark.parametrize("right_hand_sides", [0, 2])
-    def test_read_back_exactly(self, tmp_path, right_hand_sides):
-        text = harwell_boeing(portal()[0], right_hand_sides=right_hand_sides)
-        model = bs.read_model(*self.write(tmp_path, text))
-        assert_is_portal(model)
-
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("RSA", "RUA", r"K.matrix must be symmetric, .* one triangle"),
-            ("RSA", "CSA", r"must be real, assembled and square"),
-            ("D+0", "D+x", r"K.matrix: could not convert"),
-            ("      16\n", "      15\n", r"K.matrix: the positions of columns"),
-        ],
-    )
-    def test_wrong_files(self, tmp_path, old, new, message):
-        text = harwell_boeing(portal()[0])
-        assert old in text
-        with pytest.raises(ValueError, match=message):
-            bs.read_model(*self.write(tmp_path, text.replace(old, new, 1)))
-
-    def test_truncated(self, tmp_path):
-        lines = harwell_boeing(portal()[0]).splitlines()
-        with pytest.raises(ValueError, match=r"expected \d+ finite numbers, got \d+: trunc"):
-            bs.read_model(*self.write(tmp_path, "\n".join([*lines[:-2], ""])))
-        files = self.write(tmp_path, harwell_boeing(portal()[0]))
-        (tmp_path / "K.mapping").write_text("1 2 UX\n3 2 UY\n")
-        with pytest.raises(ValueError, match=r"K.mapping: line 2: expected equation 2, got 3"):
-            bs.read_model(*files)
 
 
 class TestAnsys:

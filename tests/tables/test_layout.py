@@ -16,14 +16,12 @@ from bayes_ssi.report.tables.ranking_tables import (
     evidence_table,
     parameter_table,
     ranking_table,
-    sensitivity_table,
 )
 from bayes_ssi.report.tables.search_tables import (
     appendage_place_table,
     averaged_table,
     search_table,
 )
-from bayes_ssi.studies.ranking.changed_settings import Sensitivity, SensitivityRow
 from bayes_ssi.studies.ranking.study import averaged_parameters
 
 NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwerk 3", "壁のモデル")
@@ -38,7 +36,6 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     comparison = bs.compare(posteriors, dict(zip(NAMES, (1.0, 2.0, 3.0, 4.0), strict=True)))
     calibration = bs.calibrate(model_classes["3"])
     open_ = bs.calibrate(model_classes["2"], n_starts=4, shape_weight=0.0, with_prior=True)
-    setting = SensitivityRow("probability of detection × 2", dict.fromkeys(NAMES, 0.25))
     record, of_search = found_in_case_c.record, found_in_case_c.ranking
     return (
         ranking_table(comparison, "A study of four model classes with a long title: which is it?"),
@@ -52,7 +49,6 @@ def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
         search_table(record, of_search.comparison, "A search"),
         appendage_place_table(record),
         averaged_table(record),
-        sensitivity_table(Sensitivity((setting,))),
     )
 
 

@@ -10,7 +10,7 @@ from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.results.stored_result import StoredResult
-from bayes_ssi.studies.ranking.changed_settings import ChangedClass, Sensitivity, WhatIf
+from bayes_ssi.studies.ranking.changed_settings import ChangedClass, WhatIf
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass, probability_text
 from bayes_ssi.studies.ranking.study import AveragedParameter, averaged_parameters
 
@@ -158,35 +158,6 @@ def region_notes(posterior: Posterior) -> list[Note]:
         values = ", ".join(f"{name} = {mean:.4g}" for name, mean in means)
         items.append(f"{100 * region.share:.1f} ± {100 * region.error:.1f} % around {values}")
     return [(f"The posterior of {posterior.name!r} has {len(items)} separate regions:", items)]
-
-
-def sensitivity_table(sensitivity: Sensitivity) -> Table:
-    """Setting by setting, which class ranks first, and its lead in nats."""
-    first = sensitivity.rows[0].best
-    unknown = ("not known", "-", "-", "-")
-    rows = []
-    for row in sensitivity.rows:
-        known = row.probabilities and (
-            row.best,
-            probability_text(row.probabilities[row.best]),
-            number(row.lead, ".2f"),
-            probability_text(row.probabilities[first]),
-        )
-        rows.append([marked(row.name, row.problem), *(known or unknown)])
-    numbers = ["probability", "lead (nats)", f"probability of {first}"]
-    return new_table("Sensitivity to settings", ["setting", "most probable"], numbers, rows)
-
-
-def sensitivity_notes(sensitivity: Sensitivity) -> list[str]:
-    """Whether the same class always ranks first, and what the draws do not say."""
-    first = sensitivity.rows[0].best
-    every = "every setting of which the draws say" if sensitivity.problems else "every setting"
-    if sensitivity.turning:
-        others = "; ".join(f"{row.best!r} does with {row.name}" for row in sensitivity.turning)
-        notes = [f"{first!r} does not rank first under every setting: {others}."]
-    else:
-        notes = [f"{first!r} ranks first under {every}."]
-    return notes + [f"  (!) {problem}" for problem in sensitivity.problems]
 
 
 def what_if_table(answer: WhatIf) -> Table:

@@ -20,11 +20,7 @@ from bayes_ssi.structures.solver_files.abaqus_and_calculix import (
     read_calculix,
     recognises_abaqus,
 )
-from bayes_ssi.structures.solver_files.ansys import (
-    read_full,
-    read_harwell_boeing,
-    recognises_harwell_boeing,
-)
+from bayes_ssi.structures.solver_files.ansys import read_full
 from bayes_ssi.structures.solver_files.exported_model import (
     ExportedModel,
     Matrices,
@@ -72,8 +68,6 @@ FORMATS = (
     Format("matrices", ".npz, .mat, .npy, Matrix Market .mtx",
            _ends(".npz", ".mat", ".npy", or_begins=lambda head: head.startswith(b"%%MatrixMarket")),
            read_containers, has_keys=True),
-    Format("Harwell-Boeing (ANSYS HBMAT)", "a file for each matrix, .mapping",
-           _ends(or_begins=recognises_harwell_boeing), read_harwell_boeing),
     Format("matrices printed as text (OpenSees)", "a file of rows for each matrix",
            _ends(or_begins=recognises_rows), read_printed),
 )  # fmt: skip

@@ -4,7 +4,6 @@ All posteriors are reweighted to the changed settings, and ranked again. Where t
 do not cover the change, nothing is said of it: it must be sampled again.
 """
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -23,8 +22,6 @@ from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 from bayes_ssi.studies.ranking.comparison import (
-    STANDARD_ERRORS,
-    WRONG_BY,
     can_matter,
     checked_weights,
     class_probabilities,
@@ -34,7 +31,6 @@ from bayes_ssi.studies.ranking.variations import (
     SampledClasses,
     Variation,
     Varied,
-    default_variations,
     spreads_as_sampled,
     with_bands,
     with_priors,
@@ -298,79 +294,3 @@ def _adequacy(answer: Varied) -> Adequacy:
     values = answer.values[systematic_indices(answer.weights, N_DRAWS, rng)]
     modes = [each.compared_modes(own) for _, each, own in changed.parts(values)]
     return adequacy(changed, values, modes, rng)
-
-
-@dataclass(frozen=True)
-class SensitivityRow:
-    name: str
-    probabilities: Mapping[str, float]  # of every model class; none where the draws do not say
-    problem: str = ""  # why the draws do not say, class by class
-    # Classes of which the draws say nothing reliable, but that are too improbable to matter.
-    unsaid: tuple[str, ...] = ()
-
-    @property
-    def ranked(self) -> tuple[str, ...]:
-        return tuple(sorted(self.probabilities, key=lambda name: -self.probabilities[name]))
-
-    @property
-    def best(self) -> str:
-        return self.ranked[0]
-
-    @property
-    def lead(self) -> float:
-        """Log of the probability ratio of the two best classes, in nats.
-
-        Infinite for a single class; NaN where the draws of the second do not say.
-        """
-        best, *others = self.ranked
-        if not others or self.probabilities[others[0]] == 0.0:
-            return math.inf
-        if others[0] in self.unsaid:
-            return math.nan
-        return math.log(self.probabilities[best] / self.probabilities[others[0]])
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """A ranking under every setting; the first row is the ranking itself."""
-
-    rows: tuple[SensitivityRow, ...]
-
-    @property
-    def known(self) -> tuple[SensitivityRow, ...]:
-        return tuple(row for row in self.rows if row.probabilities)
-
-    @property
-    def turning(self) -> tuple[SensitivityRow, ...]:
-        return tuple(row for row in self.known if row.best != self.rows[0].best)
-
-    @property
-    def problems(self) -> tuple[str, ...]:
-        """What the draws do not say, a sentence for each setting."""
-        return tuple(f"{row.name}: {row.problem}" for row in self.rows if row.problem)
-
-
-def sensitivity(sampled: SampledClasses, prior_weights: Mapping[str, float] | None) -> Sensitivity:
-    """Rank model classes again under every setting, by reweighting their draws.
-
-    Where these do not cover it, a class is sampled again if it is known as it was sampled.
-    """
-    log_evidences = {name: p.evidence.log_evidence for name, p in sampled.posteriors.items()}
-    shares = class_probabilities(log_evidences, prior_weights)
-    rows = [SensitivityRow("unchanged", shares)]
-    shapes = any(each.has_shapes for each in sampled.known.values())
-    for variation in default_variations(shapes=shapes):
-        answers = sampled.varied(variation, lambda one: bool(sampled.classes and one.problem))
-        changed = {name: each.log_evidence.log_evidence for name, each in answers.items()}
-        after = class_probabilities(changed, prior_weights)
-        unsaid = [name for name, each in answers.items() if each.problem]
-        errors = {name: STANDARD_ERRORS * answers[name].log_ratio.error for name in unsaid}
-        problem = "; ".join(
-            f"{name!r}: {answers[name].problem}"
-            for name in unsaid
-            if can_matter(shares[name]) or can_matter(after[name], min(errors[name], WRONG_BY))
-        )
-        rows.append(
-            SensitivityRow(variation.name, {} if problem else after, problem, tuple(unsaid))
-        )
-    return Sensitivity(tuple(rows))

@@ -234,7 +234,7 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
     if edge.parameter is not None:
         factor = VARIED_BY
         name = f"a prior of {edge.parameter!r} that is {factor:g} times as wide"
-        return [Variation(name, partial(with_wider_priors, factor, names={edge.parameter}))]
+        return [Variation(name, partial(with_wider_priors, factor, {edge.parameter}))]
     test = model_class.configuration(edge.configuration)
     identified = test.data.frequencies_hz
     where = f" of configuration {test.name!r}" if test.name else ""

@@ -11,7 +11,7 @@ varied class can be sampled.
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
-from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.prior import Prior
 
 # Weights of no more than this multiple of the mean have no tail to judge.
@@ -36,23 +35,6 @@ SHARE_AT_BOUND = 0.02
 class Variation:
     name: str
     change: Callable[[ModelClass], ModelClass]
-
-
-def default_variations(*, shapes: bool = True) -> tuple[Variation, ...]:
-    """Every setting halved and doubled: missed and spurious modes, error sizes, prior widths.
-
-    Without ``shapes`` in the data, the sizes of their errors are none.
-    """
-    variations = []
-    for factor, times in ((2.0, "× 2"), (0.5, "× ½")):
-        variations += [
-            Variation(f"missed modes {times}", partial(with_missed, factor)),
-            Variation(f"spurious modes {times}", partial(with_spurious, factor)),
-            Variation(f"σ_f {times}", partial(with_errors, factor, 1.0)),
-            *[Variation(f"σ_φ {times}", partial(with_errors, 1.0, factor))] * shapes,
-            Variation(f"width of priors {times}", partial(with_wider_priors, factor)),
-        ]
-    return tuple(variations)
 
 
 def with_missed(factor: float, candidate: ModelClass) -> ModelClass:
@@ -69,22 +51,8 @@ def with_spurious(factor: float, candidate: ModelClass) -> ModelClass:
     return replace(candidate, identification=changed)
 
 
-def with_errors(of_frequencies: float, of_shapes: float, candidate: ModelClass) -> ModelClass:
-    """The class with error sizes times these factors, also where they are inferred."""
-    changed = replace(
-        candidate.error,
-        frequency_cov=of_frequencies * as_product(candidate.error.frequency_cov),
-        shape_sd=of_shapes * as_product(candidate.error.shape_sd),
-    )
-    return replace(candidate, error=changed)
-
-
-def with_wider_priors(
-    factor: float, candidate: ModelClass, names: Collection[str] | None = None
-) -> ModelClass:
-    """The class with wider priors of some parameters; of all but error sizes if none are named."""
-    if names is None:
-        names = {p.name for p in candidate.structural_parameters}
+def with_wider_priors(factor: float, names: Collection[str], candidate: ModelClass) -> ModelClass:
+    """The class with wider priors of some parameters."""
     wider = {p.name: p.prior.widened(factor) for p in candidate.parameters if p.name in names}
     return with_priors(wider, candidate)
 
