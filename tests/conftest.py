@@ -175,7 +175,7 @@ def make_posterior():
         rng = np.random.default_rng(3)
         draws = rng.standard_normal((4, 250, len(names)))
         check = EvidenceEstimate("bridge sampling", log_evidence, error)
-        no_modes = UpdatedModes((), (), (), False, ())
+        no_modes = UpdatedModes((), (), ())
         fields = {
             "name": name,
             "parameter_names": tuple(names),
@@ -229,7 +229,7 @@ def fake_sampling(monkeypatch, make_posterior):
     # Levels and weights of appendages alone.
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     # Posteriors that were not sampled have no modes to move in.
-    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.save_scenes", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.moving_shapes.save_scenes", lambda *_: None)
 
     def install(log_evidence, approximately=None):
         levels, install.sampled = [], []

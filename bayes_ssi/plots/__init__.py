@@ -21,7 +21,6 @@ from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
 from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
 from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation
 from bayes_ssi.plots.record_plots import plot_whitened_residuals as plot_whitened_residuals
-from bayes_ssi.plots.shape_plots import plot_building_shape as plot_building_shape
 from bayes_ssi.plots.shape_plots import plot_identified_modes as plot_identified_modes
 from bayes_ssi.plots.shape_plots import plot_mode_shapes as plot_mode_shapes
 from bayes_ssi.plots.shape_plots import plot_shape_components as plot_shape_components

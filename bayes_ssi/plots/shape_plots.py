@@ -1,6 +1,6 @@
 """Mode shapes with their bands, and identified modes with their errors.
 
-Shapes are drawn on the building, or component by component; in space, they move
+Shapes are drawn component by component; on the structure, they move
 (:mod:`~bayes_ssi.plots.moving_shapes`).
 """
 
@@ -24,8 +24,6 @@ MOST_ROWS = 40
 
 APPENDAGES = "appendage"
 BEYOND = "appendage beyond the scale, its component below"
-# Both give the heights of their places and name their appendages.
-Building = Structure | UpdatedModes
 # Name, places and components of a shape to compare with.
 Reference = tuple[str, Sequence[str], FloatArray]
 
@@ -33,23 +31,19 @@ Reference = tuple[str, Sequence[str], FloatArray]
 def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
     """The paired modes' shapes, with 90 % bands and the identified components.
 
-    A structure of floors that move sideways is drawn deformed, with the shape before updating
-    dashed; of any other, components are bars. Shapes are scaled by
-    :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the model's median.
+    Shapes are scaled by :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the
+    model's median; on the structure, they move
+    (:func:`~bayes_ssi.plots.moving_shapes.plot_moving_shapes`).
     """
     if not (modes.modes and modes.places):
         raise ValueError("plot_mode_shapes: no mode is paired, or the model has no shapes")
-    places, sideways = modes.places, modes.has_floors
-    height = 2.6 if sideways else 1.0 + 0.18 * min(MOST_ROWS, len(places))
+    places = modes.places
+    height = 1.0 + 0.18 * min(MOST_ROWS, len(places))
     figure, axes = look.panels_of(figure, len(modes.modes), 0.6, height)
     for mode, ax in zip(modes.modes, axes, strict=True):
         title = f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz"
         shape, reference = Band(*map(np.array, mode.shape_after)), _identified(modes, mode, data)
-        if sideways:
-            plot_building_shape(modes, places, shape, ax, reference=reference,
-                                before=mode.shape_before, title=title)  # fmt: skip
-        else:
-            plot_shape_components(modes, places, shape, ax, reference=reference, title=title)
+        plot_shape_components(modes, places, shape, ax, reference=reference, title=title)
         ax.tick_params("y", labelsize=look.SMALL_TEXT * min(1.0, MOST_ROWS / len(places)),
                        labelleft=ax.get_subplotspec().is_first_col())  # fmt: skip
     look.legend_of_figure(figure, axes, columns=4)
@@ -72,79 +66,6 @@ def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Refe
     model = np.array([mode.shape_after[1][modes.places.index(place)] for place in identified])
     scale = float(model @ components / (components @ components))
     return "identified", list(identified), scale * components
-
-
-def plot_building_shape(
-    structure: Building,
-    places: Sequence[str],
-    shape: Band,
-    ax: Axes | None = None,
-    *,
-    reference: Reference | None = None,
-    before: Sequence[float] | None = None,
-    title: str = "",
-) -> Axes:
-    """A mode shape as the deformed building: floors and columns, appendages marked, with bands.
-
-    An appendage that moves further than the axes reach is an arrow at their edge, its component
-    and band written below.
-
-    Args:
-        places: degrees of freedom of the shape.
-        shape: median and band of the components (n_places,), in a scale in which floors move by
-            about 1.
-        before: components (n_places,) before updating, drawn as dashed columns.
-    """
-    # In the unit of the shapes: half the width of the building, and the largest distance from its
-    # axis that is drawn. Appendages may move many times as far as floors.
-    half_width, reach = 0.7, 1.8
-    ax = look.axes_of(ax, (2.2, 3.0))
-    heights = structure.heights()
-    floors = [i for i, place in enumerate(places) if place not in structure.appendages]
-    floors.sort(key=lambda i: heights[places[i]])
-    y = np.array([0.0, *(heights[places[i]] for i in floors)])
-    low, median, high = (np.r_[0.0, part[floors]] for part in shape)
-    ax.axvline(0.0, color=look.GREY, linewidth=0.6, linestyle=":")
-    ax.plot([-reach, reach], [0, 0], color="black", linewidth=2.0)
-    for side, labelled in ((-half_width, True), (half_width, False)):
-        if before is not None:
-            earlier = np.array([0.0, *(before[i] for i in floors)])
-            ax.plot(earlier + side, y, color=look.GREY, linewidth=0.9, linestyle="--",
-                    label="before updating" if labelled else None)  # fmt: skip
-        ax.fill_betweenx(y, low + side, high + side, color=look.BLUE, alpha=0.35, linewidth=0)
-        ax.plot(median + side, y, color=look.BLUE, linewidth=1.2,
-                label="model, with its band" if labelled else None)  # fmt: skip
-    for x, height in zip(median[1:], y[1:], strict=True):
-        ax.plot([x - half_width, x + half_width], [height, height], color="black", linewidth=2.5)
-    for i, place in enumerate(places):
-        if place in structure.appendages:
-            _draw_appendage(ax, heights[place], [float(part[i]) for part in shape], reach)
-    _write_below(ax, structure.appendages, places, shape, reach)
-    if reference is not None:
-        other, at, components = reference
-        ax.plot(components, [heights[place] for place in at], "x", color="black", markersize=7,
-                markeredgewidth=1.5, label=other)  # fmt: skip
-    ax.set_xlim(-reach - 0.3, reach + 0.3)  # with room for half of a mark
-    ax.set_ylim(-0.15, max(heights.values()) + 0.4)
-    ax.set_yticks(y, ["ground", *(places[i] for i in floors)])
-    ax.set_xticks([])
-    ax.spines[["left", "bottom"]].set_visible(False)
-    ax.tick_params(axis="y", length=0)
-    look.without_math(*ax.get_yticklabels())
-    look.title_of(ax, title)
-    return ax
-
-
-def _draw_appendage(ax: Axes, height: float, band: Sequence[float], reach: float) -> None:
-    low, median, high = band
-    if abs(median) >= reach:
-        _mark_beyond(ax, median, height, reach)
-        return
-    ax.errorbar(
-        median, height, xerr=[[median - low], [high - median]], color=look.VERMILION, capsize=3
-    )
-    ax.plot(median, height, "s", color=look.VERMILION, markeredgecolor="black", markersize=7,
-            linestyle="none", label="appendage", zorder=3)  # fmt: skip
 
 
 def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
@@ -170,7 +91,7 @@ def _write_below(
 
 
 def plot_shape_components(
-    structure: Building | None,
+    structure: Structure | UpdatedModes | None,
     places: Sequence[str],
     shape: Band,
     ax: Axes | None = None,
@@ -179,12 +100,16 @@ def plot_shape_components(
     title: str = "",
     name: str = "model",
 ) -> Axes:
-    """A mode shape component by component, for structures that move in several directions.
+    """A mode shape component by component.
 
     The axes reach as far as the main structure moves; components of appendages that move further
     are written below. The components of each direction stand together in a colour of their own,
-    those of appendages above them. Arguments are as in :func:`plot_building_shape`, but that
-    ``structure`` may be None where places are sensors; the first place is the lowest bar.
+    those of appendages above them.
+
+    Args:
+        structure: names the appendages; None where places are sensors.
+        places: degrees of freedom of the shape; the first place is the lowest bar.
+        shape: median and band of the components (n_places,).
     """
     appendages = structure.appendages if structure is not None else ()
     ax = look.axes_of(ax, (2.6, 0.8 + 0.22 * len(places)))

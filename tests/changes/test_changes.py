@@ -405,7 +405,7 @@ def study_file(tmp_path, request):
     return path
 
 
-@pytest.mark.usefixtures("coarse_command", "no_figures", "no_drawings")
+@pytest.mark.usefixtures("coarse_command", "no_drawings")
 def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file, tmp_path):
     out = tmp_path / "r"
     arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1,

@@ -50,7 +50,6 @@ def plots(posteriors, updated, case_c, make_posterior):
         "frequencies": lambda: plot_frequencies(case_c, posteriors),
         "identified": lambda: plot_identified_modes(case_c, configuration="as built"),
         "shapes": lambda: plot_mode_shapes(updated, case_c),
-        "components": lambda: plot_mode_shapes(replace(updated, has_floors=False), case_c),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
@@ -71,7 +70,7 @@ def texts_of(figure):
     return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
-NAMES = ("evidence", "frequencies", "identified", "shapes", "components", "parameters",
+NAMES = ("evidence", "frequencies", "identified", "shapes",
          "bars", "corner", "corner of small ranges")  # fmt: skip
 
 
@@ -104,7 +103,7 @@ def test_figures_fit_a_telephone_and_stand_two_abreast(plots):
     assert float(least) * SMALL_TEXT >= 7.0  # points
     with figures_for_files():
         drawn = {name: embedded_drawing(whole_figure(plots[name]()), "x", "x")
-                 for name in ("evidence", "shapes", "parameters")}  # fmt: skip
+                 for name in ("evidence", "shapes", "bars")}  # fmt: skip
     for figure in drawn.values():
         assert figure.width == round(96 * FIGURE_WIDTH)
         # 420 pixels less the margins of the page and of a model class: 0.7 + 0.6 rem, a border.
@@ -119,16 +118,15 @@ def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(upd
         replace(mode, shape_after=(at - 0.1, at, at + 0.1))
         for mode, at in zip(updated.modes, (near, far), strict=False)
     )
-    for sideways in (True, False):
-        figure = plot_mode_shapes(replace(updated, modes=modes, has_floors=sideways), case_c)
-        figure.draw_without_rendering()
-        legend = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
-        assert {"appendage", BEYOND} <= set(legend)
-        ax = figure.axes[1]
-        (mark,) = [line for line in ax.lines if line.get_label() == BEYOND]
-        at = ax.transData.transform(mark.get_xydata())[0]
-        half = 0.5 * mark.get_markersize() * figure.dpi / 72
-        assert ax.bbox.x0 <= at[0] - half < at[0] + half <= ax.bbox.x1
+    figure = plot_mode_shapes(replace(updated, modes=modes), case_c)
+    figure.draw_without_rendering()
+    legend = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
+    assert {"appendage", BEYOND} <= set(legend)
+    ax = figure.axes[1]
+    (mark,) = [line for line in ax.lines if line.get_label() == BEYOND]
+    at = ax.transData.transform(mark.get_xydata())[0]
+    half = 0.5 * mark.get_markersize() * figure.dpi / 72
+    assert ax.bbox.x0 <= at[0] - half < at[0] + half <= ax.bbox.x1
 
 
 def test_components_of_one_direction_stand_together(augmented):

@@ -47,24 +47,16 @@ def test_modes_without_shapes(case_c):
     assert len(figure.axes) == 1
 
 
-def test_shapes_on_floors(updated, case_c):
+def test_shapes_beside_identified_ones(updated, case_c):
     figure = plot_mode_shapes(updated, case_c)
     assert [ax.get_title().split("\n")[0] for ax in figure.axes] == [
         "mode 1", "mode 2a", "mode 2b", "mode 3",
     ]  # fmt: skip
-    (crosses,) = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
+    first = figure.axes[0]
+    (crosses,) = [line for line in first.lines if line.get_label() == "identified"]
     median = np.array(updated.modes[0].shape_after[1])[:3]
     np.testing.assert_allclose(crosses.get_xdata(), median, atol=0.02)
-    np.testing.assert_array_equal(crosses.get_ydata(), [1, 2, 3])
-    left, right = (line for line in figure.axes[0].lines if line.get_linestyle() == "--")
-    before = np.array(updated.modes[0].shape_before)[:3]
-    middle = 0.5 * (np.array(left.get_xdata()) + np.array(right.get_xdata()))
-    np.testing.assert_allclose(middle, [0.0, *before], atol=1e-12)
-
-
-def test_shapes_without_floors_are_bars(updated, case_c):
-    figure = plot_mode_shapes(replace(updated, has_floors=False), case_c)
-    first = figure.axes[0]
+    np.testing.assert_array_equal(crosses.get_ydata(), [0, 1, 2])
     assert [bar.get_width() for bar in first.patches] == list(updated.modes[0].shape_after[1])
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     beyond = "appendage beyond the scale, its component below"

@@ -204,8 +204,8 @@ def test_frequencies_under_an_inferred_pairing_are_those_of_each_draw(make_poste
     """The first model mode is another one in some draws; the paired one is at 1 Hz in all."""
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
     inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), {"1": {1: 0.6, 2: 0.4}})
-    own = UpdatedMode("1", 1, 1.1, (0.99, 1.0, 1.01), None, None, (1.0,), ((1.0,),) * 3)
-    modes = UpdatedModes(("floor 1",), (1.0,), (), True, (own,))
+    own = UpdatedMode("1", 1, 1.1, (0.99, 1.0, 1.01), None, None, ((1.0,),) * 3)
+    modes = UpdatedModes(("floor 1",), (), (own,))
     frequencies = np.tile([0.5, 1.0], (4, 250, 1))
     posterior = make_posterior(
         "a",

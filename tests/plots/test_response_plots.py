@@ -5,7 +5,7 @@ import pytest
 
 from bayes_ssi.plots.class_plots import plot_mac
 from bayes_ssi.plots.prediction_plots import plot_time_history, plot_transfer_functions
-from bayes_ssi.plots.shape_plots import BEYOND, plot_building_shape, plot_shape_components
+from bayes_ssi.plots.shape_plots import BEYOND, plot_shape_components
 from bayes_ssi.results.predictions.posterior_draws import Band
 
 pytestmark = pytest.mark.usefixtures("close_figures")
@@ -60,42 +60,12 @@ def test_bands_differ_in_colour_and_line_and_are_four_at_most():
         plot_transfer_functions(X, {name: band(X, 0.1) for name in "abcde"})
 
 
-def test_a_shape_is_a_building_with_its_appendage(augmented):
-    places = augmented.degrees_of_freedom
-    shape = band([0.3, 0.6, 0.7, -0.4], 0.05)
-    ax = plot_building_shape(
-        augmented, places, shape, reference=("test", places[:3], np.array([0.2, 0.5, 0.8])),
-        title="mode $1$",
-    )  # fmt: skip
-    floors = [each for each in ax.lines if len(set(each.get_ydata())) == 1 and
-              len(each.get_xdata()) == 2][1:]  # fmt: skip
-    np.testing.assert_allclose([each.get_xdata().mean() for each in floors], [0.3, 0.6, 0.7])
-    np.testing.assert_allclose([each.get_ydata()[0] for each in floors], [1, 2, 3])
-    appendage = line(ax, "appendage")
-    np.testing.assert_allclose(appendage.get_xydata(), [[-0.4, 1.5]])
-    assert appendage.get_marker() == "s"
-    np.testing.assert_allclose(line(ax, "test").get_xydata(), [[0.2, 1], [0.5, 2], [0.8, 3]])
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["ground", *places[:3]]
-    assert ax.get_title(loc="left") == "mode $1$" or ax.get_title() == "mode $1$"
-    ax.figure.canvas.draw()
-
-
-def test_an_appendage_that_moves_far_is_an_arrow_with_its_numbers(augmented):
-    ax = plot_building_shape(
-        augmented, augmented.degrees_of_freedom, band([0.7, 0.2, -0.7, -3.4], 0.5)
-    )
-    appendage = line(ax, BEYOND)
-    assert appendage.get_marker() == "<"
-    assert ax.get_xlim()[0] < appendage.get_xdata()[0] < -1.5
-    assert ax.get_xlabel() == "infill 1-2:\n-3.4\n(-3.9 to -2.9)"
-
-
 def test_an_interval_that_reaches_beyond_the_axes_is_written_below(augmented):
-    middle = np.array([0.7, 0.2, -0.7, -1.0])
+    middle = np.array([0.7, 0.2, -0.7, -0.5])
     shape = Band(middle - np.array([0.1, 0.1, 0.1, 4.0]), middle, middle + 0.1)
-    ax = plot_building_shape(augmented, augmented.degrees_of_freedom, shape)
-    assert ax.get_xlabel() == "infill 1-2:\n-1.0\n(-5.0 to -0.9)"
-    assert line(ax, "appendage").get_xdata()[0] == -1.0
+    ax = plot_shape_components(augmented, augmented.degrees_of_freedom, shape)
+    assert ax.get_xlabel() == "infill 1-2:\n-0.5\n(-4.5 to -0.4)"
+    assert BEYOND not in [line.get_label() for line in ax.lines]
 
 
 def test_components_reach_as_far_as_the_main_structure(augmented):

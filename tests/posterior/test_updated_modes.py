@@ -49,17 +49,15 @@ def test_frequencies_and_macs(model_classes, case_c, values, updated):
         assert mode.mac_before == pytest.approx(1.0, abs=1e-9)
 
 
-def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, updated):
+def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, model_classes):
+    (modes,) = configuration_modes(model_classes["3"], np.ones((2, 4)))
+    updated = modes.updated
     for i, mode in enumerate(updated.modes):
         identified = case_c.unit_shapes[:, i]
         expected = identified / np.abs(identified).max()
-        np.testing.assert_allclose(mode.shape_before[:3], expected, atol=1e-6)
-        low, median, high = map(np.array, mode.shape_after)
-        assert (low <= median).all()
-        assert (median <= high).all()
+        for each in mode.shape_after:  # the same at all draws
+            np.testing.assert_allclose(each[:3], expected, atol=1e-6)
     assert updated.appendages == ("infill 1-2",)
-    assert updated.heights()["infill 1-2"] == 1.5
-    assert updated.has_floors
 
 
 def test_a_record_is_read_back(updated):
@@ -80,7 +78,8 @@ def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
     assert modes.updated.places == ("floor 50", f"floor {n}")
     # A uniform shear building's first mode: u_i ∝ sin(i π / (2n + 1)).
     ends = [np.sin(i * np.pi / (2 * n + 1)) for i in (50, n)]
-    np.testing.assert_allclose(modes.updated.modes[0].shape_before, [ends[0] / ends[1], 1.0])
+    _, median, _ = modes.updated.modes[0].shape_after
+    np.testing.assert_allclose(median, [ends[0] / ends[1], 1.0])
 
 
 @pytest.mark.parametrize("name", ["1-a", "2", "3"])

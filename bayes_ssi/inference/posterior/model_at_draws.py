@@ -21,8 +21,6 @@ from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.model_class.configuration import Configuration, label_in, modes_with_shape
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
-from bayes_ssi.structures.response import ground_influence
-from bayes_ssi.structures.structure import Structure
 
 DRAWS_OF_INTERVALS = 200  # enough for a plot, at a small part of the sampling's cost
 MOST_PLACES = 100  # with more degrees of freedom, shapes are kept at the sensors only
@@ -54,7 +52,6 @@ class UpdatedMode:
     # MAC with the identified shape, at the prior medians; None where none is scored.
     mac_before: float | None
     mac_after: Interval | None  # interval of the MAC; None where none is scored
-    shape_before: tuple[float, ...]
     # Interval of each component, (low, median, high) of (n_places,) each.
     shape_after: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
@@ -62,16 +59,8 @@ class UpdatedMode:
 @dataclass(frozen=True)
 class UpdatedModes:
     places: tuple[str, ...]  # degrees of freedom at which shapes are given
-    place_heights: tuple[float, ...]
     appendages: tuple[str, ...]
-    # Whether the places are floors above one another that move sideways; if not, heights only keep
-    # them apart.
-    has_floors: bool
     modes: tuple[UpdatedMode, ...]
-
-    def heights(self) -> dict[str, float]:
-        """Place → height in a drawing, in storeys above the ground."""
-        return dict(zip(self.places, self.place_heights, strict=True))
 
 
 @dataclass(frozen=True)
@@ -139,18 +128,11 @@ def _updated_modes(
                 after_hz=_interval(frequencies[1:]),
                 mac_before=float(macs[0, 0]) if macs.size else None,
                 mac_after=_interval(macs[1:, 0]) if macs.size else None,
-                shape_before=tuple(shapes[0].tolist()),
                 shape_after=(low, median, high),
             )
         )
-    heights = structure.heights()
-    return UpdatedModes(
-        places,
-        tuple(float(heights[place]) for place in places),
-        tuple(place for place in places if place in structure.appendages),
-        moves_sideways(structure),
-        tuple(records),
-    )
+    appendages = tuple(place for place in places if place in structure.appendages)
+    return UpdatedModes(places, appendages, tuple(records))
 
 
 def _turned(
@@ -189,14 +171,6 @@ def _paired_modes(
         else:
             paired[label] = rows, numbers[rows]
     return paired
-
-
-def moves_sideways(structure: Structure) -> bool:
-    """Whether its degrees of freedom are floors that all move in the direction of the ground."""
-    if type(structure).heights is Structure.heights:
-        return False
-    influence = ground_influence(structure)
-    return influence is not None and bool((influence == 1.0).all())
 
 
 def _interval(draws: FloatArray) -> Any:
