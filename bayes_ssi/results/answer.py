@@ -32,7 +32,6 @@ from bayes_ssi.results.wording import (
     probability_in_words,
     quantity,
     shortened,
-    with_error,
 )
 from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.ranking.comparison import BARE_MENTION, RankedClass
@@ -51,18 +50,16 @@ class Answer:
     warnings: tuple[tuple[str, tuple[str, ...]], ...]
     verdict: str
     reasons: tuple[str, ...]
-    figures: tuple[str, ...]  # Bayes factors and nats
     commands: tuple[str, ...]  # to ask next, each whole, on a line of its own
 
     @property
     def paragraphs(self) -> tuple[str, ...]:
-        return (self.verdict, *self.reasons, *self.figures)
+        return (self.verdict, *self.reasons)
 
 
 def answer(result: StoredResult) -> Answer:
-    warnings, reasons, figures = _warnings(result), _reasons(result), _figures(result)
-    commands = tuple(_commands(result))
-    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(figures), commands)
+    warnings, reasons, commands = _warnings(result), _reasons(result), _commands(result)
+    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(commands))
 
 
 def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:
@@ -226,20 +223,6 @@ def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
         other = "other " if claims else ""
         sentences.append(f"On the {other}parameters that both infer it agrees.")
     return " ".join([*sentences, why_it_loses(row, result.comparison.best)])
-
-
-def _figures(result: StoredResult) -> Iterator[str]:
-    row, best = _distinguishable(result), result.comparison.best
-    if row is not None:
-        fit = row.mean_log_likelihood - best.mean_log_likelihood
-        information = row.information_gained - best.information_gained
-        against = "" if row.log_bayes_factor > 0.0 else "evidence against it: "
-        yield (
-            f"In figures: ln B of {row.name!r} against {best.name!r} is "
-            f"{with_error(row.log_bayes_factor, row.log_bayes_factor_error)} nats "
-            f"({against}{row.against}): {fit:+.2f} from its fit and {-information:+.2f} from the "
-            "information that its parameters gain."
-        )
 
 
 def _distinguishable(result: StoredResult) -> RankedClass | None:

@@ -59,13 +59,6 @@ def quantity(low: float, middle: float, high: float, unit: str = "") -> str:
     return f"{texts[0]}{f' {unit}' if unit else ''} ({texts[1]} to {texts[2]})"
 
 
-def with_error(value: float, error: float) -> str:
-    """A value and its standard error, to one significant digit of the error and two decimals."""
-    exact = not 0.0 < error < math.inf
-    decimals = 2 if exact else max(2, -math.floor(math.log10(error)))
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
-
-
 def _rounded(value: float, width: float) -> str:
     if not (0.0 < width < math.inf) or value == 0.0:
         return f"{value:.4g}"

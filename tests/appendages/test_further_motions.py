@@ -12,7 +12,7 @@ from searches import QUICK
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.results.search_answer import search_sentences
-from bayes_ssi.structures.further_mode import SHAPES_DIFFER, FurtherMode
+from bayes_ssi.structures.changed_structure import SHAPES_DIFFER, FurtherMode
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.findings import Finding

@@ -31,7 +31,7 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     configuration_modes,
     remarks_on_close_modes,
 )
-from bayes_ssi.structures.further_mode import FurtherMode
+from bayes_ssi.structures.changed_structure import FurtherMode
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 

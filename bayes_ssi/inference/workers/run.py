@@ -10,6 +10,7 @@ import json
 import logging
 import re
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -21,7 +22,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.foundations.notebook import notebook_progress
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_stem
 from bayes_ssi.inference.model_class.class_record import class_record
@@ -235,3 +235,32 @@ def _definition(model_class: ModelClass) -> str:
     # The last digits of computed numbers depend on the processor.
     text = re.sub(r"\d+\.\d+(e[-+]\d+)?", lambda found: f"{float(found[0]):.9g}", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def notebook_progress() -> Progress | None:
+    """What shows progress below the cell that runs; None outside of notebooks."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    return _notebook_lines() if getattr(shell, "kernel", None) else None
+
+
+def _notebook_lines() -> Progress:
+    """A line for each name, replaced as it goes on, five times a second."""
+    lines: dict[str, str] = {}
+    shown_at, handle = float("-inf"), None
+
+    def show(name: str, step: str, done: float) -> None:
+        nonlocal shown_at, handle
+        lines[name] = f"{name}: {step} {100.0 * done:.0f} %"
+        if done < 1.0 and time.monotonic() - shown_at < 0.2:
+            return
+        shown_at = time.monotonic()
+        from IPython.display import display
+
+        shown = {"text/plain": "\n".join(lines.values())}
+        if handle is None:
+            handle = display(shown, raw=True, display_id=True)
+        else:
+            handle.update(shown, raw=True)
+
+    return show

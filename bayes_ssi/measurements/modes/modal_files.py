@@ -33,9 +33,10 @@ are relative to the file's directory.
 import csv
 import io
 import json
+import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
-from bayes_ssi.foundations.universal_files import begins_universal
+from bayes_ssi.foundations.universal_files import begins_universal, read_data_sets
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
 from bayes_ssi.measurements.modes.identified_mode import (
     RESERVED_NAMES,
@@ -54,7 +55,6 @@ from bayes_ssi.measurements.modes.identified_mode import (
     of_modes,
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.modes.modal_tools import read_modal_uff
 from bayes_ssi.measurements.modes.table_spellings import (
     Line,
     columns_of,
@@ -99,7 +99,7 @@ def read_modal_data(
             raise ValueError(
                 f"{path}: give band_hz (--band); a universal file does not state the band"
             )
-        return read_modal_uff(path, band_hz)
+        return _read_universal(path, band_hz)
     lines = _split(path, sheet)
     table = upright([line for line in lines if line.cells[0][:1] != "#"])
     if not table:
@@ -341,3 +341,60 @@ def _covariance_of(
             )
         places.append(i)
     return of_modes(matrix, places, m, n)
+
+
+DATA_OF_AXES = {"x": "r1", "y": "r2", "z": "r3"}
+# Of data sets 55, data at nodes: the analysis types that are modes.
+ANALYSIS_TYPES = {2: "normal", 3: "complex", 7: "complex, second order"}
+
+
+def _read_universal(path: Path, band_hz: Sequence[float]) -> ModalData:
+    """Read the modes of a universal file.
+
+    Returns:
+        Modes labelled 1, 2, … in ascending order of frequency. A complex mode's frequency is
+        |λ|/2π and its damping -Re λ/|λ|, λ being its eigenvalue in rad/s.
+    """
+    sets = read_data_sets(path, 55)
+    sets = [s for s in sets if s["analysis_type"] in ANALYSIS_TYPES]
+    if not sets:
+        raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
+    modes = sorted((*_frequency_and_damping(s), i) for i, s in enumerate(sets))
+    frequencies, dampings, order = (np.array(column) for column in zip(*modes, strict=True))
+    named = moving_sensors(sets)
+    components = [[_component_at(sets[i], *place) for i in order] for place in named.values()]
+    try:
+        return ModalData.from_arrays(
+            frequencies,
+            np.reshape(components, (len(named), len(sets))),
+            band_hz,
+            tuple(named),
+            path.name,
+            damping=np.where((dampings > 0.0) & (dampings < 1.0), dampings, np.nan),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _frequency_and_damping(one: Mapping[str, Any]) -> tuple[float, float]:
+    if ANALYSIS_TYPES[one["analysis_type"]] == "normal":
+        return float(one["freq"]), float(one.get("modal_damp_vis", 0.0))
+    size = abs(one["eig"])
+    return float(size / (2.0 * math.pi)), float(-np.real(one["eig"]) / size) if size else 0.0
+
+
+def moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
+    """All nodes and directions in which some mode moves."""
+    moving = {
+        (int(node), direction)
+        for one in sets
+        for direction, key in DATA_OF_AXES.items()
+        for node in np.asarray(one["node_nums"])[np.asarray(one[key]) != 0]
+    }
+    return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
+
+
+def _component_at(one: Mapping[str, Any], node: int, direction: str) -> complex:
+    """The component of one mode; NaN where it was not measured."""
+    at = np.flatnonzero(np.asarray(one["node_nums"]) == node)
+    return one[DATA_OF_AXES[direction]][at[0]] if len(at) else np.nan
