@@ -7,10 +7,10 @@ import bayes_ssi.results.answer as _answer  # noqa: F401 - puts results into wor
 import bayes_ssi.results.identification_answer as _identification_answer  # noqa: F401
 import bayes_ssi.results.plan_answer as _plan_answer  # noqa: F401
 from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
-from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
-from bayes_ssi.inference.calibration.modal_sensitivities import (
+from bayes_ssi.inference.calibration.calibration import (
     modal_sensitivities as modal_sensitivities,
 )
+from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
 from bayes_ssi.inference.likelihood.error_model import ErrorModel as ErrorModel
 from bayes_ssi.inference.likelihood.error_model import IdentificationModel as IdentificationModel
 from bayes_ssi.inference.model_class.configuration import Configuration as Configuration
@@ -29,14 +29,14 @@ from bayes_ssi.measurements.records.modal_identification import identify as iden
 from bayes_ssi.measurements.records.record import Record as Record
 from bayes_ssi.measurements.records.record_files import read_ground_motion as read_ground_motion
 from bayes_ssi.measurements.records.record_files import read_record as read_record
-from bayes_ssi.parameters.families import HalfNormal as HalfNormal
-from bayes_ssi.parameters.families import LogNormal as LogNormal
-from bayes_ssi.parameters.families import LogUniform as LogUniform
-from bayes_ssi.parameters.families import NearOne as NearOne
-from bayes_ssi.parameters.families import Normal as Normal
-from bayes_ssi.parameters.families import TruncatedNormal as TruncatedNormal
-from bayes_ssi.parameters.families import Uniform as Uniform
 from bayes_ssi.parameters.parameters import Parameter as Parameter
+from bayes_ssi.parameters.priors import HalfNormal as HalfNormal
+from bayes_ssi.parameters.priors import LogNormal as LogNormal
+from bayes_ssi.parameters.priors import LogUniform as LogUniform
+from bayes_ssi.parameters.priors import NearOne as NearOne
+from bayes_ssi.parameters.priors import Normal as Normal
+from bayes_ssi.parameters.priors import TruncatedNormal as TruncatedNormal
+from bayes_ssi.parameters.priors import Uniform as Uniform
 from bayes_ssi.report.write import write_report as write_report
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy as Hierarchy
 from bayes_ssi.results.hierarchy.hierarchy_record import load_hierarchy as load_hierarchy

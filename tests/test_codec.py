@@ -12,7 +12,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 
 
 class Estimate(NamedTuple):

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.parameters.families import HalfNormal, LogNormal, Normal, Uniform
 from bayes_ssi.parameters.parameters import (
     Parameter,
     ProductTable,
@@ -13,6 +12,7 @@ from bayes_ssi.parameters.parameters import (
     collect_parameters,
     positive_product,
 )
+from bayes_ssi.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 
 a = Parameter("a", LogNormal(2.0, 0.3))
 b = Parameter("b", LogNormal(3.0, 0.3))

@@ -97,12 +97,12 @@ def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibratio
 
 
 def _show(group: list[Calibration]) -> None:
-    from bayes_ssi.report.tables import calibration_tables
+    from bayes_ssi.report.tables import mode_tables
 
     calibration, *others = group
-    terminal.show(calibration_tables.calibration_table(calibration, [each.name for each in others]))
-    terminal.show(calibration_tables.calibration_modes_table(calibration))
-    table = calibration_tables.standard_errors_table(calibration)
+    terminal.show(mode_tables.calibration_table(calibration, [each.name for each in others]))
+    terminal.show(mode_tables.calibration_modes_table(calibration))
+    table = mode_tables.standard_errors_table(calibration)
     if table is not None:
         terminal.show(table)
     if calibration.errors_are_correlated and table:
@@ -157,8 +157,8 @@ def sensitivities(study: Path, names: tuple[str, ...]) -> None:
     At the prior medians. A set of parameters to update is proposed: those of which the data say
     more than the prior does, beside one another.
     """
-    from bayes_ssi.inference.calibration.modal_sensitivities import modal_sensitivities
-    from bayes_ssi.report.tables.calibration_tables import sensitivities_table
+    from bayes_ssi.inference.calibration.calibration import modal_sensitivities
+    from bayes_ssi.report.tables.mode_tables import sensitivities_table
     from bayes_ssi.results.wording import listed
 
     found = _of_each(options.load(study, names).model_classes, modal_sensitivities)

@@ -57,7 +57,7 @@ def changes(
     the probability of a change, of each place, the size with its interval, and the smallest loss
     that the tests would have shown.
     """
-    from bayes_ssi.parameters.families import Uniform
+    from bayes_ssi.parameters.priors import Uniform
     from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
     from bayes_ssi.studies.changes.change_search import change_findings
     from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes

@@ -44,7 +44,7 @@ def hierarchy(
     covariate, or both. Nothing is sampled again: the posteriors are those stored.
     """
     from bayes_ssi.inference.workers.run import Run
-    from bayes_ssi.parameters.families import HalfNormal, Normal
+    from bayes_ssi.parameters.priors import HalfNormal, Normal
     from bayes_ssi.plots.class_plots import plot_population
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
     from bayes_ssi.report.tables.prediction_tables import (

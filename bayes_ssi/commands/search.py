@@ -46,7 +46,7 @@ def search(
     get approximate evidences; those on which the answer rests are sampled. Workers take whole
     hypotheses.
     """
-    from bayes_ssi.parameters.families import LogUniform
+    from bayes_ssi.parameters.priors import LogUniform
     from bayes_ssi.studies.appendages.appendage_search import appendage_findings
     from bayes_ssi.studies.appendages.baselines import choose_baselines
     from bayes_ssi.studies.appendages.candidates import SearchSettings, read_candidates

@@ -44,7 +44,7 @@ def what_if(
     again. It is also 3 where the most probable class does not explain the data after the change,
     and where a failed check of the data was not accepted when RESULT was saved.
     """
-    from bayes_ssi.parameters.families import prior_from_text
+    from bayes_ssi.parameters.priors import prior_from_text
     from bayes_ssi.report.tables import ranking_tables
     from bayes_ssi.results.stored_result import load_result
     from bayes_ssi.results.stored_what_if import what_if as ask

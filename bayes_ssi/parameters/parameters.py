@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import require_printable
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 
 # Largest prior probability of a value at or below zero in a field that must be positive: about one
 # of the likelihood evaluations of a run.

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from bayes_ssi.plots import figure_style as look
-from bayes_ssi.plots.space import axes_in_space, longest_side
+from bayes_ssi.plots.moving_shapes import axes_in_space, longest_side
 from bayes_ssi.studies.appendages.hidden_cases import BlindSpots
 from bayes_ssi.studies.planning.plan_record import Plan
 from bayes_ssi.studies.ranking.comparison import probability_text

@@ -33,7 +33,7 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
-from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.ranking.comparison import BARE_MENTION, RankedClass
 from bayes_ssi.studies.ranking.study import Ranking, averaged_parameters
 from bayes_ssi.studies.search.findings import SearchResult

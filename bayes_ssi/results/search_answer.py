@@ -12,8 +12,8 @@ from bayes_ssi.results.wording import (
     quantity,
     shortened,
 )
+from bayes_ssi.studies.appendages.appendage_search import MatchedAppendage, SearchRecord
 from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace
-from bayes_ssi.studies.appendages.search_result import MatchedAppendage, SearchRecord
 from bayes_ssi.studies.changes.change_search import ChangeRecord
 from bayes_ssi.studies.changes.changes_family import moved_alike
 from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, ElementPlace, SomethingElse

@@ -25,7 +25,7 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_data, write_modal_data
 from bayes_ssi.results import result_files
 from bayes_ssi.results.draws import load_draws, save_draws
-from bayes_ssi.studies.appendages import search_result  # noqa: F401 - kinds of FamilyRecord
+from bayes_ssi.studies.appendages import appendage_search  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
 from bayes_ssi.studies.ranking.study import (

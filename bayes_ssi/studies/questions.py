@@ -13,10 +13,9 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.structures.geometry import Candidate
-from bayes_ssi.studies.appendages.appendage_search import appendage_findings
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord, appendage_findings
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
-from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.changes.change_search import ChangeRecord, change_findings
 from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes

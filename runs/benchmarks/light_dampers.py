@@ -25,8 +25,8 @@ import numpy as np
 from simulated import IdentificationErrors, simulate
 
 import bayes_ssi as bs
+from bayes_ssi.studies.appendages.appendage_search import credible
 from bayes_ssi.studies.appendages.candidates import places_of
-from bayes_ssi.studies.appendages.search_result import credible
 
 POINTS, LENGTH, MASS, RIGIDITY = 9, 10.0, 100.0, 2.0e6
 LABELS = tuple(f"point {i}" for i in range(1, POINTS + 1))

@@ -45,7 +45,7 @@ from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.refinement import with_exact_structures
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.appendages.baselines import (
     choose_baselines,
     frequency_name,

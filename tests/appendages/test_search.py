@@ -23,9 +23,9 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace, SearchSettings
-from bayes_ssi.studies.appendages.search_result import SearchRecord
 from bayes_ssi.studies.questions import search
 
 

@@ -22,7 +22,7 @@ from bayes_ssi.report.tables.search_tables import (
     several_table,
 )
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.comparison import probability_text
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.parameters.families import LogNormal, Normal, Uniform
 from bayes_ssi.parameters.parameters import Parameter
+from bayes_ssi.parameters.priors import LogNormal, Normal, Uniform
 
 
 def test_defaults():

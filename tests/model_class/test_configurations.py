@@ -14,7 +14,7 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.inference.criticism.misfit import edges
-from bayes_ssi.report.tables.calibration_tables import calibration_modes_table
+from bayes_ssi.report.tables.mode_tables import calibration_modes_table
 from bayes_ssi.report.tables.ranking_tables import pairing_notes
 from bayes_ssi.results.stored_result import load_result, save_result
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.space import axes_in_space, numbered, outline
+from bayes_ssi.plots.moving_shapes import axes_in_space, numbered, outline
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import geometry_of_deck
 
 

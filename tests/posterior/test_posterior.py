@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import norm
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import at_draws
-from bayes_ssi.inference.posterior_sampling.sample import _noise, most_evidence
+from bayes_ssi.inference.posterior_sampling.sample import _noise
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
@@ -96,35 +95,6 @@ def test_the_other_fields_of_a_posterior(posterior):
     (region,) = posterior.regions
     assert region.share == 1.0
     assert region.mean == pytest.approx((posterior.summary[0].mean,))
-
-
-# At the identified frequency: one spurious mode in ten tests, and 95 % of all modes identified.
-LOG_GREATEST = -0.1 + math.log(0.95) - math.log(1.1 * 0.05 * math.sqrt(2.0 * math.pi))
-
-
-def test_what_an_unseen_region_can_hold(posterior):
-    expected = LOG_GREATEST + math.log(posterior.largest_unseen_mass)
-    assert posterior.most_unseen_evidence == pytest.approx(expected, abs=1e-9)
-
-
-def test_what_an_unseen_region_can_hold_where_the_error_is_inferred():
-    """That of the smallest errors: E[1/σ; σ below its quantile p] of a log-normal variable."""
-    error = bs.Parameter("error", bs.LogNormal(0.05, 1.0))
-    s, p = math.sqrt(math.log(2.0)), 0.01
-    expected = LOG_GREATEST + 0.5 * s**2 + norm.logcdf(norm.ppf(p) + s)
-    assert most_evidence(one_mass(error=error), p) == pytest.approx(expected, abs=0.1)
-
-
-def test_what_an_unseen_region_can_hold_is_not_known_of_an_inferred_pairing_or_correlated_errors():
-    model_class = one_mass()
-    assert most_evidence(model_class.with_any_pairing("any"), 0.01) is None
-    correlated = bs.ErrorModel(0.05, 0.05, between_modes=0.5)
-    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
-    building = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k, STIFFNESS))
-    modes = bs.IdentifiedMode("1", 0.6), bs.IdentifiedMode("2", 1.6)
-    data, pairing = bs.ModalData(modes, band_hz=(0.0, 3.0)), {"1": 1, "2": 2}
-    two = bs.ModelClass("two masses", building, data, correlated, pairing=pairing)
-    assert most_evidence(two, 0.01) is None
 
 
 def test_the_result_follows_from_seed_and_name():

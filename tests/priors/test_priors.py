@@ -7,17 +7,18 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.parameters.families import (
+from bayes_ssi.parameters.priors import (
     HalfNormal,
     LogNormal,
     LogUniform,
     NearOne,
     Normal,
+    Prior,
     TruncatedNormal,
     Uniform,
+    Widened,
     prior_from_text,
 )
-from bayes_ssi.parameters.prior import Prior, Widened
 
 LOG_SD_03 = math.sqrt(math.log(1.09))
 

@@ -117,19 +117,9 @@ def test_a_class_that_only_prior_weights_hold_down(make_posterior):
     assert comparison.classes[1].against == "prior probability only"
 
 
-def test_what_an_unseen_region_can_do_to_a_ranking(make_posterior):
-    """0.075 % of the prior at most: the best rises by ln(1 + e^(17.7 - 16)) nats."""
-    best = make_posterior("3", 16.0, most_unseen_evidence=17.7)
-    others = [make_posterior(f"1-{i}", 0.0, most_unseen_evidence=15.9 + 0.2 * i) for i in (0, 1)]
-    words = bs.compare([best, *others]).unseen
+def test_what_an_unseen_region_can_be(make_posterior):
+    words = bs.compare([make_posterior("3", 16.0), make_posterior("1-a", 0.0)]).unseen
     assert "another solution that fills less than 0.075 % of the prior" in words
-    assert words.endswith(
-        "the log evidence of the best class would rise by 1.9 nats at most, and 1 of 2 other "
-        "classes would reach it."
-    )
-    assert math.log1p(math.exp(1.7)) == pytest.approx(1.9, abs=0.05)
-    unknown = bs.compare([best, make_posterior("1-a", 0.0)]).unseen
-    assert unknown.endswith("of a class's parameters, if no search was led to it.")
 
 
 def test_one_class_alone(make_posterior):

@@ -10,8 +10,7 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.posterior import known_at_draws
 from bayes_ssi.studies.ranking.variations import (
-    SampledClasses,
-    Variation,
+    reweighted,
     with_missed,
     with_spurious,
     with_wider_priors,
@@ -29,7 +28,6 @@ def known(tiny_ranking):
 @pytest.fixture(scope="module")
 def answers(tiny_ranking, known):
     """Name of a variation → model class → what its draws say."""
-    sampled = SampledClasses({p.name: p for p in tiny_ranking.posteriors}, known)
     changes = {}
     for times, factor in (("× 2", 2.0), ("× ½", 0.5)):
         changes[f"missed modes {times}"] = partial(with_missed, factor)
@@ -38,7 +36,11 @@ def answers(tiny_ranking, known):
         for name, size in SIZES.items():
             changed = bs.ChangedSettings(**{name: factor * size})
             changes[f"{name} {times}"] = changed.applied_to
-    return {name: sampled.varied(Variation(name, change)) for name, change in changes.items()}
+    posteriors = tiny_ranking.posteriors
+    return {
+        name: {p.name: reweighted(p, known[p.name], change(known[p.name])) for p in posteriors}
+        for name, change in changes.items()
+    }
 
 
 def test_missed_modes(answers, tiny_ranking):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import bayes_ssi as bs
-from bayes_ssi.report.sensor_agreement import auto_mac, co_mac
+from bayes_ssi.report.page_content import auto_mac, co_mac
 from bayes_ssi.structures.modal import comac
 
 

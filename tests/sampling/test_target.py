@@ -12,7 +12,7 @@ from bayes_ssi.inference.sampling.target import (
     log_standard_normal,
 )
 from bayes_ssi.inference.workers.journal import Journal
-from bayes_ssi.parameters.families import LogNormal
+from bayes_ssi.parameters.priors import LogNormal
 
 
 class Fragile:

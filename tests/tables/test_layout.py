@@ -4,13 +4,13 @@ import pytest
 from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
-from bayes_ssi.report.tables.calibration_tables import (
+from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.report.tables.mode_tables import (
     calibration_modes_table,
     calibration_table,
+    modes_table,
     standard_errors_table,
 )
-from bayes_ssi.report.tables.layout import add_row, new_table
-from bayes_ssi.report.tables.mode_tables import modes_table
 from bayes_ssi.report.tables.ranking_tables import (
     averages_table,
     evidence_table,

@@ -13,8 +13,11 @@ import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
 from bayes_ssi.inference.posterior.posterior import Region
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.report.tables.calibration_tables import calibration_modes_table, calibration_table
-from bayes_ssi.report.tables.mode_tables import modes_table
+from bayes_ssi.report.tables.mode_tables import (
+    calibration_modes_table,
+    calibration_table,
+    modes_table,
+)
 from bayes_ssi.report.tables.ranking_tables import (
     changed_parameters_table,
     comparison_notes,

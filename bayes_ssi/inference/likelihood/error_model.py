@@ -8,7 +8,6 @@ import numpy as np
 from scipy.special import ndtr
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.families import LogNormal
 from bayes_ssi.parameters.parameters import (
     Parameter,
     Product,
@@ -17,6 +16,7 @@ from bayes_ssi.parameters.parameters import (
     fraction_product,
     positive_product,
 )
+from bayes_ssi.parameters.priors import LogNormal
 
 # Sizes of errors that are not given.
 FREQUENCY_COV = Parameter("frequency_cov", LogNormal(median=0.01, cov=1.0))

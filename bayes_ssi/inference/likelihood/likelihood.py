@@ -174,16 +174,6 @@ class ModalLikelihood:
                 self._unpaired_data,
             )
 
-    def greatest(self, values: FloatArray) -> FloatArray:
-        """The log-likelihood (B,) of a model that agrees with all pairs and has no other mode."""
-        frequencies = np.ones((len(values), self.structure.n_modes))
-        frequencies[:, self.pairs.model_modes] = self.pairs.frequencies_hz
-        distances = np.zeros((len(values), len(self.pairs.with_shape)))
-        none = np.zeros((len(values), 0, 0, 0))
-        compared = ComparedModes(frequencies, distances, distances, distances, none)
-        terms = self.terms(values, compared)
-        return terms._replace(missed=terms.missed[:, :0]).total()
-
     @property
     def datum_names(self) -> tuple[str, ...]:
         """The columns of :meth:`log_likelihoods`."""

@@ -10,7 +10,7 @@ from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import Parameter, Product
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.structures.structure import Structure
 
 # Length of a few lines of a report; longer fields are cut.

@@ -24,7 +24,7 @@ from bayes_ssi.inference.model_class.configuration import (
 )
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Parameter, checked_values, collect_parameters, values_at
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 

@@ -129,8 +129,6 @@ class Posterior(Displayed):
         largest_unseen_mass: prior mass of a region that no prior draw of the searches hit with a
             probability of 5 %, as in
             :attr:`~bayes_ssi.inference.sampling.multistart.MultistartSearch.largest_unseen_mass`.
-        most_unseen_evidence: the most log evidence that such a region can hold: that of data which
-            agree exactly throughout; None where the pairing is inferred or errors are correlated.
         seconds: wall-clock time.
         failed_checks: what should have agreed and did not, a sentence each.
         edges: settings at whose edge most of it lies, so that it depends on them.
@@ -189,7 +187,6 @@ class Posterior(Displayed):
     remarks: tuple[str, ...] = ()
     frequency_error: float = 0.0
     emulators: tuple[Any, ...] = ()
-    most_unseen_evidence: float | None = None
     importance_draws: Mapping[str, Any] | None = None
 
     @property

@@ -6,14 +6,12 @@ parameter values, modes and checks.
 """
 
 import hashlib
-import math
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
 
 import numpy as np
-from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
@@ -54,10 +52,6 @@ from bayes_ssi.structures.structure import Structure
 # More noise of a model than this, in nats, is not small beside the errors: of standard
 # deviation s, it raises an evidence by s²/2, half of the wanted error.
 MOST_NOISE = 0.1
-
-
-# Of which some dozen have the smallest errors that count, which determine a bound to 0.2 nats.
-DRAWS_OF_ERRORS = 40_000
 
 
 @checked
@@ -253,7 +247,6 @@ def sample_as_it_is(
             rng,
         ),
         adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
-        most_unseen_evidence=most_evidence(model_class, sampled.search.largest_unseen_mass),
         importance_draws=sampled.importance.arrays,
     )
 
@@ -300,22 +293,6 @@ def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed:
     chosen = evenly_spaced_indices(len(values), N_DRAWS)
     modes = model.rows(chosen).modes
     return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
-
-
-def most_evidence(model_class: ModelClass, prior_mass: float) -> float | None:
-    """The most log evidence that a part of the prior can hold, in which all data agree exactly.
-
-    With error sizes that are inferred, a part in which these are small. None where no greatest
-    likelihood is known: the pairing is inferred, or errors are correlated.
-    """
-    given = all(likelihood.pairing_is_given for likelihood in model_class.likelihoods)
-    if not given or model_class.correlated_errors.groups:
-        return None
-    z = np.random.default_rng(0).standard_normal((DRAWS_OF_ERRORS, len(model_class.parameters)))
-    parts = model_class.parts(model_class.values(z))
-    greatest = np.sum([likelihood.greatest(own) for _, likelihood, own in parts], axis=0)
-    highest = np.sort(greatest)[-math.ceil(prior_mass * len(z)) :]
-    return float(logsumexp(highest)) + math.log(prior_mass / len(highest))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:

@@ -1,13 +1,16 @@
-"""Identified modes: as they were read, by every method, and merged."""
+"""Modes as they were read, by every method, merged, and before and after calibrations."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
+from bayes_ssi.inference.calibration.calibration import Calibration, ModalSensitivities
+from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.report.tables.layout import add_row, new_table, number, percent
+from bayes_ssi.report.tables.layout import MOST_COLUMNS, add_row, digits, new_table, number, percent
 from bayes_ssi.structures.modal import mac
 
 # Of each mode by one method, with standard deviations.
@@ -74,3 +77,73 @@ def merged_table(merged: MergedModes) -> Table:
         for row, mode in zip(merged.modes, merged.data.modes, strict=True)
     ]
     return new_table(merged.data.source, ["mode"], headings, rows)
+
+
+def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
+    """Every distinct minimum: parameter values, objective and distance.
+
+    A few parameters are columns; many are rows, and the best minima are columns.
+    """
+    names = (*calibration.parameter_names, "f_ob (%)", "d (%)")
+    fits = {"before": calibration.before}
+    fits |= {str(i): fit for i, fit in enumerate(calibration.minima, 1)}
+    cells = [
+        (label, *digits(*fit.values), f"{100 * fit.objective:.3f}", f"{100 * fit.distance:.1f}")
+        for label, fit in fits.items()
+    ]
+    what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
+    classes = ", ".join(map(repr, (calibration.name, *same)))
+    weight = f", λ = {calibration.shape_weight:g}" * calibration.has_shapes
+    title = f"{what} of {classes}{weight}"
+    if len(names) <= MOST_COLUMNS:
+        return new_table(title, [""], names, cells)
+    shown = cells[:MOST_COLUMNS]
+    if len(shown) < len(cells):
+        title += f": the best {len(shown) - 1} of {len(calibration.minima)}"
+    headings, *rows = zip(("", *names), *shown, strict=True)
+    return new_table(title, headings[:1], headings[1:], rows)
+
+
+def calibration_modes_table(calibration: Calibration) -> Table:
+    headings = ["model mode", "identified Hz", "before Hz", "after Hz"]
+    macs = ["MAC before", "MAC after"] if calibration.has_shapes else []
+    rows = [
+        (
+            label_in(after.configuration, after.label),
+            str(before.model_mode),
+            *digits(before.identified_hz, before.model_hz, after.model_hz),
+            *(number(fit.mac, ".4f") for fit in (before, after) if macs),
+        )
+        for before, after in zip(calibration.before.modes, calibration.best.modes, strict=True)
+    ]
+    return new_table(f"Modes of {calibration.name!r}", ["mode"], [*headings, *macs], rows)
+
+
+def standard_errors_table(calibration: Calibration) -> Table | None:
+    """Each parameter by itself; None where the data determine all, and the prior has no part."""
+    if calibration.determines_all and not calibration.with_prior:
+        return None
+    source = "data and prior" if calibration.with_prior else "the data alone"
+    of_each = zip(calibration.best.values, calibration.standard_errors, strict=True)
+    rows = [
+        (name, f"{value:.4g}", "not determined" if math.isinf(error) else f"{error:.2g}")
+        for name, (value, error) in zip(calibration.parameter_names, of_each, strict=True)
+    ]
+    return new_table(
+        f"Parameters one by one, from {source}", [""], ["value", "standard error"], rows
+    )
+
+
+def sensitivities_table(sensitivities: ModalSensitivities) -> Table:
+    """Of every paired mode to every parameter: of its frequency, and of its shape in brackets."""
+    seen = bool((sensitivities.of_shapes >= 0.005).any())  # not zero to the digits shown
+    of = "frequency" + " (of unit shape)" * seen
+    title = f"Sensitivities of {sensitivities.name!r}: percent of {of} per percent"
+    rows = []
+    # Zero has no sign.
+    of_frequencies = (sensitivities.of_frequencies.round(2) + 0.0).tolist()
+    of_shapes = sensitivities.of_shapes.tolist()
+    for mode, *of_one in zip(sensitivities.modes, of_frequencies, of_shapes, strict=True):
+        pairs = zip(*of_one, strict=True)
+        rows.append([mode, *(f"{f:+.2f}" + f" ({s:.2f})" * seen for f, s in pairs)])
+    return new_table(title, ["mode"], sensitivities.parameters, rows)

@@ -9,7 +9,7 @@ from bayes_ssi.foundations.displayed import columns, counted
 from bayes_ssi.report.tables import layout
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.results.wording import quantity
-from bayes_ssi.studies.appendages.search_result import SearchRecord
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison, probability_text
 from bayes_ssi.studies.search.findings import FamilyRecord
 

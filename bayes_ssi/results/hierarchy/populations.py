@@ -26,9 +26,8 @@ from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.importance import LARGEST_WEIGHT
 from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
-from bayes_ssi.parameters.families import HalfNormal, Normal
 from bayes_ssi.parameters.parameters import Parameter, values_at
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import HalfNormal, Normal, Prior
 from bayes_ssi.results.hierarchy.likelihood_fit import GaussianSum, LikelihoodFit, fit_likelihood
 
 # Of a population's parameters, at which the draws of the tests are asked, and which are kept:

@@ -12,9 +12,8 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.parameters.families import LogUniform, Uniform
 from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import LogUniform, Prior, Uniform
 from bayes_ssi.structures.changed_structure import FurtherMode
 from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.parameters.families import LogUniform
 from bayes_ssi.parameters.parameters import Value
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import LogUniform, Prior
 from bayes_ssi.structures.elements import Element, OutOfPlaneInfill, Pendulum
 from bayes_ssi.structures.geometry import Candidate, Place, Point, motion_of, place_name
 from bayes_ssi.structures.structure import Structure

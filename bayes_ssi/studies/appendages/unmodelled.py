@@ -24,7 +24,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.parameters.families import LogUniform
+from bayes_ssi.parameters.priors import LogUniform
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, frequency_prior
 from bayes_ssi.studies.appendages.candidates import (
     FREQUENCIES_NEAR,

@@ -14,9 +14,8 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     is_approximate,
     requirements,
 )
-from bayes_ssi.parameters.families import LogUniform, NearOne, TruncatedNormal, Uniform
 from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import LogUniform, NearOne, Prior, TruncatedNormal, Uniform
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.structures.structure import Requirement, Structure
 from bayes_ssi.studies.appendages.baselines import MassScale, scale_of

@@ -8,9 +8,8 @@ from typing import ClassVar
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.inference.model_class.configuration import Configuration
-from bayes_ssi.parameters.families import LogUniform, TruncatedNormal, Uniform
 from bayes_ssi.parameters.parameters import Parameter
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import LogUniform, Prior, TruncatedNormal, Uniform
 from bayes_ssi.structures.elements import AddedMass, Element, Pendulum
 from bayes_ssi.structures.geometry import SinglePlace
 from bayes_ssi.structures.structure import Structure

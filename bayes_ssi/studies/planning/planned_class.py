@@ -26,7 +26,7 @@ from bayes_ssi.parameters.parameters import (
     collect_parameters,
     values_at,
 )
-from bayes_ssi.parameters.prior import log_standard_normal_density
+from bayes_ssi.parameters.priors import log_standard_normal_density
 from bayes_ssi.structures.geometry import Candidate, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Requirement, Structure

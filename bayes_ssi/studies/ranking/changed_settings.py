@@ -20,7 +20,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.ranking.comparison import (
     can_matter,
     checked_weights,
@@ -28,9 +28,8 @@ from bayes_ssi.studies.ranking.comparison import (
 )
 from bayes_ssi.studies.ranking.variations import (
     ParameterSpread,
-    SampledClasses,
-    Variation,
     Varied,
+    reweighted,
     spreads_as_sampled,
     with_bands,
     with_priors,
@@ -244,7 +243,10 @@ def with_changed_settings(
     settings.check([known[name] for name in names])
     before = checked_weights(names, prior_weights)
     after = checked_weights(names, {**before, **settings.prior_weights})
-    answers = SampledClasses(by_name, known).varied(Variation("", settings.applied_to))
+    answers = {
+        name: reweighted(posterior, known[name], settings.applied_to(known[name]))
+        for name, posterior in by_name.items()
+    }
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
     log_evidences = {name: each.log_evidence.log_evidence for name, each in answers.items()}
     estimated = class_probabilities(log_evidences, after)

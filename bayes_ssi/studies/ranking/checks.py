@@ -35,10 +35,11 @@ from bayes_ssi.studies.ranking.comparison import (
 from bayes_ssi.studies.ranking.diagnosis import with_hints
 from bayes_ssi.studies.ranking.study import Ranking, Study
 from bayes_ssi.studies.ranking.variations import (
-    SampledClasses,
     Variation,
     Varied,
     reaches_bound,
+    reweighted,
+    sampled_again,
     spreads_as_sampled,
     with_bands,
     with_missed,
@@ -86,7 +87,7 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
     classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
     relevant = [row.name for row in comparison.classes if row.probability >= NEGLIGIBLE]
     known = {name: known_at_draws(classes[name], by_name[name]) for name in relevant}
-    study = _MovableStudy(comparison, SampledClasses(by_name, known, classes, sample))
+    study = _MovableStudy(comparison, by_name, known, classes, sample)
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
         yield from (study.at_edge(edge, row) for edge in by_name[row.name].edges)
@@ -125,7 +126,11 @@ class _MovableStudy:
     """A comparison that can be made again with a setting moved."""
 
     comparison: Comparison
-    sampled: SampledClasses
+    posteriors: Mapping[str, Posterior]  # of the classes, by their names
+    known: Mapping[str, ModelClass]  # with modes known at draws
+    classes: Mapping[str, ModelClass]  # as they were sampled
+    # How varied ones are sampled where draws do not cover them.
+    sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]]
     # By the name of a move, which says what is moved and how far: classes at one edge share them.
     answers: dict[str, dict[str, Varied]] = field(default_factory=dict)
 
@@ -133,7 +138,7 @@ class _MovableStudy:
         """What an edge at which the posterior of a class lies does to the ranking."""
         if unseen := self._hidden_beyond(edge, row.name):
             return Check("edge", f"{edge.statement}; {unseen}", model_class=row.name)
-        moves = _moves_of(edge, self.sampled.classes[row.name])
+        moves = _moves_of(edge, self.classes[row.name])
         return self.moved("edge", edge.statement, moves, row)
 
     def moved(self, kind: str, what: str, moves: Sequence[Variation], row: RankedClass) -> Check:
@@ -183,9 +188,9 @@ class _MovableStudy:
         """An effect that no draw can show, beyond the bound of a prior; empty where all can."""
         if edge.parameter is None:
             return ""
-        posterior = self.sampled.posteriors[name]
+        posterior = self.posteriors[name]
         column = posterior.parameter_names.index(edge.parameter)
-        bound = self.sampled.classes[name].parameters[column].prior.support[edge.end]
+        bound = self.classes[name].parameters[column].prior.support[edge.end]
         # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
         if bound == 0.0 or not reaches_bound(posterior.values[:, column], bound, edge.end):
             return ""
@@ -201,9 +206,15 @@ class _MovableStudy:
             row.name for row in self.comparison.classes if row.probability > PROBABILITY_MOVED
         }
         if move.name not in self.answers:
-            self.answers[move.name] = self.sampled.varied(
-                move, lambda one: bool(one.problem) and one.changed.name in probable
-            )
+            answers = {
+                name: reweighted(self.posteriors[name], known, move.change(known))
+                for name, known in self.known.items()
+            }
+            again = [name for name in answers if answers[name].problem and name in probable]
+            sampled = self.sample([move.change(self.classes[name]) for name in again])
+            for name, posterior in zip(again, sampled, strict=True):
+                answers[name] = sampled_again(answers[name], self.posteriors[name], posterior)
+            self.answers[move.name] = answers
         return self.answers[move.name]
 
     def _probabilities(self, answers: Mapping[str, Varied]) -> dict[str, float]:
@@ -220,8 +231,8 @@ class _MovableStudy:
     def _largest_shift(self, name: str, answer: Varied) -> tuple[float, str]:
         """The largest shift of a mean, in posterior standard deviations, and its parameter."""
         # Sizes of errors are no answer.
-        structural = self.sampled.classes[name].structural_parameters
-        before = spreads_as_sampled(self.sampled.posteriors[name])[: len(structural)]
+        structural = self.classes[name].structural_parameters
+        before = spreads_as_sampled(self.posteriors[name])[: len(structural)]
         shifts = [
             (abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0, old.name)
             for old, new in zip(before, answer.parameters, strict=False)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-import numpy as np
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.argument_types import checked, require_known
@@ -147,7 +146,7 @@ class Comparison(Displayed):
     # Failed checks that concern all classes: of the data, such as of how the modes were identified,
     # and why an appendage may be missing from all of them.
     common_checks: tuple[Check, ...] = ()
-    # Which regions the searches for maxima can have missed, and what these can hold; a sentence.
+    # Which regions the searches for maxima can have missed; a sentence.
     unseen: str = ""
 
     @property
@@ -265,29 +264,15 @@ def by_evidence(
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
     best = ranked[0]
     rows = [_row(each, best, priors[each.name], probabilities[each.name]) for each in ranked]
-    return Comparison(tuple(rows), ranked[0].data_digest, unseen=_unseen(ranked, weights))
+    return Comparison(tuple(rows), ranked[0].data_digest, unseen=_unseen(ranked))
 
 
-def _unseen(ranked: Sequence[Posterior], weights: Mapping[str, float]) -> str:
-    """How large a region no search may have seen, and what it can do to the ranking at most."""
-    share = 100.0 * max(each.largest_unseen_mass for each in ranked)
-    words = (
+def _unseen(posteriors: Sequence[Posterior]) -> str:
+    """How large a region no search may have seen."""
+    share = 100.0 * max(each.largest_unseen_mass for each in posteriors)
+    return (
         "Not excluded: another solution that fills less than "
         f"{share:.2g} % of the prior of a class's parameters, if no search was led to it."
-    )
-    masses, highest = [], []
-    for each in ranked:
-        if each.most_unseen_evidence is None:
-            return words
-        own, log_weight = each.evidence.log_evidence, math.log(weights[each.name])
-        masses.append(log_weight + own)
-        highest.append(log_weight + float(np.logaddexp(own, each.most_unseen_evidence)))
-    n_others = len(ranked) - 1
-    n_reaching = sum(mass >= masses[0] for mass in highest[1:])
-    return (
-        f"{words} Even if it fitted all data exactly, the log evidence of the best class would "
-        f"rise by {highest[0] - masses[0]:.2g} nats at most"
-        f"{f', and {n_reaching} of {n_others} other classes would reach it' if n_others else ''}."
     )
 
 

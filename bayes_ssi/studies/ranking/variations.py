@@ -9,8 +9,8 @@ varied class can be sampled.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +22,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 
 # Weights of no more than this multiple of the mean have no tail to judge.
 UNTAILED_WEIGHT = 3.0
@@ -96,32 +96,8 @@ class Varied:
         return _spreads(self.posterior, self.values, self.weights)
 
 
-@dataclass(frozen=True, eq=False)
-class SampledClasses:
-    """Model classes that were sampled, and can be varied, by their names."""
-
-    posteriors: Mapping[str, Posterior]
-    known: Mapping[str, ModelClass]  # with modes known at draws
-    # As they were sampled, and how varied ones are sampled where draws do not cover them.
-    classes: Mapping[str, ModelClass] = field(default_factory=dict)
-    sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]] = lambda _: ()
-
-    def varied(
-        self, variation: Variation, must_sample: Callable[[Varied], bool] = lambda _: False
-    ) -> dict[str, Varied]:
-        """Every class under a variation of anything but its structures."""
-        answers = {
-            name: reweighted(self.posteriors[name], known, variation.change(known))
-            for name, known in self.known.items()
-        }
-        again = [name for name, answer in answers.items() if must_sample(answer)]
-        sampled = self.sample([variation.change(self.classes[name]) for name in again])
-        for name, posterior in zip(again, sampled, strict=True):
-            answers[name] = _sampled_again(answers[name], self.posteriors[name], posterior)
-        return answers
-
-
-def _sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varied:
+def sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varied:
+    """The answer of the varied class's own posterior, ``again``."""
     old, new = before.evidence, again.evidence
     error = math.hypot(old.error, new.error)
     return Varied(

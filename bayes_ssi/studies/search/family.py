@@ -17,7 +17,7 @@ from bayes_ssi.inference.posterior_sampling.refinement import (
     more_accurate,
 )
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.parameters.prior import Prior
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.structures.geometry import Point, SinglePlace
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.ranking.study import Study

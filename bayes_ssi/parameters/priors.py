@@ -1,7 +1,8 @@
-"""The families of prior distributions that parameters may have, and their notation as text."""
+"""Prior distributions: what all have, the families, and their notation as text."""
 
 import math
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,118 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfcinv, erfinv, log_ndtr, ndtr, ndtri, ndtri_exp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.prior import (
-    Prior,
-    log_standard_normal_density,
-    require_finite,
-    require_ordered,
-    require_positive,
-)
+
+
+class Prior(ABC):
+    """A proper distribution of one parameter.
+
+    Subclasses give the map from a standard-normal coordinate to a value, its inverse and the
+    density; all else follows from these.
+    """
+
+    # Where a stored record names the family.
+    record_tag = "distribution"
+
+    @abstractmethod
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        """Values at standard-normal coordinates ``z`` (any shape)."""
+
+    @abstractmethod
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        """Standard-normal coordinates of ``value`` (any shape); the inverse of ``from_normal``."""
+
+    @abstractmethod
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        """Log density at ``value`` (any shape), per unit of the parameter; -inf outside it."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The lower and the upper bound of the values, which may be infinite."""
+        low, high = self.from_normal(np.array([-np.inf, np.inf])).tolist()
+        return low, high
+
+    def widened(self, factor: float) -> "Prior":
+        """This prior, ``factor`` times as wide in standard-normal coordinates.
+
+        The median and the support stay; every other quantile moves to where this prior has it
+        at ``factor`` times the standard-normal coordinate. A factor below one narrows.
+
+        Raises:
+            ValueError: ``factor`` is not positive and finite.
+        """
+        return Widened(self, factor)
+
+    def quantile(self, probability: float) -> float:
+        """The value below which the parameter lies with ``probability``."""
+        return float(self.from_normal(ndtri(probability)))
+
+    def probability_below(self, value: float) -> float:
+        """P(parameter <= ``value``)."""
+        low, high = self.from_normal(np.array([-40.0, 40.0]))
+        if value <= low:
+            return 0.0
+        if value >= high:
+            return 1.0
+        return float(ndtr(self.to_normal(value)))
+
+
+@dataclass(frozen=True)
+class Widened(Prior):
+    """Another prior, widened in standard-normal coordinates."""
+
+    prior: Prior
+    factor: float  # multiplies its standard-normal coordinates; below one, the prior is narrowed
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.prior, Prior):
+            raise TypeError(f"Widened: prior must be a prior distribution, got {self.prior!r}")
+        _require_positive(self, factor=self.factor)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return self.prior.from_normal(self.factor * np.asarray(z, dtype=float))
+
+    def to_normal(self, value: ArrayLike) -> FloatArray:
+        return self.prior.to_normal(value) / self.factor
+
+    def log_density(self, value: ArrayLike) -> FloatArray:
+        z = self.prior.to_normal(value)
+        # With φ the standard normal density, the prior's is φ(z) dz/dx, and this one's
+        # φ(z/factor) / factor · dz/dx. Outside the support both are zero.
+        with np.errstate(invalid="ignore"):
+            ratio = 0.5 * (z * z - (z / self.factor) ** 2) - math.log(self.factor)
+        inside = self.prior.log_density(value)
+        return np.where(
+            np.isneginf(inside), -np.inf, inside + np.where(np.isnan(ratio), 0.0, ratio)
+        )
+
+
+def log_standard_normal_density(z: ArrayLike) -> FloatArray:
+    """log φ(z) of one standard normal coordinate, elementwise."""
+    z = np.asarray(z, dtype=float)
+    return -0.5 * (z * z + math.log(2.0 * math.pi))
+
+
+def _require_finite(prior: Prior, **numbers: float) -> None:
+    for name, number in numbers.items():
+        if not isinstance(number, (int, float, np.number)) or not math.isfinite(number):
+            raise ValueError(
+                f"{type(prior).__name__}: {name} must be a finite number, got {number!r}"
+            )
+
+
+def _require_positive(prior: Prior, **numbers: float) -> None:
+    _require_finite(prior, **numbers)
+    for name, number in numbers.items():
+        if number <= 0:
+            raise ValueError(f"{type(prior).__name__}: {name} must be positive, got {number!r}")
+
+
+def _require_ordered(prior: Prior, lower: float, upper: float) -> None:
+    if not lower < upper:
+        raise ValueError(
+            f"{type(prior).__name__}: lower must be less than upper, "
+            f"got lower={lower!r}, upper={upper!r}"
+        )
 
 
 @dataclass(frozen=True)
@@ -37,8 +143,8 @@ class Normal(Prior):
     sd: float
 
     def __post_init__(self) -> None:
-        require_finite(self, mean=self.mean)
-        require_positive(self, sd=self.sd)
+        _require_finite(self, mean=self.mean)
+        _require_positive(self, sd=self.sd)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         return self.mean + self.sd * np.asarray(z, dtype=float)
@@ -69,7 +175,7 @@ class LogNormal(Prior):
     cov: float
 
     def __post_init__(self) -> None:
-        require_positive(self, median=self.median, cov=self.cov)
+        _require_positive(self, median=self.median, cov=self.cov)
 
     @property
     def log_sd(self) -> float:
@@ -109,8 +215,8 @@ class Uniform(Prior):
     upper: float
 
     def __post_init__(self) -> None:
-        require_finite(self, lower=self.lower, upper=self.upper)
-        require_ordered(self, self.lower, self.upper)
+        _require_finite(self, lower=self.lower, upper=self.upper)
+        _require_ordered(self, self.lower, self.upper)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         # Φ(z) rounds to 1 beyond z = 8, so the far half is measured from the upper bound.
@@ -146,8 +252,8 @@ class LogUniform(Prior):
     upper: float
 
     def __post_init__(self) -> None:
-        require_positive(self, lower=self.lower, upper=self.upper)
-        require_ordered(self, self.lower, self.upper)
+        _require_positive(self, lower=self.lower, upper=self.upper)
+        _require_ordered(self, self.lower, self.upper)
 
     @property
     def _exponent(self) -> Uniform:
@@ -182,8 +288,8 @@ class NearOne(Prior):
     least: float
 
     def __post_init__(self) -> None:
-        require_positive(self, least=self.least)
-        require_ordered(self, self.least, 1.0)
+        _require_positive(self, least=self.least)
+        _require_ordered(self, self.least, 1.0)
 
     @property
     def _distance(self) -> LogUniform:
@@ -220,11 +326,11 @@ class TruncatedNormal(Prior):
     upper: float = math.inf
 
     def __post_init__(self) -> None:
-        require_finite(self, mean=self.mean)
-        require_positive(self, sd=self.sd)
+        _require_finite(self, mean=self.mean)
+        _require_positive(self, sd=self.sd)
         if math.isnan(self.lower) or math.isnan(self.upper):
             raise ValueError(f"TruncatedNormal: bounds must be numbers, got {self!r}")
-        require_ordered(self, self.lower, self.upper)
+        _require_ordered(self, self.lower, self.upper)
         if self._log_mass < -690:  # exp(-690) is the smallest probability a float holds
             raise ValueError(
                 f"TruncatedNormal: [{self.lower!r}, {self.upper!r}] holds no probability of a "
@@ -285,7 +391,7 @@ class HalfNormal(Prior):
     scale: float
 
     def __post_init__(self) -> None:
-        require_positive(self, scale=self.scale)
+        _require_positive(self, scale=self.scale)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         z = np.asarray(z, dtype=float)
