@@ -39,12 +39,11 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
         "no appendage",
         "naive mean",
         "Appendages by place, averaged over all hypotheses",
-        f"Saved in {out}, with 4 figures.",
+        f"Saved in {out}. Everything, with figures, on one page: bayes-ssi report {out}",
     ):
         assert words in " ".join(result.stdout.split())
     record = json.loads((out / "search.json").read_text(encoding="utf-8"))
     assert len(record["hypotheses"]) == sum(map(len, levels))
-    assert (out / "figures" / "places.png").read_bytes().startswith(b"\x89PNG\r\n")
     stored = load_result(out)
     assert stored.record.seed == 3
     assert len(stored.posteriors) == len(record["hypotheses"])
@@ -211,7 +210,7 @@ def test_a_search_that_is_finished_with_fewer_appendages_leaves_no_checkpoint(
 
     out, checkpoint = tmp_path / "r", tmp_path / ".r.checkpoint"
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_as_it_is", sample)
-    monkeypatch.setattr("bayes_ssi.plots.ranking_plots.save_scenes", lambda *_: None)
+    monkeypatch.setattr("bayes_ssi.plots.moving_shapes.save_scenes", lambda *_: None)
     monkeypatch.setattr(
         "bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1, INFILL_01)
     )
