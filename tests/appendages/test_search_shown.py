@@ -37,6 +37,17 @@ def lines(table, width=80):
     return [line.rstrip() for line in file.getvalue().splitlines()]
 
 
+def test_improbable_hypotheses_are_not_on_the_first_screen(found_in_case_c):
+    record = found_in_case_c.record
+    improbable = [row for row in record.hypotheses[:8] if row.features and row.probability < 1e-4]
+    assert improbable
+    table = search_table(record, found_in_case_c.ranking.comparison, "A search", 1e-4)
+    names = list(map(str, table.columns[0].cells))
+    assert len(names) == len(list(table_of(found_in_case_c).columns[0].cells)) - len(improbable)
+    assert any(name.startswith("no appendage") for name in names)
+    assert not {row.name for row in improbable} & set(names)
+
+
 @pytest.fixture
 def of_a_tall_building(fake_sampling):
     """Twenty storeys, masses in kg, two appendages: the longest names and numbers."""

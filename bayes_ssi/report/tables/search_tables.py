@@ -14,6 +14,7 @@ from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison, probabili
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 APPROXIMATELY = "≈ "
+NEGLIGIBLE = 1e-4  # probability of hypotheses that are listed with all tables alone
 # Of baselines and of hypotheses.
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
@@ -22,7 +23,7 @@ def found(result: StoredResult) -> Iterator[Table]:
     """The hypotheses of a search, and the places."""
     record = result.search
     assert record is not None
-    yield search_table(record, result.comparison, result.record.study)
+    yield search_table(record, result.comparison, result.record.study, NEGLIGIBLE)
     if isinstance(record, SearchRecord):
         yield appendage_place_table(record)
     else:
@@ -33,6 +34,7 @@ def further_tables(result: StoredResult) -> Iterator[Table | str]:
     """The other tables and the notes on a search, in the order in which they are read."""
     record = result.search
     assert record is not None
+    yield search_table(record, result.comparison, result.record.study)
     if isinstance(record, SearchRecord):
         if len(record.baselines) > 1:
             yield baseline_table(record)
@@ -71,12 +73,19 @@ def baseline_notes(record: SearchRecord) -> list[str]:
     return notes + [f"Left out: {reason}" for reason in record.left_out.values()]
 
 
-def search_table(record: FamilyRecord, comparison: Comparison, title: str) -> Table:
-    """Hypotheses of a search by probability; evidences that were not sampled have a sign."""
+def search_table(
+    record: FamilyRecord, comparison: Comparison, title: str, least: float = 0.0
+) -> Table:
+    """Hypotheses of a search by probability; evidences that were not sampled have a sign.
+
+    Those with features that are less probable than ``least`` are left out.
+    """
     best = comparison.best.log_evidence
     failed = {row.name for row in comparison.classes if row.failed_checks}
     rows = []
     for row in _shown(record):
+        if row.features and row.probability < least:
+            continue
         sign = "" if row.is_sampled else APPROXIMATELY
         rows.append((
             layout.marked(row.name, row.name in failed),
