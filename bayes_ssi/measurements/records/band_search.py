@@ -5,12 +5,14 @@ band are known from their own, and every band is explained again with the neighb
 pass left. Bands do not share lines, so that errors of different bands are independent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.explained_band import (
     NATS_OF_A_MODE,
     Explained,
@@ -57,6 +59,9 @@ DAMPINGS_OF_REACH = (0.01, 0.04)
 LEAST_SHARE_OF_MEDIAN_DAMPING = 0.7
 BLOCK_OVER_DAMPING = 0.25  # width of blocks of lines
 MOST_DAMPING_OF_BLOCKS = 0.03
+# A step takes time in proportion to blocks, and to about the fourth power of modes.
+MOST_BLOCKS = 250
+MOST_MODES_AT_FIRST = 5
 SPARE_DIRECTIONS = 2  # besides those of modes and neighbours
 MOST_DIRECTIONS = 6  # unless there are more modes
 LINES_OF_A_DIRECTION = 10.0  # at least
@@ -308,7 +313,8 @@ def groups_of(
     shared = (SHARED_BAND[0] * mean_dampings / DAMPING).clip(*SHARED_BAND)
     ends = np.flatnonzero(gaps >= shared * sums) + 1
     members: list[list[int]] = []
-    for part in np.split(order, ends):
+    spread = np.concatenate([gaps / sums, [np.inf]])
+    for part in _divided(np.split(order, ends), spread):
         near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
         if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
             members[-1] += part.tolist()
@@ -337,6 +343,21 @@ def groups_of(
     return groups[max(0, wanted[0] - 1) : wanted[-1] + 2] if wanted else []
 
 
+def _divided(parts: Sequence[NDArray[np.intp]], spread: FloatArray) -> Iterator[NDArray[np.intp]]:
+    """Parts of no more modes than a band can have, cut where they are widest apart.
+
+    ``spread`` (m,) is how far each mode of all parts, one after another, is from the next.
+    """
+    first = 0
+    for part in parts:
+        if len(part) <= MOST_MODES_AT_FIRST:
+            yield part
+        else:
+            cut = 1 + int(spread[first : first + len(part) - 1].argmax())
+            yield from _divided([part[:cut], part[cut:]], spread[first:])
+        first += len(part)
+
+
 def _between(modes: Resonances, i: int, j: int) -> float:
     """Where two modes are as many of their own bandwidths away."""
     f, w = modes.frequencies_hz, modes.half_widths_hz
@@ -347,8 +368,9 @@ def spectra_of_group(transforms: Transforms, group: Group, known: Resonances) ->
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
     neighbours = _neighbours(group, known)
     damping = min(float(np.median(group.modes.dampings)), MOST_DAMPING_OF_BLOCKS)
+    width = max(BLOCK_OVER_DAMPING * damping, float(np.log(group.high / group.low)) / MOST_BLOCKS)
     try:
-        spectra = transforms.spectra(group.low, group.high, BLOCK_OVER_DAMPING * damping)
+        spectra = transforms.spectra(group.low, group.high, width)
     except ValueError:
         return None
     n_lines = spectra.weights.sum()
