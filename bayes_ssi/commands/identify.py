@@ -24,6 +24,7 @@ WHAT_HELPS = (
     "are not explained; what helps is another --band, --mode for a mode that was missed, a longer "
     "record, or one without strong motion."
 )
+COMPLEXITY = ("mpc", "mean_phase_deg")
 
 
 @click.command()
@@ -96,7 +97,7 @@ def identify(
         checks = "1 check failed" if len(failed) == 1 else f"{len(failed)} checks failed"
         terminal.say_warnings([(f"{checks}. {WHAT_HELPS}", failed)])
     terminal.say_in_paragraphs(identification_answer(found), "")
-    terminal.show(estimates_table(found.quoted, found.method))
+    terminal.show(estimates_table(found.quoted, found.method, found.modes))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
 
@@ -124,7 +125,10 @@ def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
         "band_hz": found.band_hz,
         "sensors": found.quoted.sensors,
         "sensors_left_out": dict(found.left_out),
-        "modes": [columns(mode, MODE_FIELDS) for mode in found.quoted.modes],
+        "modes": [
+            columns(mode, MODE_FIELDS) | columns(estimated, COMPLEXITY)
+            for mode, estimated in zip(found.quoted.modes, found.modes, strict=True)
+        ],
         "covariance_of_log_frequencies_and_unit_shapes": found.quoted.covariance,
         "loads": found.loads,
         "bands": [

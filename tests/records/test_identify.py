@@ -14,6 +14,7 @@ from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
+from bayes_ssi.measurements.records import explained_band
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import _not_identified, _result
@@ -434,3 +435,16 @@ def test_nothing_is_claimed_of_damping_and_shape_of_a_short_record():
     assert not data.covariance[shapes].any()
     assert np.sqrt(data.covariance[0, 0]) == data.modes[0].frequency_cov
     assert "nothing is claimed of its damping and shape" in result.remarks[-1]
+
+
+def test_complexity_of_shapes(monkeypatch):
+    """(1, i) has no line; (1, e^iα) has a collinearity of cos² α, and α/2 to either side."""
+    real = identified(0, ground=False)
+    assert min(mode.mpc for mode in real.modes) > 0.995
+    assert max(mode.mean_phase_deg for mode in real.modes) < 2.5
+    alpha = np.radians(20.0)
+    shapes = np.array([[1.0, 1.0, 2.0], [1j, np.exp(1j * alpha), -1.0]])
+    monkeypatch.setattr(explained_band, "complex_shapes", lambda _: (None, shapes, None))
+    mpc, phases = explained_band.Explained(None, (), True).complexity([0, 1, 2], [0, 1])
+    np.testing.assert_allclose(mpc, [0.0, np.cos(alpha) ** 2, 1.0], atol=1e-12)
+    np.testing.assert_allclose(phases[1:], [10.0, 0.0], atol=1e-6)

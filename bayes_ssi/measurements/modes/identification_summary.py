@@ -34,6 +34,10 @@ class EstimatedMode:
     damping: float | None  # fraction of critical damping
     damping_sd: float | None
     shape_sd: float | None  # standard deviation of a component across the unit shape
+    # Of the shape with phases: its modal phase collinearity, 1 for a real mode, and the mean angle
+    # of its components, by their sizes, to the line of the real shape.
+    mpc: float | None = None
+    mean_phase_deg: float | None = None
 
 
 @dataclass(frozen=True)

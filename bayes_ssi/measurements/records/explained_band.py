@@ -135,6 +135,18 @@ class Explained:
             covariance *= fit.whiteness
         return fit.modes.at(places)._replace(shapes=shapes), covariance
 
+    def complexity(self, places: Sequence[int], channels: Sequence[int]) -> FloatArray:
+        """Modal phase collinearity and mean phase in degrees of some modes (2, m).
+
+        Of shapes with phases, also where the evidence does not ask for these. The collinearity is
+        |φᵀφ|² / (φᴴφ)² (Pappa, Elliott and Schenk 1993).
+        """
+        shapes = turned(complex_shapes(self.fit)[1][np.ix_(channels, places)])
+        sizes = np.abs(shapes)
+        mpc = np.abs((shapes**2).sum(0)) ** 2 / (sizes**2).sum(0) ** 2
+        angles = np.degrees(np.arctan2(np.abs(shapes.imag), np.abs(shapes.real)))
+        return np.array([mpc, (sizes * angles).sum(0) / sizes.sum(0)])
+
     @property
     def band_hz(self) -> tuple[float, float]:
         return self.fit.data.band_hz

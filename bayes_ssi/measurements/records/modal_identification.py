@@ -121,6 +121,7 @@ class ModalIdentification(InWords, IdentificationSummary):
 
 
 FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
+COMPLEXITY = ("mpc", "mean_phase_deg")
 UNKNOWN = dict.fromkeys(FIELDS[2:])  # of modes that a record is too short for
 
 
@@ -418,6 +419,9 @@ def _result(
             + "; give frequencies as at, or another band"
         )
     quoted, peaks, grown = _quoted(record, band, kept, ground)
+    channels = [i for i, name in enumerate(record.sensors) if name != ground]
+    by_band = [explained.complexity(inside, channels) for explained, inside in kept]
+    complexity = np.concatenate(by_band, axis=1).T.tolist()
     dampings = np.array([mode.damping for mode in quoted.modes])
     decays = dampings * quoted.frequencies_hz * record.duration_s
     too_short = np.flatnonzero(decays < SHORTEST_DECAYS).tolist()
@@ -435,8 +439,11 @@ def _result(
         allowed_whiteness=worst.allowed_whiteness,
         cycles_of_decay=float(decays.min()),
         modes=tuple(
-            EstimatedMode(**columns(mode, FIELDS) | (UNKNOWN if i in too_short else {}))
-            for i, mode in enumerate(quoted.modes)
+            EstimatedMode(
+                **columns(mode, FIELDS)
+                | (UNKNOWN if i in too_short else dict(zip(COMPLEXITY, each, strict=True)))
+            )
+            for i, (mode, each) in enumerate(zip(quoted.modes, complexity, strict=True))
         ),
         peaks=peaks,
         not_identified=not_identified,

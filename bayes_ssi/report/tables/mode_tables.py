@@ -7,6 +7,7 @@ from rich.table import Table
 
 from bayes_ssi.inference.calibration.calibration import Calibration, ModalSensitivities
 from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -34,9 +35,12 @@ def modes_table(data: ModalData) -> Table:
     return new_table(data.source, ["mode"], headings, rows)
 
 
-def estimates_table(modes: ModalData, method: str) -> Table:
-    rows = [(mode.label, *_estimates(mode)) for mode in modes.modes]
-    return new_table(f"Modes by {method}", ["mode"], ESTIMATES, rows)
+def estimates_table(modes: ModalData, method: str, estimated: Sequence[EstimatedMode]) -> Table:
+    rows = [
+        (mode.label, *_estimates(mode), number(each.mpc, ".3f"), number(each.mean_phase_deg, ".1f"))
+        for mode, each in zip(modes.modes, estimated, strict=True)
+    ]
+    return new_table(f"Modes by {method}", ["mode"], (*ESTIMATES, "MPC", "phase °"), rows)
 
 
 def methods_table(by: Mapping[str, ModalData | str], names: Mapping[str, str]) -> Table:
