@@ -12,7 +12,7 @@ from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
 from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened, ToScreen
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
-from bayes_ssi.studies.search.ladder import looks_at, screen_best
+from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
 
 N, PLACES = 40, range(12, 36, 6)
 TWO_IN_FULL = replace(EFFORTS, most_full=2)
@@ -103,7 +103,7 @@ def test_what_a_first_look_leaves_out_does_not_matter(chain):
     assert steps[true].log_evidence == full[true].log_evidence
     total = logsumexp([each.log_evidence for each in full])
     bounds = {i: steps[i].log_evidence + 3.0 * steps[i].error for i in left_out}
-    assert logsumexp(list(bounds.values())) < total + np.log(EFFORTS.share_left_out)
+    assert logsumexp(list(bounds.values())) < total + np.log(SHARE_LEFT_OUT)
     for i, bound in bounds.items():
         assert full[i].log_evidence < bound
         # As far below its greatest likelihood as the others, which may be higher than was seen.

@@ -83,16 +83,9 @@ class Efforts:
     full: Effort = Effort(500, 4, 600, is_full=True)
     most_draws: int = 6000  # of one hypothesis
     wanted_error: float = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
-    # Of importance draws; where the new feature explains nothing, the posterior is the simpler
-    # one's times the prior of the rest.
-    share_of_simpler: float = 0.5
     most_full: int = 30  # with at most one feature, so many take half a minute in full
-    # The error of a quick effort in less than this changes no probability by more than a
-    # thousandth.
-    share_for_full: float = 3e-3
     share_for_draws: float = 1e-4  # many with so little matter together, and draws cost little
     most_several: int = 300  # hypotheses with several features that are tried quickly, in a minute
-    share_left_out: float = 1e-3  # of what the others have, for all together that a look leaves out
     least_expected: float = 1e-3  # probability of a hypothesis with several features that is tried
     most_expected: int = 300  # number of these
     # An approximate log evidence is too low by so many standard errors at most.
@@ -101,6 +94,9 @@ class Efforts:
 
 
 EFFORTS = Efforts()
+# Of importance draws; where the new feature explains nothing, the posterior is the simpler one's
+# times the prior of the rest.
+SHARE_OF_SIMPLER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +196,7 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Sc
             laplace, positions = maxima.laplace_estimate.log_evidence, maxima.z
         mixture = parts[-1]
         if len(parts) > 1:
-            mixture = mixture.mixed_with(parts[0], EFFORTS.share_of_simpler)
+            mixture = mixture.mixed_with(parts[0], SHARE_OF_SIMPLER)
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate

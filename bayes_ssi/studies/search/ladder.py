@@ -46,6 +46,9 @@ from bayes_ssi.studies.search.approximate_evidence import (
 )
 
 LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
+SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
+# The error of a quick effort in less than this changes no probability by more than a thousandth.
+SHARE_FOR_FULL = 3e-3
 ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 
@@ -214,7 +217,7 @@ def screen_best(
         results: dict[int, Screened] = {}
         while len(results) < len(chosen):
             if results:
-                others = logsumexp(log_masses(results)) + math.log(efforts.share_left_out)
+                others = logsumexp(log_masses(results)) + math.log(SHARE_LEFT_OUT)
                 if left[len(results)] < others:
                     break
             begin = len(results)
@@ -254,7 +257,7 @@ def screen_best(
     items = [(hypotheses[i][0], results[i]) for i in rough]
     drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
     results |= zip(rough, drawn, strict=True)
-    least = of_all + math.log(efforts.share_for_full)
+    least = of_all + math.log(SHARE_FOR_FULL)
     results |= going_on(log_masses(results), efforts.full, efforts.most_full, least=least)
     return [results[i] for i in range(n)]
 
