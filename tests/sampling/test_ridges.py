@@ -9,7 +9,7 @@ from scipy.stats import chi2, norm
 
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
-from bayes_ssi.inference.sampling.maxima import along_ridges, ascend, find_maxima
+from bayes_ssi.inference.sampling.maxima import _ridge, along_ridges, ascend, find_maxima
 from bayes_ssi.inference.sampling.regions import find_regions
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 
@@ -49,6 +49,12 @@ def test_ascents_along_axes_leave_other_directions_alone():
     # Of -50 (x - y²)² - x²/2 the maximum is 100 y² / 101.
     np.testing.assert_allclose(ends[:, 0], starts[:, 1] ** 2 * 100.0 / 101.0, atol=5e-3)
     np.testing.assert_allclose(heights, target.log_posterior(ends))
+
+
+def test_a_spike_is_no_ridge_however_wide_its_component_is(rng):
+    """Nothing beside it weighs e^-1000 of what the component expects there."""
+    target = Target(lambda z: np.where(np.abs(z).max(axis=1) < 1e-3, 1000.0, 0.0), 2)
+    assert _ridge(target, np.zeros(2), np.diag([1.0, 0.01]), rng) is None
 
 
 def test_the_component_of_a_sheet_is_nearly_the_posterior(rng):

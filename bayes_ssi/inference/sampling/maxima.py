@@ -32,6 +32,8 @@ MOST_RIDGES = 8  # maxima, those with the most mass first, whose ridges are foll
 # A direction is along the ridge if the posterior has more than this share of the prior's
 # variance in it.
 LEAST_VARIANCE = 0.1
+# It is no ridge where no point along it has more than this share of the density expected there.
+LEAST_ON_RIDGE = 1e-9
 HIGHEST_DEGREE = 6  # polynomials are of this degree at most
 # Most coefficients of a thin coordinate: to solve for them takes as long as some ten thousand
 # evaluations of a small structure. Those of three thin in twenty coordinates are fewer, to the
@@ -349,6 +351,8 @@ def _ridge(
         # Of little weight is what is far below the density of the component's wide directions.
         below = np.minimum(heights + 0.5 * (new**2).sum(axis=0) - top, 0.0)
         weights = np.concatenate([weights, np.exp(below)])
+        if weights.max() < LEAST_ON_RIDGE:
+            return None
         bend, widths = bend_along(wide, thin, weights, degree)
         if found is None or widths.prod() < found[0].prod():
             found = widths, bend
