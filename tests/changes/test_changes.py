@@ -90,12 +90,12 @@ def test_its_loss_is_within_the_interval(of_second_storey):
     assert middle == pytest.approx(0.3, abs=0.03)
 
 
-def test_the_share_of_errors_is_inferred_with_a_prior_and_said(of_second_storey):
+def test_the_share_of_errors_is_inferred_and_said(of_second_storey):
     low, _, high = of_second_storey.record.shared
     assert 0.0 < low < high < 1.0
     words = of_second_storey.summary()
     assert "That something changed between 'before' and 'after' is virtually certain" in words
-    assert "with the prior NearOne(least=0.0001)" in words
+    assert "of the errors of the model, which is wrong in the same way before and after" in words
     assert "would be taken for a change" in words
 
 
