@@ -102,7 +102,8 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
                     va="center", fontsize=look.SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     limit = 1.25 * highest or 1.0  # with room for the numbers
-    ax.set_xticks([tick for tick in ax.get_xticks() if 0.0 <= tick <= min(limit, 1.0)])
+    ticks = MaxNLocator(5).tick_values(0.0, limit)
+    ax.set_xticks(ticks[ticks <= min(limit, 1.0)])
     ax.set_xlim(0.0, limit)
     ax.set_xlabel(f"probability of {search.a_feature}")
     return ax
