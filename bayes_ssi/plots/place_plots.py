@@ -102,7 +102,7 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
                     va="center", fontsize=look.SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)
     limit = 1.25 * highest or 1.0  # with room for the numbers
-    ticks = MaxNLocator(5).tick_values(0.0, limit)
+    ticks = np.asarray(MaxNLocator(5).tick_values(0.0, limit))
     ax.set_xticks(ticks[ticks <= min(limit, 1.0)])
     ax.set_xlim(0.0, limit)
     ax.set_xlabel(f"probability of {search.a_feature}")
