@@ -94,7 +94,7 @@ def read_columns(path: Path, sheet: str | int = 0) -> tuple[str, str | None]:
         with suppress(UnicodeDecodeError):
             text = content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     if "\0" in text:
-        raise ValueError(f"{path}: not a text file; save it as CSV (UTF-8)")
+        raise ValueError(f"{path}: not a text file; save it as CSV (UTF-8), unpacked")
     if not text.strip():
         raise ValueError(f"{path}: the file is empty, and holds no samples or modes")
     if text.lstrip()[:1] == "<":

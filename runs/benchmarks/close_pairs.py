@@ -1,13 +1,14 @@
 """Pairs of modes with different shapes: how often is their number right, and is the answer steady?
 
-    python runs/benchmarks/close_pairs.py [--records 20] [--first 0] [--bands 3] [--out FILE]
+    python runs/benchmarks/close_pairs.py [--records 20] [--first 0] [--bands 3] [--peer]
 
 Each record has two modes with damping 0.3 to 5 % and shapes whose MAC is below 0.5, one mode far
 below and one far above, 3 to 24 sensors, 10 to 60 minutes, noise 1 to 10 % and independent loads at
 all sensors. Of four records two have modes 0 to 6 % apart, one has modes 0 to 0.5 % apart, as a
 symmetric mast has, and one has one mode in place of the two. Told apart means that the exact
 spectra have two peaks of their first singular value, or one of the second that stands out by 6 dB.
-Bands differ in their edges by up to 5 %.
+Bands differ in their edges by up to 5 %. With ``--peer`` (ssi_cov.py), pairs that SSI-cov tells
+apart are counted as clear, too, and its own numbers are judged.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import beside_tests  # noqa: F401
 import numpy as np
 from random_structures import spectra_of, stationary
 from scipy.signal import find_peaks
+from ssi_cov import by_ssi_cov
 
 import bayes_ssi as bs
 
@@ -88,12 +90,22 @@ def probability_of_two(found: bs.ModalIdentification) -> tuple[int, float | None
     return number, near[0].probability_of_two if near else None
 
 
+def number_by_peer(record: bs.Record) -> int:
+    """The number of modes around 2 Hz by SSI-cov."""
+    try:
+        f = by_ssi_cov(record, (1.4, 2.9)).frequencies_hz
+    except ValueError:
+        return 0
+    return int(((f > 1.8) & (f < 2.35)).sum())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--bands", type=int, default=3)
     parser.add_argument("--out")
+    parser.add_argument("--peer", action="store_true")
     options = parser.parse_args()
     rows = []
     for seed in range(options.first, options.first + options.records):
@@ -125,6 +137,9 @@ def main() -> None:
                 "cpu": (time.process_time() - start) / options.bands,
             }
         )  # fmt: skip
+        if options.peer:
+            rows[-1]["peer"] = number_by_peer(each.record)
+            rows[-1]["clear"] |= rows[-1]["peer"] == 2
         if options.out:
             with open(options.out, "a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
@@ -133,7 +148,9 @@ def main() -> None:
         of = [r for r in rows if r["modes"] == 2 and r["clear"] == clear]
         of = [r for r in rows if r["modes"] == 1] if clear is None else of
         right = sum(n == r["modes"] for r in of for n in r["numbers"])
-        print(f"{what}: right number in {right} of {sum(len(r['numbers']) for r in of)}")
+        of_peer = sum(r["peer"] == r["modes"] for r in of) if options.peer else None
+        print(f"{what}: right number in {right} of {sum(len(r['numbers']) for r in of)}"
+              + (f"; SSI-cov in {of_peer} of {len(of)}" if options.peer else ""))  # fmt: skip
     sure = [
         r["seed"]
         for r in rows

@@ -1,6 +1,6 @@
 """Buildings with a tuned mass damper, and sensors whose clocks are late: which modes, whose phases?
 
-    python runs/benchmarks/dampers_and_clocks.py [--records 20] [--first 0] [--out FILE]
+    python runs/benchmarks/dampers_and_clocks.py [--records 20] [--first 0] [--out FILE] [--peer]
 
 Each record is of a shear building of 3 to 8 floors with structural damping of 0.5 to 2 %, under
 independent loads on its floors, noise of 1 to 5 %, 15 to 40 minutes. Of four records two have a
@@ -9,6 +9,7 @@ damping of 3 to 15 %, on which every second one has a sensor. Of eight, three ha
 is 5 to 50 ms late. The truth are the complex modes of the damped structure. A mode is clear where
 its pole has at least half the power of the exact spectra's highest singular value there, or where
 they have a peak; the two modes of a damper are always asked for.
+With ``--peer`` (ssi_cov.py), the records where SSI-cov loses modes are counted.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import time
 import beside_tests  # noqa: F401
 import numpy as np
 from random_structures import chain, stationary
+from ssi_cov import by_ssi_cov
 
 import bayes_ssi as bs
 
@@ -81,11 +83,34 @@ def simulated(seed: int) -> tuple[bs.Record, np.ndarray, np.ndarray, bool, dict[
     return record, size / (2.0 * np.pi), -poles.real / size, has_damper, delays
 
 
+def matched(true_hz, dampings, identified_hz) -> tuple[dict[int, int], list[float]]:
+    """Identified modes and the true ones that they are; frequencies of true modes without one."""
+    paired, lost = {}, []
+    for j, (hz, z) in enumerate(zip(true_hz, dampings, strict=True)):
+        apart = {i: abs(np.log(f / hz)) for i, f in enumerate(identified_hz) if i not in paired}
+        best = min(apart, key=apart.get, default=None)
+        if best is None or apart[best] > 1.5 * z + 0.01:
+            lost.append(round(float(hz), 3))
+        else:
+            paired[best] = j
+    return paired, lost
+
+
+def lost_by_peer(record: bs.Record, band, true_hz, dampings) -> list[float]:
+    """Frequencies of true modes that SSI-cov does not identify."""
+    try:
+        identified_hz = by_ssi_cov(record, band).frequencies_hz
+    except ValueError:
+        identified_hz = np.zeros(0)
+    return matched(true_hz, dampings, identified_hz)[1]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--out")
+    parser.add_argument("--peer", action="store_true")
     options = parser.parse_args()
     rows = []
     for seed in range(options.first, options.first + options.records):
@@ -93,34 +118,34 @@ def main() -> None:
         start = time.process_time()
         high = 0.5 * (f[-1] + f[-2]) if has_damper else 1.2 * f[-1]
         inside = f < high
-        found = bs.identify(record, [0.5 * f[0], min(high, 0.45 * RATE_HZ)])
-        lost, pulls, pulls_z = [], [], []
-        left = list(range(len(found.quoted.modes)))
-        for hz, z in zip(f[inside], zeta[inside], strict=True):
-            apart = [abs(np.log(found.quoted.frequencies_hz[i] / hz)) for i in left]
-            if not apart or min(apart) > 1.5 * z + 0.01:
-                lost.append(round(float(hz), 3))
-                continue
-            i = left.pop(int(np.argmin(apart)))
+        band = [0.5 * f[0], min(high, 0.45 * RATE_HZ)]
+        found = bs.identify(record, band)
+        paired, lost = matched(f[inside], zeta[inside], found.quoted.frequencies_hz)
+        pulls, pulls_z = [], []
+        for i, j in paired.items():
             mode = found.quoted.modes[i]
-            pulls.append(float(np.log(mode.frequency_hz / hz) / mode.frequency_cov))
-            pulls_z.append(float((mode.damping - z) / mode.damping_sd))
+            pulls.append(float(np.log(mode.frequency_hz / f[j]) / mode.frequency_cov))
+            pulls_z.append(float((mode.damping - zeta[j]) / mode.damping_sd))
         said = [r for r in found.remarks if "late" in r or "early" in r]
         named = sorted({name for name in record.sensors for r in said if repr(name) in r})
         rows.append(
             {
                 "seed": seed, "damper": has_damper, "sensors": len(record.sensors),
                 "f": f.round(4).tolist(), "zeta": zeta.round(4).tolist(), "lost": lost,
-                "false": len(left), "failed": len(found.failed_checks), "pulls": pulls,
-                "pulls_z": pulls_z, "late": delays, "named": named, "said": said,
+                "false": len(found.quoted.modes) - len(paired), "failed": len(found.failed_checks),
+                "pulls": pulls, "pulls_z": pulls_z, "late": delays, "named": named, "said": said,
                 "cpu": time.process_time() - start,
             }
         )  # fmt: skip
+        if options.peer:
+            rows[-1]["peer"] = lost_by_peer(record, band, f[inside], zeta[inside])
         if options.out:
             with open(options.out, "a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
     for kind in (True, False):
         of = [row for row in rows if row["damper"] == kind]
+        if not of:
+            continue
         lost = [row for row in of if row["lost"]]
         pulls, pulls_z = (
             np.array([pull for row in of for pull in row[key]]) for key in ("pulls", "pulls_z")
@@ -132,6 +157,11 @@ def main() -> None:
             f"{sum(row['failed'] > 0 for row in of)}; within three deviations: frequencies "
             f"{(abs(pulls) < 3).mean():.0%}, rms {(pulls**2).mean() ** 0.5:.2f}, dampings "
             f"{(abs(pulls_z) < 3).mean():.0%}, rms {(pulls_z**2).mean() ** 0.5:.2f}"
+            + (
+                f"; SSI-cov loses modes in {sum(map(bool, (row['peer'] for row in of)))}"
+                if options.peer
+                else ""
+            )
         )
     right = [row for row in rows if sorted(row["late"]) == row["named"]]
     print(f"late sensors: verdict right in {len(right)} of {len(rows)}; CPU "

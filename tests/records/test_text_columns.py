@@ -209,6 +209,8 @@ def test_a_workbook(tmp_path):
     assert one.rate_hz == pytest.approx(RATE)
     with pytest.raises(ValueError, match="no sheet 'other'; choose from 'Sheet', 'data'"):
         bs.read_record(tmp_path / "a.xlsx", keys=["other"])
+    with pytest.raises(ValueError, match=r"name the sheet \(--key\): one of 'Sheet', 'data'"):
+        bs.read_record(tmp_path / "a.xlsx")
 
 
 def test_a_sensor_that_rises_steadily_is_one(tmp_path):

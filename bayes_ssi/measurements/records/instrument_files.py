@@ -1,8 +1,9 @@
 """Records in files of measuring systems: universal files, TDMS, MiniSEED, SAC and AT2."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +32,6 @@ def read_universal(path: Path) -> Channels:
     sets = [s for s in read_data_sets(path, 58) if s["func_type"] == 1]  # of time
     if not sets:
         raise ValueError("no data set 58 with a time response")
-    if any(series["abscissa_spacing"] != 1 for series in sets):
-        raise ValueError("a time response with uneven steps")
     rows: list[np.ndarray] = []
     names: list[str] = []
     for series in sets:
@@ -45,10 +44,20 @@ def read_universal(path: Path) -> Channels:
     return Channels(
         in_rows(rows),
         tuple(names) if all(names) else (),
-        tuple(1.0 / float(series["abscissa_inc"]) for series in sets),
+        tuple(map(_rate_of, sets)),
         tuple(ORDINATES[kind] for kind in ordinates if kind in ORDINATES),
         tuple(unit for unit in units if unit not in ("", "NONE")),
     )
+
+
+def _rate_of(series: Mapping[str, Any]) -> float:
+    """Samples per second of a time response, by its instants where they are stated one by one."""
+    if series["abscissa_spacing"] == 1:
+        return 1.0 / float(series["abscissa_inc"])
+    steps = np.diff(series["x"])
+    if not np.allclose(steps, steps.mean(), rtol=1e-2, atol=0.0):
+        raise ValueError("a time response with uneven steps; resample it to equal ones first")
+    return float(1.0 / steps.mean())
 
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:

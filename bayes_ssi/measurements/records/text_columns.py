@@ -20,7 +20,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.displayed import counted
-from bayes_ssi.foundations.text_files import read_columns
+from bayes_ssi.foundations.text_files import WORKBOOKS, read_columns, sheet_names
 from bayes_ssi.measurements.records.channels import (
     STATED,
     Channels,
@@ -71,7 +71,14 @@ def read_columns_of_record(
         keys: the sheet of a workbook, its first if empty.
     """
     text, delimiter = read_columns(path, *keys)
-    layout = _Layout.of(text.split("\n"), delimiter)
+    try:
+        layout = _Layout.of(text.split("\n"), delimiter)
+    except ValueError as error:
+        others = sheet_names(path) if path.suffix.lower() in WORKBOOKS else []
+        if len(others) < 2:
+            raise
+        choices = ", ".join(map(repr, others))
+        raise ValueError(f"{error}; name the sheet (--key): one of {choices}") from None
     table = _table(layout)
     if len(table) < 2:
         raise ValueError(f"a record needs two samples or more, got {len(table)}")
@@ -210,7 +217,8 @@ def _numbers(table: "DataFrame", layout: _Layout) -> FloatArray:
             line, _ = next(islice(layout.rows(), row, None))
             raise ValueError(
                 f"line {line}, column {j + 1}: {str(table[j][row])!r} is not a number with "
-                f"{layout.decimal!r} for decimals; a record has one of every sensor in every row"
+                f"{layout.decimal!r} for decimals; a record has one of every sensor in every row: leave it empty where "
+                "nothing was measured, and remove lines of other things"
             )
     return np.asarray(table.to_numpy(dtype=float))
 
