@@ -217,8 +217,8 @@ def _numbers(table: "DataFrame", layout: _Layout) -> FloatArray:
             line, _ = next(islice(layout.rows(), row, None))
             raise ValueError(
                 f"line {line}, column {j + 1}: {str(table[j][row])!r} is not a number with "
-                f"{layout.decimal!r} for decimals; a record has one of every sensor in every row: leave it empty where "
-                "nothing was measured, and remove lines of other things"
+                f"{layout.decimal!r} for decimals; a record has one of every sensor in every row: "
+                "leave it empty where nothing was measured, and remove lines of other things"
             )
     return np.asarray(table.to_numpy(dtype=float))
 
