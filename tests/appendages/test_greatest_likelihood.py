@@ -14,7 +14,7 @@ from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
 
-N, PLACES = 40, range(12, 36, 6)
+N, PLACES = 40, (12, 24, 30, 38)
 TWO_IN_FULL = replace(EFFORTS, most_full=2)
 
 

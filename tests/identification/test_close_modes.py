@@ -390,12 +390,17 @@ def test_joint_errors_that_are_independent_change_nothing_of_a_turned_pair(pairi
     assert likelihood(joint, 0.004, pairing) == pytest.approx(likelihood(alone, 0.004, pairing))
 
 
-def test_the_probability_of_pairs_is_that_of_the_pairings_with_them():
-    """Of two modes that turn together, with a third identified mode beside them."""
+@pytest.mark.parametrize("apart", [0.0, 60.0])
+def test_the_probability_of_pairs_is_that_of_the_pairings_with_them(apart):
+    """Of two modes that turn together, with a third identified mode beside them.
+
+    Also where each alone is negligible, as of shapes that fit only once they have turned.
+    """
     rng = np.random.default_rng(0)
     ratios = rng.normal(2.0, 2.0, (1, 3, 3))
     gains = np.zeros((1, 2, 3, 3))  # of the first two of three model modes
-    gains[0, 0] = rng.normal(0.0, 2.0, (3, 3))
+    gains[0, 0] = rng.normal(0.0, 2.0, (3, 3)) + 2.0 * apart
+    ratios[:, :, :2] -= apart
     weights = PairingWeights(ratios, np.arange(3.0), np.arange(3.0)[None], log_gains=gains)
     total, of_pairs = 0.0, np.zeros((3, 3))
     for chosen in itertools.product(range(-1, 3), repeat=3):

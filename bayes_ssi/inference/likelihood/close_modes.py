@@ -245,6 +245,8 @@ class Turned(NamedTuple):
             if n == NUMBERS_OF_NODES[0]:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)
+            if not len(left):
+                break
             if n == NUMBERS_OF_NODES[0]:
                 centres[:, 0, left], widths[0, left] = _highest(kappa[left], shapes.cases(left))
         at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]

@@ -70,6 +70,17 @@ class PairingWeights:
             log_gains=np.delete(np.delete(gains, j, axis=2), j, axis=3) if gains.size else gains,
         )
 
+    @property
+    def matter(self) -> NDArray[np.bool_]:
+        """Which pairs (J, I) are not negligible in every row, alone or beside one they turn with."""
+        matter = (self.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)
+        for i, gain in enumerate(self.log_gains.swapaxes(0, 1)):
+            both = self.log_ratios[:, :, None, i] + self.log_ratios[:, None, :, i + 1] + gain
+            of_both = ((both > NEGLIGIBLE_LOG_WEIGHT) & (gain != 0.0)).any(axis=0)
+            matter[:, i] |= of_both.any(axis=1)
+            matter[:, i + 1] |= of_both.any(axis=0)
+        return matter
+
     def log_weight(self, pairing: NDArray[np.intp]) -> FloatArray:
         """Log of the weight (B,) of one pairing: the model mode (J,) of each mode, or -1."""
         paired = np.flatnonzero(pairing >= 0)
@@ -148,7 +159,7 @@ def pair_probabilities(weights: PairingWeights) -> FloatArray:
     """Probability (B, J, I) that identified mode j is model mode i; or else spurious."""
     total = log_sum(weights)
     probabilities = np.zeros(weights.log_ratios.shape)
-    for j, i in np.argwhere((weights.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+    for j, i in np.argwhere(weights.matter):
         rest = log_sum(weights.given(j, i))
         probabilities[:, j, i] = np.exp(weights.log_ratios[:, j, i] + rest - total)
     return probabilities
@@ -162,7 +173,7 @@ def sample_pairings(weights: PairingWeights, rng: np.random.Generator) -> NDArra
     for j in range(n_data):  # those before j are paired already
         log_shares = np.full((n_rows, n_model + 1), -np.inf)
         log_shares[:, n_model] = log_sum(left.given(0))
-        for i in np.flatnonzero((left.log_ratios[:, 0] > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)):
+        for i in np.flatnonzero(left.matter[0]):
             log_shares[:, i] = left.log_ratios[:, 0, i] + log_sum(left.given(0, int(i)))
         # The greatest of Gumbel-shifted logarithms is a draw in proportion to their exponentials.
         picked = (log_shares + rng.gumbel(size=log_shares.shape)).argmax(axis=1)
@@ -336,9 +347,13 @@ def _sum_of_rows(
         window = start + np.arange(width)[:, None]
         if starts is not None:
             of_mode = of_mode[window, rows]
+        of_both = np.empty((0, width, n_rows))
         if i in both:
             of_mode = by.add(of_mode, pairs[i + 1][window, rows])
-        possible = np.flatnonzero((of_mode != by.zero).any(axis=1)).tolist()  # also where NaN
+            of_both = both[i][window[:, None], window, rows]
+            of_both = by.add(of_both, of_both.swapaxes(0, 1))
+        is_possible = np.concatenate([of_mode[None], of_both]) != by.zero  # also where NaN
+        possible = np.flatnonzero(is_possible.any(axis=(0, 2))).tolist()
         if not possible:
             continue
         n_taken = max(n_taken, possible[-1] + 1)
@@ -349,11 +364,10 @@ def _sum_of_rows(
             without_k = before.reshape(-1, 2, 2**k, n_rows)[:, 0]
             by.add(with_k, by.multiply(without_k, of_mode[k]), out=with_k)
         for j, k in combinations(possible if i in both else (), 2):
-            of_both = (both[i][window[m], window[n], rows] for m, n in ((j, k), (k, j)))
             cells = (-1, 2, 2 ** (k - j - 1), 2, 2**j, n_rows)
             with_both = reached.reshape(cells)[:, 1, :, 1]
             without = before.reshape(cells)[:, 0, :, 0]
-            by.add(with_both, by.multiply(without, by.add(*of_both)), out=with_both)
+            by.add(with_both, by.multiply(without, of_both[j, k]), out=with_both)
     state = state[: 2**n_taken]
     for k in range(width):
         unpaired = by.multiply(state[::2], alone[start + k, rows])
