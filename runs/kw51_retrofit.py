@@ -13,7 +13,6 @@ stated above 0.9, by approximate evidences, of which none is sampled.
 
 import argparse
 import csv
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -23,7 +22,7 @@ import numpy as np
 import bayes_ssi as bs
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort
+from bayes_ssi.studies.search.approximate_evidence import Effort, Efforts
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 DATA = Path(__file__).parent.parent / "model_classes" / "data" / "kw51_daily.csv"
@@ -35,7 +34,7 @@ HIGHEST_HZ = 4.0
 SETTINGS = {
     "loss": bs.Uniform(-0.2, 0.2), "common_sd": 0.02, "shared": None, "losses_only": True,
 }  # fmt: skip
-QUICK = replace(EFFORTS, most_full=0, quick=Effort(100, 1, 500))
+QUICK = Efforts(quick=Effort(100, 1, 500), most_full=0)
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)
 
 

@@ -40,7 +40,6 @@ and how often it would have shown the losses of pattern 6.
 import argparse
 import csv
 import json
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from time import process_time
@@ -58,7 +57,7 @@ from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, smallest_losses
 from bayes_ssi.studies.ranking.study import load_study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Effort, screen
+from bayes_ssi.studies.search.approximate_evidence import Effort, Efforts, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]
@@ -69,7 +68,7 @@ KINDS = {"stiffness": "a loss of stiffness", "mass": "a mass", "appendage": "an 
 STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
 OF_STOREYS = ("pattern 1", "pattern 2")
 # One ascent where a change is scanned, another from the prior; importance draws of 20 dimensions.
-QUICK = replace(EFFORTS, most_full=0, quick=Effort(100, 1, 500))
+QUICK = Efforts(quick=Effort(100, 1, 500), most_full=0)
 HEADER = ("study", "seed", "finer", "true", "losses", "change", "best", "odds_of_true",
           "intervals", "odds_of_places", "seconds")  # fmt: skip
 

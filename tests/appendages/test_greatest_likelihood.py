@@ -1,6 +1,5 @@
 """A first look at many hypotheses on a finite-element model, against screening each of them."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +8,13 @@ from scipy.special import logsumexp
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened, ToScreen
+from bayes_ssi.studies.search.approximate_evidence import Efforts, Screened, ToScreen
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
 
 N, PLACES = 40, (12, 24, 30, 38)
-TWO_IN_FULL = replace(EFFORTS, most_full=2)
+TWO_IN_FULL = Efforts(most_full=2)
 
 
 class Chain(NamedTuple):

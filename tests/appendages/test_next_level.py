@@ -1,7 +1,6 @@
 """Which hypotheses with several appendages are tried, and which are not."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from searches import PENDULUM_3, by_count, places_of_building
@@ -9,7 +8,6 @@ from searches import PENDULUM_3, by_count, places_of_building
 from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS
 
 # Log evidences of one appendage; the others add nothing and lose 4 nats.
 ALONE = {"pendulum 1": 3.0, "pendulum 2": 3.0, "infill 1-2": 2.0, "infill 2-3": 2.0}
@@ -56,8 +54,7 @@ def test_nothing_is_said_where_all_are_tried(bare, fake_sampling):
 
 def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
     """The best nine, and the best single one with the place that adds nothing."""
-    few = replace(EFFORTS, most_expected=9)
-    monkeypatch.setattr("bayes_ssi.studies.search.family_search.EFFORTS", few)
+    monkeypatch.setattr("bayes_ssi.studies.search.family_search.MOST_EXPECTED", 9)
     levels = fake_sampling(lambda made: 9.0 if made.name == PENDULUM_3.name else alone(made) + 5.0)
     search(bare, SearchSettings(branches=1))
     assert len(levels[2]) == 10

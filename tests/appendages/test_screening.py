@@ -14,7 +14,11 @@ from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search.approximate_evidence import (
-    EFFORTS,
+    FULL,
+    MOST_DRAWS,
+    QUICK,
+    SCAN,
+    WANTED_ERROR,
     screen,
     screen_all,
     with_more_draws,
@@ -184,20 +188,20 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatc
     hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
     results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
     assert [each.log_evidence for each in results] == heights
-    assert calls == [(EFFORTS.quick, 40), (EFFORTS.full, 2)]
+    assert calls == [(QUICK, 40), (FULL, 2)]
     calls.clear()
     screen_best(10 * hypotheses, [1.0] * 400, 2, 0, bs.Run())
-    assert calls == [(EFFORTS.scan, 400), (EFFORTS.quick, 300), (EFFORTS.full, 20)]
+    assert calls == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
     calls.clear()
     screen_best(hypotheses[:30], [1.0] * 30, 1, 0, bs.Run())
-    assert calls == [(EFFORTS.full, 30)]
+    assert calls == [(FULL, 30)]
 
 
 @pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
 def test_quick_screening_agrees_with_full_screening(bare, place):
     parent = screen((hypothesis(bare, ()), None), 0)
     candidate = (hypothesis(bare, (place,)), parent)
-    full, quick = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.quick))
+    full, quick = (screen(candidate, 1, effort) for effort in (FULL, QUICK))
     assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert quick.n_evaluations < 0.3 * full.n_evaluations
 
@@ -235,13 +239,11 @@ def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeyp
 def test_more_draws_make_a_rough_evidence_accurate(bare, place):
     parent = screen((hypothesis(bare, ()), None), 0)
     candidate = hypothesis(bare, (place,))
-    full, quick = (
-        screen((candidate, parent), 1, effort) for effort in (EFFORTS.full, EFFORTS.quick)
-    )
+    full, quick = (screen((candidate, parent), 1, effort) for effort in (FULL, QUICK))
     better = with_more_draws((candidate, replace(quick, log_evidence=-99.0, error=1.0)), 2)
-    assert better.error <= EFFORTS.wanted_error
+    assert better.error <= WANTED_ERROR
     assert abs(better.log_evidence - full.log_evidence) < 3.0 * math.hypot(better.error, full.error)
-    assert better.n_evaluations <= quick.n_evaluations + EFFORTS.most_draws
+    assert better.n_evaluations <= quick.n_evaluations + MOST_DRAWS
     means = [each.weights @ candidate.values(each.z) for each in (better, full)]
     np.testing.assert_allclose(*means, rtol=0.1)
 
@@ -258,7 +260,7 @@ def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
     )
     parent = screen((hypothesis(made, ()), None), 0)
     candidate = (hypothesis(made, (PENDULUM_1,)), parent)
-    full, scan = (screen(candidate, 1, effort) for effort in (EFFORTS.full, EFFORTS.scan))
+    full, scan = (screen(candidate, 1, effort) for effort in (FULL, SCAN))
     assert full.log_evidence < parent.log_evidence
     assert scan.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert (scan.n_evaluations, math.isnan(scan.laplace)) == (250, True)

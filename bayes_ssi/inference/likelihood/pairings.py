@@ -72,8 +72,8 @@ class PairingWeights:
 
     @property
     def matter(self) -> NDArray[np.bool_]:
-        """Which pairs (J, I) are not negligible in every row, alone or beside one they turn with."""
-        matter = (self.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0)
+        """Which pairs (J, I) matter in any row, alone or as they turn with another."""
+        matter = np.asarray((self.log_ratios > NEGLIGIBLE_LOG_WEIGHT).any(axis=0))
         for i, gain in enumerate(self.log_gains.swapaxes(0, 1)):
             both = self.log_ratios[:, :, None, i] + self.log_ratios[:, None, :, i + 1] + gain
             of_both = ((both > NEGLIGIBLE_LOG_WEIGHT) & (gain != 0.0)).any(axis=0)

@@ -38,7 +38,7 @@ from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.ranking.checks import CHECKERS, ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, each_in_workers, screen
+from bayes_ssi.studies.search.approximate_evidence import QUICK, each_in_workers, screen
 
 WRONG = 0.1  # relative error of a stiffness
 NOT_NEAR_WRONG = 0.08  # of a quick look's median, below which nothing is sampled
@@ -249,7 +249,7 @@ def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
     data = real.table(test, hidden.missed, errors)
     (configuration,) = best.configurations
     made = replace(best, configurations=(replace(configuration, data=data, pairing="any"),))
-    quick = screen((made, None), 0, EFFORTS.quick)
+    quick = screen((made, None), 0, QUICK)
     values = made.values(quick.z)
     medians = {
         name: weighted_quantiles(column, quick.weights)[1]

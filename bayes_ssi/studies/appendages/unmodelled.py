@@ -34,7 +34,7 @@ from bayes_ssi.studies.appendages.candidates import (
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.comparison import Check, probability_text
 from bayes_ssi.studies.ranking.study import Ranking, Study
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Screened, screen_all
+from bayes_ssi.studies.search.approximate_evidence import QUICK, Screened, screen_all
 from bayes_ssi.studies.search.family import prior_draws
 
 ASK = "; ask with a search for appendages"
@@ -161,7 +161,7 @@ def _best(ranking: Ranking) -> tuple[ModelClass, Posterior]:
 def _screened(
     classes: Sequence[ModelClass], simpler: Screened | None, seed: int, run: Run
 ) -> list[Screened]:
-    return screen_all([(each, simpler) for each in classes], seed, run, EFFORTS.quick)
+    return screen_all([(each, simpler) for each in classes], seed, run, QUICK)
 
 
 def _alone(

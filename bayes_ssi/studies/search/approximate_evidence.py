@@ -49,9 +49,21 @@ class Effort:
     is_full: bool = False
 
 
+# Fewer ascents end a hundred nats below the greatest likelihood of some of the best places.
+LOOK = Effort(500, 12, 0)
+# Of the simpler hypothesis, with the new feature all over its prior.
+SCAN = Effort(250, 0, 250)
+QUICK = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
+# A region with half a hundredth of the prior is hit by five of 500 draws; an evidence to a few
+# tenths of a nat, in a tenth of the evaluations of sampling.
+FULL = Effort(500, 4, 600, is_full=True)
+MOST_DRAWS = 6000  # of one hypothesis
+WANTED_ERROR = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
+
+
 @dataclass(frozen=True)
 class Efforts:
-    """The ladder of efforts, the cheapest first, and which hypotheses go on to the next.
+    """The first efforts of a search, on a ladder from the cheapest; who goes on to the next:
 
     ========  =======================================  ==================  ========================
     effort    what is computed                         error; evaluations  who goes on to the next
@@ -73,24 +85,8 @@ class Efforts:
     quick one.
     """
 
-    # Fewer ascents end a hundred nats below the greatest likelihood of some of the best places.
-    look: Effort = Effort(500, 12, 0)
-    # Of the simpler hypothesis, with the new feature all over its prior.
-    scan: Effort = Effort(250, 0, 250)
-    quick: Effort = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
-    # A region with half a hundredth of the prior is hit by five of 500 draws; an evidence to a few
-    # tenths of a nat, in a tenth of the evaluations of sampling.
-    full: Effort = Effort(500, 4, 600, is_full=True)
-    most_draws: int = 6000  # of one hypothesis
-    wanted_error: float = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
+    quick: Effort = QUICK
     most_full: int = 30  # with at most one feature, so many take half a minute in full
-    share_for_draws: float = 1e-4  # many with so little matter together, and draws cost little
-    most_several: int = 300  # hypotheses with several features that are tried quickly, in a minute
-    least_expected: float = 1e-3  # probability of a hypothesis with several features that is tried
-    most_expected: int = 300  # number of these
-    # An approximate log evidence is too low by so many standard errors at most.
-    errors_too_low: float = 3.0
-    least_error: float = 0.05  # some hundred draws show no smaller ones
 
 
 EFFORTS = Efforts()
@@ -144,7 +140,7 @@ ToScreen = tuple[ModelClass, Screened | None]
 
 
 def screen_all(
-    hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = EFFORTS.full
+    hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
 ) -> list[Screened]:
     numbers = count(1)
 
@@ -175,7 +171,7 @@ def each_in_workers(
     return [results[i] for i in range(len(items))]
 
 
-def screen(hypothesis: ToScreen, seed: int, effort: Effort = EFFORTS.full) -> Screened:
+def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     """The approximate evidence of one hypothesis; ValueError where no maximum is found."""
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
@@ -219,7 +215,7 @@ def with_more_draws(item: tuple[ModelClass, Screened], seed: int) -> Screened:
     target = class_target(model_class)
     rng = np.random.default_rng(seed_of(f"more draws of {model_class.name}", seed))
     with threadpool_limits(limits=1, user_api="blas"):
-        sampler = ImportanceSampler(target, rng, EFFORTS.full.batch, max_draws=EFFORTS.most_draws)
+        sampler = ImportanceSampler(target, rng, FULL.batch, max_draws=MOST_DRAWS)
         sample = _to_wanted_error(sampler, sampler.sample(screened.mixture))
     return replace(
         screened,
@@ -259,7 +255,7 @@ def _importance_sample(
 ) -> ImportanceSample:
     batch = effort.batch
     sampler = ImportanceSampler(
-        target, rng, batch, prior_share=0.05, least_efficiency=0.05, max_draws=EFFORTS.most_draws
+        target, rng, batch, prior_share=0.05, least_efficiency=0.05, max_draws=MOST_DRAWS
     )
     trial = sampler.sample(mixture)
     if not effort.is_full:
@@ -271,8 +267,8 @@ def _importance_sample(
 
 
 def _to_wanted_error(sampler: ImportanceSampler, sample: ImportanceSample) -> ImportanceSample:
-    while sample.estimate.error > EFFORTS.wanted_error and len(sample.z) < sampler.max_draws:
-        sample = sampler.extended(sample, (sample.estimate.error / EFFORTS.wanted_error) ** 2)
+    while sample.estimate.error > WANTED_ERROR and len(sample.z) < sampler.max_draws:
+        sample = sampler.extended(sample, (sample.estimate.error / WANTED_ERROR) ** 2)
     return sample
 
 

@@ -30,6 +30,9 @@ from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Scre
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
+LEAST_EXPECTED = 1e-3  # probability of a hypothesis with several features that is tried
+MOST_EXPECTED = 300  # number of these
+
 # Hypotheses with one number of features to try; how many with as many are not; and the log of the
 # expected evidences times prior weights of these, summed.
 Level = tuple[list[Key[Feature]], int, float]
@@ -217,8 +220,8 @@ def _next_level(
             if parent.baseline == name:
                 chosen.update(_children(parent, features, expected[parent], -math.inf))
         for parent, row in expected.items():
-            likely.update(_children(parent, features, row, math.log(EFFORTS.least_expected)))
-    for key in sorted(likely, key=lambda key: -likely[key])[: EFFORTS.most_expected]:
+            likely.update(_children(parent, features, row, math.log(LEAST_EXPECTED)))
+    for key in sorted(likely, key=lambda key: -likely[key])[:MOST_EXPECTED]:
         chosen[key] = likely[key]
     n_all = sum(math.comb(len(family.features[name]), n) for name in extended)
     if n_all == len(chosen):

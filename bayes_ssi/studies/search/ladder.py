@@ -35,6 +35,10 @@ from bayes_ssi.structures.finite_elements.projected_structure import (
 )
 from bayes_ssi.studies.search.approximate_evidence import (
     EFFORTS,
+    FULL,
+    LOOK,
+    SCAN,
+    WANTED_ERROR,
     Effort,
     Efforts,
     Screened,
@@ -45,10 +49,15 @@ from bayes_ssi.studies.search.approximate_evidence import (
     with_more_draws,
 )
 
+MOST_SEVERAL = 300  # hypotheses with several features that are tried quickly, in a minute
 LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
 SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
+SHARE_FOR_DRAWS = 1e-4  # many with so little matter together, and draws cost little
 # The error of a quick effort in less than this changes no probability by more than a thousandth.
 SHARE_FOR_FULL = 3e-3
+# An approximate log evidence is too low by so many standard errors at most.
+ERRORS_TOO_LOW = 3.0
+LEAST_ERROR = 0.05  # some hundred draws show no smaller ones
 ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 
@@ -135,15 +144,14 @@ def _starts(target: Target, number: int, hypothesis: ToScreen, seed: int) -> Flo
     """Where ascents for one hypothesis begin (m, d + 1): at the best draws of a scan."""
     model_class, simpler = hypothesis
     assert simpler is not None
-    effort = EFFORTS.look
     rng = np.random.default_rng(seed_of(f"first look at {model_class.name}", seed))
-    z = np.pad(scan_draws(model_class, simpler, effort.n_draws, rng), ((0, 0), (0, 1)))
+    z = np.pad(scan_draws(model_class, simpler, LOOK.n_draws, rng), ((0, 0), (0, 1)))
     z[:, -1] = number
     log_likelihoods = target.log_likelihood(z)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
         return z[:0]
-    return local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
+    return local_maxima(z[possible], log_likelihoods[possible])[: LOOK.n_ascents]
 
 
 class _AllPlaces(Target):
@@ -199,7 +207,7 @@ def screen_best(
     """
     n, log_weights = len(hypotheses), np.log(weights)
     if n_features <= 1 and n <= efforts.most_full:
-        return screen_all(hypotheses, seed, run, efforts.full)
+        return screen_all(hypotheses, seed, run, FULL)
 
     def log_masses(results: Mapping[int, Screened]) -> FloatArray:
         return np.array([log_weights[i] + each.log_evidence for i, each in results.items()])
@@ -226,7 +234,7 @@ def screen_best(
             results.update(zip(some, screened, strict=True))
         return results
 
-    most = n if n_features == 1 else efforts.most_several
+    most = n if n_features == 1 else MOST_SEVERAL
     results: dict[int, Screened]
     if looks := looks_at(hypotheses, seed, run):
         bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
@@ -235,30 +243,30 @@ def screen_best(
             looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
         ]
         gap = float(np.median(gaps)) if gaps else 0.0
-        error = gap / EFFORTS.errors_too_low
+        error = gap / ERRORS_TOO_LOW
         results = {
             i: replace(look, log_evidence=look.log_evidence - gap, error=error)
             for i, look in looks.items()
         } | results
     elif n > most:
-        results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.scan)))
+        results = dict(enumerate(screen_all(hypotheses, seed, run, SCAN)))
         results |= going_on(log_masses(results), efforts.quick, most)
     else:
         results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.quick)))
     of_all = float(np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results))))
-    least = of_all + math.log(efforts.share_for_draws)
+    least = of_all + math.log(SHARE_FOR_DRAWS)
     rough = [
         i
         for i, mass in zip(results, log_masses(results), strict=True)
         if mass >= least
-        and results[i].error > efforts.wanted_error
+        and results[i].error > WANTED_ERROR
         and not math.isnan(results[i].laplace)  # neither a look nor a scan
     ]
     items = [(hypotheses[i][0], results[i]) for i in rough]
     drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
     results |= zip(rough, drawn, strict=True)
     least = of_all + math.log(SHARE_FOR_FULL)
-    results |= going_on(log_masses(results), efforts.full, efforts.most_full, least=least)
+    results |= going_on(log_masses(results), FULL, efforts.most_full, least=least)
     return [results[i] for i in range(n)]
 
 
@@ -274,7 +282,7 @@ def unsampled_bounds(
     bounds = {}
     for h, estimate in approximate.items():
         if h not in sampled:
-            error = EFFORTS.errors_too_low * max(estimate.error, EFFORTS.least_error)
+            error = ERRORS_TOO_LOW * max(estimate.error, LEAST_ERROR)
             bounds[h] = estimate.log_evidence + max(excess, error)
     return bounds
 
