@@ -106,11 +106,6 @@ def test_soft_and_stiff_members_leave_low_frequencies_accurate():
     np.testing.assert_allclose(frequencies, np.sqrt(joined) / math.tau, rtol=1e-4)
 
 
-def test_a_batch_of_bad_rows_only_is_all_nan():
-    modes = solve_modes(np.full((2, 2, 2), np.nan), UNIT_MASSES)
-    assert np.isnan(modes.frequencies_hz).all()
-
-
 def test_an_empty_batch_gives_empty_modes():
     modes = solve_modes(np.empty((0, 2, 2)), UNIT_MASSES)
     assert modes.frequencies_hz.shape == (0, 2)
@@ -122,24 +117,15 @@ def test_mac_of_known_angles():
     shapes = np.array([np.cos(angles), np.sin(angles)])
     table = mac(shapes[:, :1], shapes)
     np.testing.assert_allclose(table, [[1.0, 0.75, 0.25, 0.0, 1.0]], atol=1e-15)
-
-
-def test_mac_is_blind_to_scale_and_sign():
-    shapes = np.random.default_rng(2).standard_normal((4, 3))
-    scaled = shapes * [-3.0, 1e-3, 250.0]
-    np.testing.assert_allclose(mac(shapes, scaled), mac(shapes, shapes), rtol=1e-12)
-    np.testing.assert_allclose(np.diag(mac(shapes, scaled)), 1.0, rtol=1e-12)
+    scaled = shapes * [-3.0, 1e-3, 250.0, 1.0, -1.0]
+    np.testing.assert_allclose(mac(shapes, scaled), mac(shapes, shapes), rtol=1e-12, atol=1e-15)
 
 
 def test_mac_leaves_missing_sensors_out():
     first = np.array([[1.0], [np.nan], [1.0]])
-    other = np.array([[1.0, np.nan], [5.0, 2.0], [0.0, 3.0]])
-    # Common sensors 1 and 3, (1, 1) and (1, 0): a half. Sensor 3 alone: one.
-    np.testing.assert_allclose(mac(first, other), [[0.5, 1.0]], rtol=1e-15)
-
-
-def test_mac_with_nothing_in_common_is_nan():
-    assert np.isnan(mac(np.array([[1.0], [np.nan]]), np.array([[np.nan], [1.0]])))[0, 0]
+    other = np.array([[1.0, np.nan, np.nan], [5.0, 2.0, 1.0], [0.0, 3.0, np.nan]])
+    # Common sensors 1 and 3, (1, 1) and (1, 0): a half. Sensor 3 alone: one. None.
+    np.testing.assert_allclose(mac(first, other), [[0.5, 1.0, np.nan]], rtol=1e-15)
 
 
 def test_shapes_are_scaled_by_the_main_structure():

@@ -52,29 +52,15 @@ def test_table_evaluates_many_products_and_batch_equals_one_by_one():
     np.testing.assert_array_equal(batch, rows)
 
 
-def test_columns_follow_the_given_parameters():
-    product = (as_product(a * b**2),)
-    forward = ProductTable(product, (a, b)).evaluate(VALUES)
-    backward = ProductTable(product, (b, a)).evaluate(VALUES[:, ::-1])
-    np.testing.assert_array_equal(forward, backward)
-
-
 def test_median_of_a_product():
     # The medians of a and b are 2 and 3.
     assert as_product(5.0 * a**2 * b).median == pytest.approx(60.0, rel=1e-12)
     assert as_product(5.0).median == 5.0
 
 
-def test_a_product_of_one_parameter_names_it_once():
-    assert as_product(a * b * a).parameters == (a, b)
-
-
 def test_parameters_are_collected_once_in_order_of_appearance():
-    assert collect_parameters([b, a, b, a]) == (b, a)
-
-
-def test_equal_parameters_are_tied():
-    assert collect_parameters([a, Parameter("a", LogNormal(2.0, 0.3))]) == (a,)
+    assert collect_parameters([b, a, Parameter("b", LogNormal(3.0, 0.3)), a]) == (b, a)
+    assert as_product(a * b * a).parameters == (a, b)
 
 
 @pytest.mark.parametrize(
@@ -104,11 +90,6 @@ def test_wrong_parameters_are_refused(name, prior, error, message):
 def test_values_that_are_no_numbers_are_refused(value):
     with pytest.raises(TypeError, match="mass must be a number, a Parameter or a number times it"):
         as_product(value, "mass")
-
-
-def test_multiplying_by_text_is_refused():
-    with pytest.raises(TypeError, match="must be a number, a Parameter"):
-        a * "2"
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan, -2.0 * a, 0.0 * a])

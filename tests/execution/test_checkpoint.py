@@ -162,17 +162,6 @@ def test_a_run_is_resumed_on_a_processor_that_rounds_in_another_way(
     assert bool(again) == (size > 1e-10)
 
 
-def test_it_is_said_how_many_evaluations_are_used(
-    tiny_study, tiny_ranking, whole_journals, checkpoint, directory, said
-):
-    stop(directory, whole_journals, 1.0)
-    bs.rank(tiny_study, seed=7, run=bs.Run(checkpoint=checkpoint))
-    assert said == [
-        f"model class {p.name!r}: resumes after {p.n_evaluations} evaluations"
-        for p in tiny_ranking.posteriors
-    ]
-
-
 def test_a_path_will_do_and_then_one_is_warned(one_class, tiny_ranking, whole_journals, directory):
     stop(directory, whole_journals, 0.2)
     with pytest.warns(RuntimeWarning, match="model class 'one k': resumes after") as caught:

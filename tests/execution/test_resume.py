@@ -4,8 +4,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -248,21 +246,6 @@ def with_old_result(command, uninterrupted):
     return command
 
 
-def test_killed_in_a_process_of_its_own(command, sampled, uninterrupted):
-    code = "from bayes_ssi.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *command.arguments()],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    command.wait_for_journals_of(0.6 * total_size(sampled))
-    process.kill()
-    assert process.wait() == -signal.SIGKILL
-    assert command.run() == 0
-    assert command.stderr.startswith("model class 'one k': resumes after ")
-    command.assert_result_is(uninterrupted)
-
-
 def test_killed_again_and_again(command, sampled, tiny_ranking, tmp_path):
     options = ("--seed", "7", "--class", "one k,each k")
     for share in (0.0, 0.7, 1.4):
@@ -332,14 +315,6 @@ def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
     assert sampled_command.run("--seed", "1") == 2
     sampled_command.assert_one_line_error("the checkpoint of another run, with seed 0 there and 1")
     assert sampled_command.journals == before
-
-
-def test_another_seed_replaces_an_unfinished_run_on_request(sampled_command, tiny_ranking):
-    assert sampled_command.run("--seed", "7", "--overwrite") == 0
-    assert sampled_command.stderr == "sampled one k\n"
-    posterior = load_result(sampled_command.result).posteriors[0]
-    assert posterior.evidence == tiny_ranking.posteriors[0].evidence
-    assert not sampled_command.checkpoint.exists()
 
 
 def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):

@@ -38,12 +38,6 @@ def test_dead_processes_are_replaced_and_their_points_isolated(tmp_path):
     np.testing.assert_array_equal(again.values, expected[:3])
 
 
-def test_workers_that_always_die_end_the_run(monkeypatch):
-    monkeypatch.setattr(LocalWorkers, "most_deaths", 2)
-    with LocalWorkers(1) as pool, pytest.raises(ValueError, match="workers: died 3 times, the"):
-        pool.evaluate(lambda _: os._exit(1), points(8))
-
-
 def deadly_at(*rows):
     """A model that is the first coordinate, and kills its worker where that is one of these."""
 
@@ -104,16 +98,6 @@ def test_a_call_whose_worker_dies_is_made_again(tmp_path):
         return 10 * item
 
     assert Crew().call_each(call, range(5)) == [0, 10, 20, 30, 40]
-
-
-def test_a_call_that_always_kills_ends_the_run():
-    def call(item):
-        if item == 2:
-            raise Death
-        return item
-
-    with pytest.raises(ValueError, match=r"^workers: died 101 times"):
-        Crew().call_each(call, range(4))
 
 
 def test_an_executor_that_was_given_and_breaks_is_not_replaced():

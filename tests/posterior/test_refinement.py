@@ -9,7 +9,6 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling import refinement
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings, _differences
 from bayes_ssi.inference.posterior_sampling.sample import sample_as_it_is
-from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 from bayes_ssi.studies.ranking.diagnosis import diagnose
@@ -132,15 +131,6 @@ def test_exact_structures_are_sampled_unchanged(of_class):
     np.testing.assert_array_equal(
         posterior.draws, sample_as_it_is(candidate, settings=SETTINGS).draws
     )
-
-
-def test_remarks_are_saved(of_class, tmp_path):
-    study = bs.Study("s", [of_class(Stiff(of_class.frame, 1e-4))])
-    ranking = bs.rank(study, settings=SETTINGS)
-    save_result(ranking, tmp_path / "r")
-    (stored,) = load_result(tmp_path / "r").posteriors
-    assert stored.remarks == ranking.posteriors[0].remarks
-    assert len(stored.remarks) == 2
 
 
 def test_a_mode_that_no_sensor_sees_is_no_difference():

@@ -1,17 +1,14 @@
 """Modes before and after updating, against the structure's own modes and closed forms."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.inference.posterior.model_at_draws import (
     MOST_PLACES,
-    UpdatedModes,
     at_draws,
     configuration_modes,
     datum_terms,
@@ -58,10 +55,6 @@ def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, model_class
         for each in mode.shape_after:  # the same at all draws
             np.testing.assert_allclose(each[:3], expected, atol=1e-6)
     assert updated.appendages == ("infill 1-2",)
-
-
-def test_a_record_is_read_back(updated):
-    assert from_record(UpdatedModes, json.loads(json.dumps(to_record(updated)))) == updated
 
 
 def test_shapes_of_a_large_structure_are_kept_at_its_sensors():

@@ -191,21 +191,6 @@ def test_a_widened_prior_moves_quantiles_along_the_normal_coordinate(case, facto
     np.testing.assert_allclose(quantiles, scipy_prior.ppf(probabilities), rtol=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("prior", "wider"),
-    [
-        (Normal(2.0, 0.5), stats.norm(2.0, 1.0)),
-        (LogNormal(3.0, math.sqrt(math.expm1(0.04))), stats.lognorm(0.4, scale=3.0)),
-        (HalfNormal(0.7).widened(0.5), stats.halfnorm(scale=0.7)),
-        (Uniform(-1.0, 5.0).widened(0.5), stats.uniform(-1.0, 6.0)),
-    ],
-)
-def test_distributions_of_twice_the_width(prior, wider):
-    values = wider.ppf(PROBABILITIES)
-    cdf = stats.norm.cdf(prior.widened(2.0).to_normal(values))
-    np.testing.assert_allclose(cdf, wider.cdf(values), rtol=1e-7)
-
-
 def test_widened_priors_refuse_what_is_no_prior_or_factor():
     with pytest.raises(ValueError, match="Widened: factor must be positive"):
         Normal(0.0, 1.0).widened(0.0)

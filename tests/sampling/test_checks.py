@@ -319,15 +319,6 @@ def test_the_edge_of_a_prior_is_one_draw_in_a_thousand():
     assert "upper edge" in edge_checks_of(model_class, -just_outside)[0]
 
 
-def test_only_half_of_the_posterior_at_an_edge_is_too_much():
-    model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
-    z = np.zeros((100, 1))
-    z[:50] = -4.0
-    assert edge_checks_of(model_class, z) == []
-    z[50] = -4.0
-    assert len(edge_checks_of(model_class, z)) == 1
-
-
 def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))

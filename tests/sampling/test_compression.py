@@ -92,13 +92,6 @@ def test_the_first_level_keeps_the_highest_quarter_of_the_prior():
     assert gaussian(climb.positions).min() >= highest[0]
 
 
-def test_a_likelihood_that_is_the_same_everywhere():
-    """Equal likelihoods are neither lost nor counted twice."""
-    particles, _ = compressed(lambda z: np.full(len(z), 3.0), d=2)
-    assert particles.log_evidence == pytest.approx(3.0, abs=1e-9)
-    np.testing.assert_allclose(particles.draws.std(0), 1.0, rtol=0.25)
-
-
 def test_plateaus():
     """Rings of equal likelihood e^0, e^1, … around the origin, the highest a disc."""
     radii = np.array([2.0, 1.5, 1.0, 0.5, 0.1])
@@ -123,16 +116,6 @@ def test_a_likelihood_that_is_positive_in_a_ten_thousandth_of_the_prior():
     )
     assert (np.abs(off) < 4.0 * errors).all()
     assert errors.max() < 1.0
-
-
-def test_a_likelihood_that_is_zero_in_places():
-    off, errors = off_and_errors(
-        0.5 + math.log(norm.sf(1.0)),  # e^(1/2) P(normal > 1)
-        6,
-        function=lambda z: np.where(z[:, 0] > 0, -z[:, 0], -np.inf),
-        d=2,
-    )
-    assert (np.abs(off) < 4.0 * errors).all()
 
 
 def test_an_impossible_likelihood_is_refused():
@@ -175,14 +158,6 @@ def test_a_spike_within_a_slab_is_passed_into():
         assert np.mean(np.abs(particles.draws).max(1) < 0.05) > 0.9
 
 
-def test_progress_rises_to_one():
-    seen = []
-    compressed(progress=seen.append)
-    assert seen == sorted(seen)
-    assert seen[-1] == 1.0
-    assert len(set(seen)) > 3
-
-
 def compression(log_evidence, error, behind=0.0):
     return Compression(np.zeros((4, 1)), np.zeros(4), log_evidence, error, behind)
 
@@ -221,12 +196,10 @@ def test_particles_that_fall_behind_enlarge_the_error():
         squares = ((z - centre) ** 2).sum(1) / sd**2
         return -0.5 * squares - 2.0 * math.log(sd) - math.log(2.0 * math.pi)
 
-    for seed in range(2):
-        seeds = np.random.SeedSequence(seed).spawn(2)
-        target = Target(log_likelihood, 2)
-        maxima = find_maxima(target, np.zeros((1, 2)))
-        result = compression_estimate(compress_prior(target, 1000, maxima, seeds))
-        assert abs(result.log_evidence - exact) < 4.0 * result.error
+    target = Target(log_likelihood, 2)
+    maxima = find_maxima(target, np.zeros((1, 2)))
+    result = compression_estimate(compress_prior(target, 1000, maxima, seeds(0)))
+    assert abs(result.log_evidence - exact) < 4.0 * result.error
 
 
 def test_particles_keep_their_width_on_a_long_way_from_the_prior():

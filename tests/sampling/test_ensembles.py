@@ -101,13 +101,6 @@ def test_thinned_chains_still_reach_what_was_asked_for():
     assert (same, statistics) == (short, whole)
 
 
-def test_the_densities_stored_are_those_of_the_positions():
-    for ensemble in run(max_steps=60):
-        expected = Target(gaussian, 2).log_posterior(ensemble.draws)
-        actual = ensemble.log_posteriors.ravel()
-        np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
-
-
 def test_walkers_change_between_far_regions():
     """Three quarters of the posterior at +2, one quarter at -2, with nothing between."""
 

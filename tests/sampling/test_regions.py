@@ -51,9 +51,10 @@ def banana(n=2000):
 
 
 def test_two_far_bumps_are_two_regions():
-    log_density, draws = bumps(12.0)
+    log_density, draws = bumps(12.0, n=20_000)
     result = regions_of(log_density, draws)
     assert result.n_regions == 2
+    assert len(result.draws) == MOST_DRAWS, "thinned"
     right = draws[:, 0] > 6.0
     labels = result.assign(draws)
     assert len(set(labels[right])) == len(set(labels[~right])) == 1
@@ -136,13 +137,6 @@ def test_a_few_stray_draws_are_no_region():
 def test_a_handful_of_draws(n):
     log_density, draws = bumps(0.0, n=n)
     assert regions_of(log_density, draws).n_regions == 1
-
-
-def test_many_draws_are_thinned():
-    log_density, draws = bumps(12.0, n=20_000)
-    result = regions_of(log_density, draws)
-    assert len(result.draws) == MOST_DRAWS
-    assert result.n_regions == 2
 
 
 def test_shares_of_weighted_draws():
