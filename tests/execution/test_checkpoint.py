@@ -186,7 +186,7 @@ def other_class(one_k, **changes):
     return replace(one_k, **{"pairing": one_k.pairing, **changes})
 
 
-def test_another_run_is_refused_in_a_line_that_names_the_difference(checkpoint, one_k):
+def test_another_run_is_refused_in_a_line_that_names_the_difference(checkpoint, one_k, monkeypatch):
     checkpoint.journal(one_k, 7, SETTINGS).close()
     coarse = replace(SETTINGS, log_evidence_error=0.1)
     other_classes = (
@@ -205,6 +205,10 @@ def test_another_run_is_refused_in_a_line_that_names_the_difference(checkpoint, 
         with pytest.raises(ValueError, match=message) as caught:
             checkpoint.journal(*other)
         assert "\n" not in str(caught.value)
+    here = {**versions(), "numpy": "3.0"}
+    monkeypatch.setattr("bayes_ssi.inference.workers.run.versions", lambda: here)
+    with pytest.raises(ValueError, match=rf'numpy "{np.__version__}" there and "3\.0" here; fin'):
+        checkpoint.journal(one_k, 7, SETTINGS)
 
 
 @pytest.mark.parametrize(("change", "is_same"), [(1e-15, True), (1e-3, False)])
@@ -238,15 +242,6 @@ def test_computed_numbers_define_a_class_but_for_their_rounding(
     else:
         with pytest.raises(ValueError, match="definition"):
             checkpoint.journal(made(noise), 7, SETTINGS)
-
-
-def test_other_versions_are_refused(checkpoint, one_k, monkeypatch):
-    checkpoint.journal(one_k, 7, SETTINGS).close()
-    here = {**versions(), "numpy": "3.0"}
-    monkeypatch.setattr("bayes_ssi.inference.workers.run.versions", lambda: here)
-    message = rf'numpy "{np.__version__}" there and "3\.0" here; finish that one, or begin'
-    with pytest.raises(ValueError, match=message):
-        checkpoint.journal(one_k, 7, SETTINGS)
 
 
 def test_the_checkpoint_of_another_run_is_discarded_on_request(directory, one_k, said):

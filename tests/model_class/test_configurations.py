@@ -95,12 +95,6 @@ def test_parameters_of_structures_come_first_each_once():
     assert candidate.parameter_names == ("k", "dm", "frequency_cov", "shape_sd")
 
 
-def test_further_arguments_apply_to_all_configurations():
-    every = replace(joint(), pairing="any")
-    assert [c.pairing for c in every.configurations] == ["any", "any"]
-    assert [c.pairing for c in joint().configurations] == [PAIRS, PAIRS]
-
-
 def test_digest_depends_on_names_and_data_but_not_on_order():
     tests = joint().configurations
     assert joint(configurations=tests[::-1]).data_digest == joint().data_digest
@@ -260,17 +254,6 @@ def test_bad_input_is_refused_in_one_line(make, error, message):
     with pytest.raises(error, match="^" + re.escape(message)) as caught:
         make()
     assert "\n" not in str(caught.value)
-
-
-def test_one_name_for_parameters_with_different_priors_is_refused():
-    other = bs.ShearBuilding(
-        (1.0,) * 2, (STIFFNESS * bs.Parameter("k", bs.LogNormal(1.0, 0.4)),) * 2
-    )
-    tests = (state(bare, BARE, "bare"), state(other, LOADED, "loaded"))
-    with pytest.raises(
-        ValueError, match=r"^model class 'both': two different parameters are named 'k'"
-    ):
-        joint(configurations=tests)
 
 
 @pytest.mark.parametrize(

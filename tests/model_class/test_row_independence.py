@@ -99,8 +99,11 @@ def test_rows_of_the_studies(model_class):
     assert_rows_are_independent(model_class)
 
 
-@pytest.mark.parametrize("error", [FIXED, RELATED, bs.ErrorModel()], ids=["fixed", "tied", "free"])
-@pytest.mark.parametrize("shapes", [(), (2,), (1, 2, 3)], ids=["bare", "a shape", "all shapes"])
+@pytest.mark.parametrize(
+    ("error", "shapes"),
+    [(FIXED, ()), (FIXED, (1, 2, 3)), (RELATED, (2,)), (bs.ErrorModel(), (1, 2, 3))],
+    ids=["fixed, bare", "fixed, all shapes", "tied, a shape", "free, all shapes"],
+)
 @pytest.mark.parametrize("element", ELEMENTS.values(), ids=ELEMENTS)
 def test_rows_with_every_kind_of_element(element, shapes, error):
     structure = building(3, element)

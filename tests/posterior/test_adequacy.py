@@ -125,11 +125,6 @@ def in_rad_s(data):
     return replace(data, modes=modes, band_hz=tuple(factor * bound for bound in data.band_hz))
 
 
-def laboratory_frame():
-    """The four-storey laboratory frame, one stiffness for each storey, errors given."""
-    return bs.load_study(LABORATORY_FRAME).only(["each storey"])
-
-
 def exchanged_in_mode_3(data):
     shape = data.mode("3").shape[[1, 0, *range(2, len(data.sensors))]]
     modes = (replace(m, shape=shape) if m.label == "3" else m for m in data.modes)
@@ -147,10 +142,14 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-@pytest.mark.parametrize("of", ["shear building", "laboratory frame"])
+@pytest.mark.parametrize(
+    ("of", "mistake"),
+    [*(("shear building", each) for each in MISTAKES), ("laboratory frame", "turned")],
+)
 def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
-    right = model_classes["3"] if of == "shear building" else laboratory_frame().model_classes[0]
+    right = model_classes["3"]
+    if of == "laboratory frame":  # one stiffness for each storey, errors given
+        right = bs.load_study(LABORATORY_FRAME).only(["each storey"]).model_classes[0]
     change, words = MISTAKES[mistake]
     ranking = bs.rank(bs.Study("wrong data", [with_data(right, change)]), settings=COARSE)
     (check,) = ranking.comparison.best.failed_checks[:1]
@@ -161,16 +160,10 @@ def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
     assert hint.gain > 50.0
 
 
-@pytest.mark.parametrize("of", ["shear building", "laboratory frame"])
-def test_a_wrong_pairing_is_named(model_classes, of):
-    if of == "shear building":
-        right, wrong = model_classes["3"], {"1": 1, "2a": 2, "2b": 4, "3": 3}
-        words = "mode '2b' seems to be model mode 3, not model mode 4; "
-        words += "mode '3' seems to be model mode 4, not model mode 3"
-    else:
-        right, wrong = laboratory_frame().model_classes[0], {"1": 1, "2": 3, "3": 2, "4": 4}
-        words = "mode '2' seems to be model mode 2, not model mode 3; "
-        words += "mode '3' seems to be model mode 3, not model mode 2"
+def test_a_wrong_pairing_is_named(model_classes):
+    right, wrong = model_classes["3"], {"1": 1, "2a": 2, "2b": 4, "3": 3}
+    words = "mode '2b' seems to be model mode 3, not model mode 4; "
+    words += "mode '3' seems to be model mode 4, not model mode 3"
     (test,) = right.configurations
     candidate = replace(right, configurations=[replace(test, pairing=wrong)])
     ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=COARSE)
@@ -250,7 +243,8 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     """By the class's own prior the error of the shapes is only a little too large."""
     anything = replace(model_classes["3"], error=bs.ErrorModel()).with_any_pairing("any")
     study = bs.Study("absorbed", [with_data(anything, exchanged_in_mode_3)])
-    ranking = bs.rank(study, settings=COARSE)
+    # Chains too short to pass their own checks.
+    ranking = bs.rank(study, settings=replace(COARSE, searches=1, max_steps=200))
     assert ranking.posteriors[0].adequacy.overall.p_value > INADEQUATE
     words = "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3' (gain "
     misfit = ranking.comparison.best.misfit

@@ -201,9 +201,9 @@ def test_an_interrupted_run_solves_nothing_twice(tmp_path):
     assert resumed.evidence == whole.evidence
 
 
-def test_workers_share_the_solutions_and_change_nothing():
+def test_workers_share_the_solutions_and_change_nothing(copied_workers):
     _, one = sampled_economically()
-    two = bs.sample(of_class(BlackBox), settings=ECONOMICAL, run=bs.Run(workers=2))
+    two = bs.sample(of_class(BlackBox), settings=ECONOMICAL, run=bs.Run(copied_workers))
     np.testing.assert_array_equal(one.draws, two.draws)
     assert one.evidence == two.evidence
 

@@ -7,22 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from targets import one_mass
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import at_draws
 from bayes_ssi.inference.posterior_sampling.sample import _noise
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
-
-STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
-
-
-def one_mass(name="one mass", prior=None, frequency_hz=1.1, error=0.05):
-    """A unit mass on a spring; its frequency is √k Hz."""
-    k = bs.Parameter("k", prior or bs.LogNormal(1.0, 0.3))
-    data = bs.ModalData((bs.IdentifiedMode("1", frequency_hz),), band_hz=(0.0, 3.0))
-    building = bs.ShearBuilding((1.0,), (STIFFNESS * k,))
-    return bs.ModelClass(name, building, data, bs.ErrorModel(error, 0.05), pairing={"1": 1})
 
 
 @pytest.fixture(scope="module")
@@ -214,10 +205,11 @@ def test_a_model_that_answers_differently_when_asked_twice(noise, said):
         assert_of_noise(text, noise)
 
 
-@pytest.mark.parametrize("workers", [None, 2])
-def test_small_noise_is_said_once_and_fails_nothing(workers):
+@pytest.mark.parametrize("shared", [False, True])
+def test_small_noise_is_said_once_and_fails_nothing(shared, copied_workers):
     settings = bs.SamplingSettings(log_evidence_error=0.1)
-    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=bs.Run(workers))
+    run = bs.Run(copied_workers if shared else None)
+    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=run)
     assert posterior.failed_checks == ()
     assert len(posterior.regions) == 1
     (remark,) = posterior.remarks

@@ -1,17 +1,14 @@
 """What a posterior quotes: chains as emcee made them, or draws that are said to be none."""
 
-import math
-
 import numpy as np
 import pytest
+from targets import STIFFNESS, two_bumps
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling.sample import _quoted_draws
 from bayes_ssi.inference.sampling import engine
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target
-
-STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 
 
 @pytest.fixture(scope="module")
@@ -53,18 +50,9 @@ def test_draws_are_the_walkers_of_emcee_step_by_step(exchange, ensembles):
     np.testing.assert_allclose(posterior.log_likelihoods[3], first, atol=1e-9)
 
 
-def two_bumps(z):
-    """Likelihood times prior: a tenth of the mass at -2, the rest at 2 (in each coordinate)."""
-    parts = [
-        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
-        for share, centre in ((0.9, 2.0), (0.1, -2.0))
-    ]
-    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
-
-
 def test_draws_of_chains_that_do_not_mix_have_the_shares_of_the_regions():
     settings = bs.SamplingSettings(max_steps=12, r_hat=1.0001)
-    sampled = sample_target(Target(two_bumps, 2), np.random.SeedSequence(3), settings)
+    sampled = sample_target(Target(two_bumps(), 2), np.random.SeedSequence(3), settings)
     chains = np.concatenate([ensemble.chains for ensemble in sampled.ensembles])
     assert any(check.startswith("the chains differ") for check in sampled.failed_checks)
     draws, log_likelihoods, (remark,) = _quoted_draws(sampled, np.random.default_rng(0))
@@ -75,4 +63,4 @@ def test_draws_of_chains_that_do_not_mix_have_the_shares_of_the_regions():
     share = np.mean(draws[0, :, 0] < 0.0)
     assert share == pytest.approx(small, abs=1.0 / draws.shape[1])
     assert abs(np.mean(chains[..., 0] < 0.0) - small) > 3.0 / draws.shape[1]
-    np.testing.assert_allclose(log_likelihoods[0], two_bumps(draws[0]), atol=1e-9)
+    np.testing.assert_allclose(log_likelihoods[0], two_bumps()(draws[0]), atol=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import log_ndtr, ndtr, ndtri
+from targets import STIFFNESS, one_mass, two_bumps
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import edges
@@ -16,7 +17,6 @@ from bayes_ssi.inference.sampling.regions import Regions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
-STIFFNESS = (2.0 * math.pi) ** 2  # of a unit mass at 1 Hz
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
 
 
@@ -25,18 +25,10 @@ def edge_checks_of(model_class, z):
     return [edge.statement for edge in found]
 
 
-def two_bumps(z):
-    parts = [
-        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
-        for share, centre in ((0.7, 2.0), (0.3, -2.0))
-    ]
-    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
-
-
 @pytest.fixture(scope="module")
 def sampled():
     """A result in which all is well, to be spoilt one thing at a time; two regions."""
-    return sample_target(Target(two_bumps, 2), np.random.SeedSequence(4))
+    return sample_target(Target(two_bumps(0.3), 2), np.random.SeedSequence(4))
 
 
 def test_nothing_fails_where_all_is_well(sampled):
@@ -260,14 +252,6 @@ def test_a_likelihood_of_one_in_a_small_part_of_the_prior_is_no_floor():
     assert result.evidence.log_evidence == pytest.approx(log_ndtr(-1.5), abs=error)
 
 
-def one_mass(prior, error):
-    """A unit mass on a spring; its frequency is √k Hz, and was identified at 1.1 Hz."""
-    k = bs.Parameter("k", prior)
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.1),), band_hz=(0.0, 3.0))
-    building = bs.ShearBuilding((1.0,), (STIFFNESS * k,))
-    return bs.ModelClass("one mass", building, data, bs.ErrorModel(error, 0.05), pairing={"1": 1})
-
-
 def fit(k, error):
     """The log-likelihood of the one mass, but for a constant."""
     return -0.5 * ((np.sqrt(k) / 1.1 - 1.0) / error) ** 2
@@ -299,7 +283,7 @@ LEANING = [
 def test_a_posterior_at_the_edge_of_a_prior_is_reported(low, high, error, side):
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
     beyond = {"lower": share[z < -3.09].sum(), "upper": share[z > 3.09].sum()}
-    checks = edge_checks_of(one_mass(bs.Uniform(low, high), error), draws_of(z, share))
+    checks = edge_checks_of(one_mass(prior=bs.Uniform(low, high), error=error), draws_of(z, share))
     assert checks == [
         f"parameter 'k': {100 * beyond[name]:.0f} % of the posterior lies at the {name} edge of "
         f"its prior, Uniform(lower={low}, upper={high}), where only one in a thousand prior draws "
@@ -312,7 +296,7 @@ def test_a_posterior_at_the_edge_of_a_prior_is_reported(low, high, error, side):
 
 def test_the_edge_of_a_prior_is_one_draw_in_a_thousand():
     just_inside, just_outside = (np.full((10, 1), ndtri(share)) for share in (1.1e-3, 0.9e-3))
-    model_class = one_mass(bs.LogNormal(1.0, 0.3), 0.01)
+    model_class = one_mass(error=0.01)
     assert edge_checks_of(model_class, just_inside) == []
     assert edge_checks_of(model_class, -just_inside) == []
     assert "lower edge" in edge_checks_of(model_class, just_outside)[0]
@@ -322,7 +306,7 @@ def test_the_edge_of_a_prior_is_one_draw_in_a_thousand():
 def test_sampling_reports_the_edge_of_a_prior():
     low, high, error, _ = LEANING[0]
     z, share = on_grid(lambda z: fit(low + (high - low) * ndtr(z), error))
-    (edge,) = bs.sample(one_mass(bs.Uniform(low, high), error)).edges
+    (edge,) = bs.sample(one_mass(prior=bs.Uniform(low, high), error=error)).edges
     assert (edge.parameter, edge.configuration, edge.end) == ("k", None, 0)
     text = edge.statement
     result = re.match(r"parameter 'k': (\d+) % of the posterior lies at the lower edge", text)

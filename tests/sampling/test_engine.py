@@ -9,6 +9,7 @@ from scipy import stats
 from scipy.integrate import quad
 from scipy.special import ndtr, ndtri
 from scipy.stats import norm
+from targets import two_bumps
 
 from bayes_ssi.inference.sampling import engine
 from bayes_ssi.inference.sampling.engine import sample_target
@@ -30,15 +31,6 @@ def one_observation(z):
 EXACT = -0.5 * 1.5**2 / 1.25 - 0.5 * math.log(2.0 * math.pi * 1.25)
 
 
-def two_bumps(z):
-    """Likelihood times prior: a tenth of the mass at -2, the rest at 2 (in each coordinate)."""
-    parts = [
-        math.log(share) - 0.5 * (((z - centre) / 0.1) ** 2).sum(1) - 2.0 * math.log(0.1)
-        for share, centre in ((0.9, 2.0), (0.1, -2.0))
-    ]
-    return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
-
-
 def run(function, d=2, seed=0, **kwargs):
     return sample_target(Target(function, d), np.random.SeedSequence(seed), **kwargs)
 
@@ -50,7 +42,7 @@ def observed():
 
 @pytest.fixture(scope="module")
 def bumps():
-    return run(two_bumps)
+    return run(two_bumps())
 
 
 def test_a_gaussian_target(observed):
@@ -90,7 +82,7 @@ def with_suggestions(function, d):
 
 
 def test_a_target_that_knows_its_problem_does_without_particles(bumps):
-    known = with_suggestions(two_bumps, 2)
+    known = with_suggestions(two_bumps(), 2)
     result = sample_target(known, np.random.SeedSequence(0))
     assert result.compressions == ()
     assert result.failed_checks == []
@@ -121,7 +113,7 @@ def test_any_doubt_brings_the_particles(doubt, monkeypatch):
 
 @pytest.mark.parametrize("wanted", [0.05, 0.002])
 def test_the_wanted_error_is_reached(wanted):
-    result = run(two_bumps, settings=SamplingSettings(log_evidence_error=wanted))
+    result = run(two_bumps(), settings=SamplingSettings(log_evidence_error=wanted))
     assert result.evidence.error <= wanted
     assert (len(result.importance.z) > 2 * ImportanceSampler.batch) == (wanted < 0.01)
 
@@ -294,7 +286,7 @@ def test_too_few_draws_around_the_maxima_lead_to_particles(monkeypatch):
 
     monkeypatch.setattr(ImportanceSampler, "sample", misplaced)
     monkeypatch.setattr(engine._Sampling, "_from_maxima", recorded)
-    result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
+    result = sample_target(with_suggestions(two_bumps(), 2), np.random.SeedSequence(0))
     assert results == [None]
     assert len(result.compressions) == 2
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
@@ -307,7 +299,7 @@ def test_a_mixture_that_fits_worse_than_the_last_is_dropped(monkeypatch):
         return self.sampler.sample(ELSEWHERE)
 
     monkeypatch.setattr(engine._Sampling, "_fitted", misfitted)
-    result = sample_target(with_suggestions(two_bumps, 2), np.random.SeedSequence(0))
+    result = sample_target(with_suggestions(two_bumps(), 2), np.random.SeedSequence(0))
     assert not result.compressions
     assert result.failed_checks == []
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
