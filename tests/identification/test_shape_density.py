@@ -8,12 +8,8 @@ import pytest
 from scipy.integrate import quad, simpson
 from scipy.special import ive, modstruve
 
-from bayes_ssi.inference.likelihood import shape_density
 from bayes_ssi.inference.likelihood.shape_density import (
-    DEGREE,
-    N_INTERVALS,
     _by_quadrature,
-    _polynomials,
     _series,
     log_shape_normaliser,
     log_shape_survival,
@@ -149,21 +145,3 @@ def test_probability_of_distances_far_out():
         assert log_p[0, 0] == pytest.approx(expected - math.log1p(-cut), rel=1e-9)
     assert log_shape_survival(np.array([1.0]), np.array([0.05]), 5)[0] == -np.inf
     assert log_shape_survival(np.zeros(1), np.array([0.05]), 5)[0] == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("degree", [0, 5])
-def test_coefficients_that_are_exactly_zero_are_kept(monkeypatch, degree):
-    # Whether the highest coefficient of a fit is exactly zero depends on the processor; those of
-    # every second interval are zero here.
-    def zero_or_power(shape_sd, d):
-        place = np.log1p(1.0 / (math.sqrt(d) * shape_sd**2))
-        return np.where(np.arange(len(place))[:, None] % 2 == 0, 0.0, place**degree)
-
-    monkeypatch.setattr(shape_density, "_by_quadrature", zero_or_power)
-    coefficients = _polynomials.__wrapped__(4)
-    assert coefficients.shape[0] == DEGREE + 1
-    t = 0.3
-    place = (np.arange(coefficients.shape[1]) + 0.5 * (t + 1.0)) / N_INTERVALS
-    values = np.polynomial.polynomial.polyval(t, coefficients)
-    np.testing.assert_array_equal(values[::2], 0.0)
-    np.testing.assert_allclose(values[1::2], place[1::2] ** degree, rtol=1e-9)

@@ -16,10 +16,6 @@ N_NODES = 64  # of the quadrature
 N_TERMS = 12  # of the series for small errors
 # The last term of the series at the largest error for which it is used.
 NEGLIGIBLE = np.finfo(float).eps / 16.0
-# Of other errors, in a unit of log(1 + κ/√d); in each a polynomial has the values of log Z, which
-# has no zero within about 0.8 of the real axis.
-N_INTERVALS = 8
-DEGREE = 10  # of these polynomials, each term a 25th of the one before
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(N_NODES)
 
 
@@ -32,7 +28,7 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
     """log Z_d(σ), the normalising constant of the shape's density on the sphere.
 
     ``Z_d(σ) = 2 |S^(d-2)| ∫_0^(π/2) exp(-(1 - cos t)/σ²) sin^(d-2)(t) dt``: by a series where σ is
-    small, by polynomials through its values by quadrature elsewhere.
+    small, by quadrature elsewhere.
 
     Args:
         shape_sd: σ, of any shape, positive.
@@ -49,7 +45,7 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
         log_caps = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
         normaliser = np.array(log_caps + np.log1p(curved * variance))
     if not small.all():
-        normaliser[~small] = _by_polynomials(sd[~small], d)
+        normaliser[~small] = _by_quadrature(sd[~small], d)
     return normaliser
 
 
@@ -63,32 +59,8 @@ def log_shape_survival(distances: FloatArray, shape_sd: FloatArray, d: int) -> F
         distances: 1 - |φ_e·φ|, between 0 and 1.
         shape_sd: σ, positive, of a shape that broadcasts with ``distances``.
     """
-    variance = np.asarray(shape_sd, dtype=float)[..., None] ** 2
-    distance = np.clip(np.asarray(distances, dtype=float), 0.0, 1.0)[..., None]
-    start = 2.0 * np.arcsin(np.sqrt(0.5 * distance))
-    a = (d - 2) * variance
-    highest = 2.0 / (a + np.sqrt(a * a + 4.0))  # cos t of the maximum, as in the normaliser
-    top = np.arcsin(np.sqrt(np.minimum(a * highest, 1.0)))
-    reach = REACH * np.sqrt(variance / (highest + (1.0 / highest if d > 2 else 0.0)))
-    begin = np.maximum(start, top - reach)
-    # Beyond its maximum the logarithm of the integrand falls by its slope and its curvature.
-    first = np.maximum(begin, top)
-    sine, cosine = np.sin(first), np.cos(first)
-    slope = sine / variance
-    curvature = cosine / variance
-    if d > 2:
-        slope = slope - (d - 2) * cosine / sine
-        curvature = curvature + (d - 2) / sine**2
-    length = REACH**2 / (slope + np.sqrt(slope**2 + REACH**2 * curvature))
-    half = 0.5 * np.maximum(np.minimum(0.5 * math.pi, first + length) - begin, 0.0)
-    t = begin + half * (_NODES + 1.0)
-    log_integrand = -2.0 * np.sin(0.5 * t) ** 2 / variance
-    if d > 2:
-        log_integrand += (d - 2) * np.log(np.sin(t))
-    peak = log_integrand.max(axis=-1, keepdims=True)
-    integral = half[..., 0] * (np.exp(log_integrand - peak) * _WEIGHTS).sum(-1)
-    with np.errstate(divide="ignore"):
-        log_tail = peak[..., 0] + np.log(integral)
+    distance = np.clip(np.asarray(distances, dtype=float), 0.0, 1.0)
+    log_tail = _log_integral(2.0 * np.arcsin(np.sqrt(0.5 * distance)), shape_sd, d)
     whole = log_shape_normaliser(shape_sd, d) - math.log(2.0) - log_sphere_area(d - 1)
     return np.minimum(log_tail - whole, 0.0)
 
@@ -113,48 +85,40 @@ def _series(d: int) -> tuple[FloatArray, float]:
     return coefficients, 1.0 / kappa
 
 
-def _by_polynomials(shape_sd: FloatArray, d: int) -> FloatArray:
-    """log Z_d(σ) by the polynomial of the interval in which log(1 + κ/√d) lies, κ = 1/σ²."""
-    with np.errstate(divide="ignore", over="ignore"):
-        place = np.log1p(1.0 / (math.sqrt(d) * shape_sd * shape_sd)) * N_INTERVALS
-    polynomials = _polynomials(d)
-    interval = np.fmin(place, polynomials.shape[1] - 1).astype(np.intp)  # the last one for NaN
-    t = 2.0 * (place - interval) - 1.0
-    total: FloatArray = polynomials[-1, interval]
-    for coefficients in polynomials[-2::-1]:
-        total = total * t + coefficients[interval]
-    return total
-
-
-@cache
-def _polynomials(d: int) -> FloatArray:
-    """Coefficients (degree + 1, n_intervals) of log Z_d from κ = 0 to where the series is used."""
-    last = math.log1p(1.0 / (math.sqrt(d) * _series(d)[1])) * N_INTERVALS
-    nodes = np.polynomial.chebyshev.chebpts1(DEGREE + 1)
-    place = np.arange(int(last) + 1)[:, None] + 0.5 * (nodes + 1.0)
-    kappa = math.sqrt(d) * np.expm1(place / N_INTERVALS)
-    values = _by_quadrature(1.0 / np.sqrt(kappa), d)
-    # numpy's conversions between polynomials drop coefficients that happen to be zero; a fit keeps
-    # them, so all intervals have as many.
-    fits = np.polynomial.polynomial.polyfit(nodes, values.T, DEGREE)
-    return np.asarray(fits, dtype=float)
-
-
 def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
-    """Gauss-Legendre, over the part of the interval in which the integrand is not negligible."""
-    sd = shape_sd[..., None]
+    """log Z_d(σ) by quadrature, of any shape."""
+    return math.log(2.0) + log_sphere_area(d - 1) + _log_integral(np.zeros(()), shape_sd, d)
+
+
+def _log_integral(start: FloatArray, shape_sd: FloatArray, d: int) -> FloatArray:
+    """log ∫ exp(-(1 - cos t)/σ²) sin^(d-2)(t) dt from ``start`` to π/2, of any shape.
+
+    Gauss-Legendre, over the part of the interval in which the integrand is not negligible.
+    """
+    variance, start = np.asarray(shape_sd, dtype=float)[..., None] ** 2, start[..., None]
     # The logarithm of the integrand is highest where sin² t = (d - 2) σ² cos t, with the
     # width that its second derivative there gives.
-    a = (d - 2) * sd * sd
-    cosine = 2.0 / (a + np.sqrt(a * a + 4.0))
-    top = np.sqrt(np.maximum(a * cosine, 0.0))  # sin t
-    curvature = cosine / sd**2 + ((d - 2) / top**2 if d > 2 else 0.0)
-    half = REACH / np.sqrt(curvature)
-    begin = np.maximum(0.0, np.arcsin(np.minimum(top, 1.0)) - half)
-    end = np.minimum(0.5 * math.pi, np.arcsin(np.minimum(top, 1.0)) + half)
-    t = begin + 0.5 * (end - begin) * (_NODES + 1.0)
-    log_integrand = -2.0 * (np.sin(0.5 * t) / sd) ** 2 + (d - 2) * np.log(np.sin(t))
+    a = (d - 2) * variance
+    highest = 2.0 / (a + np.sqrt(a * a + 4.0))  # cos t of the maximum
+    top = np.arcsin(np.sqrt(np.minimum(a * highest, 1.0)))
+    reach = REACH * np.sqrt(variance / (highest + (1.0 / highest if d > 2 else 0.0)))
+    begin = np.maximum(start, top - reach)
+    # Beyond its maximum the logarithm of the integrand falls by its slope and its curvature.
+    first = np.maximum(begin, top)
+    sine, cosine = np.sin(first), np.cos(first)
+    slope = sine / variance
+    curvature = cosine / variance
+    if d > 2:
+        slope = slope - (d - 2) * cosine / sine
+        curvature = curvature + (d - 2) / sine**2
+    length = REACH**2 / (slope + np.sqrt(slope**2 + REACH**2 * curvature))
+    half = 0.5 * np.maximum(np.minimum(0.5 * math.pi, first + length) - begin, 0.0)
+    t = begin + half * (_NODES + 1.0)
+    log_integrand = -2.0 * np.sin(0.5 * t) ** 2 / variance
+    if d > 2:
+        log_integrand += (d - 2) * np.log(np.sin(t))
     peak = log_integrand.max(axis=-1, keepdims=True)
     # Not by a matrix product, whose rounding of one value depends on how many there are.
-    integral = 0.5 * (end - begin)[..., 0] * (np.exp(log_integrand - peak) * _WEIGHTS).sum(-1)
-    return math.log(2.0) + log_sphere_area(d - 1) + np.log(integral) + peak[..., 0]
+    integral = half[..., 0] * (np.exp(log_integrand - peak) * _WEIGHTS).sum(-1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(peak[..., 0] + np.log(integral))
