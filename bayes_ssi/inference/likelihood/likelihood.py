@@ -30,7 +30,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, Places, evenly_spaced_indices, row_sums
 from bayes_ssi.inference.likelihood.close_modes import (
     CloseCases,
     ClosePairs,
@@ -43,13 +43,13 @@ from bayes_ssi.inference.likelihood.error_model import ErrorModel, Identificatio
 from bayes_ssi.inference.likelihood.joint_errors import JointPairs
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import (
+    MOST_DRAWS,
     InferredPairing,
     PairingWeights,
     inferred_pairing,
     log_sum,
     pair_probabilities,
     sample_pairings,
-    thinned,
 )
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
@@ -226,8 +226,10 @@ class ModalLikelihood:
                 of_turned = cases.turned(close, shapes, mean.angles)[:, i, which]
                 of_columns = unit.reshape(*distances.shape, -1)
                 of_columns[at] = self.pairs.unit_shapes_like(columns, of_turned)
-            gains = self._log_gains(close, frequencies, shapes, turned, distances, unit)
-        return ComparedModes(frequencies, distances, turned, unit, gains)
+        compared = ComparedModes(frequencies, distances, turned, unit, gains)
+        if close is None:
+            return compared
+        return compared._replace(log_gains=self._log_gains(close, shapes, compared))
 
     def close_pairs(self, values: FloatArray, frequencies_hz: FloatArray) -> ClosePairs | None:
         """The pairs of model modes that turn together, at model frequencies (B, n_modes).
@@ -316,14 +318,11 @@ class ModalLikelihood:
     def _log_gains(
         self,
         close: ClosePairs,  # noqa: ARG002 - for inferred pairings
-        frequencies_hz: FloatArray,
         shapes: FloatArray,  # noqa: ARG002
-        turned: FloatArray,  # noqa: ARG002
-        distances: FloatArray,  # noqa: ARG002
-        unit: FloatArray,  # noqa: ARG002
+        compared: ComparedModes,
     ) -> FloatArray:
-        """As :attr:`ComparedModes.log_gains`."""
-        return np.zeros((len(frequencies_hz), 0, 0, 0))
+        """As :attr:`ComparedModes.log_gains`, of modes compared with each turned by itself."""
+        return compared.log_gains
 
     def shapes_at_sensors(self, modes: Modes) -> FloatArray:
         """Model shapes reduced to the sensors, (B, n_sensors, n_modes), not normalised.
@@ -543,7 +542,7 @@ class AnyPairing(ModalLikelihood):
         return nothing_paired + row_sums(missed) + log_sum(weights)
 
     def inferred_pairing(self, values: FloatArray) -> InferredPairing:
-        values = thinned(values)
+        values = values[evenly_spaced_indices(len(values), MOST_DRAWS)]
         return inferred_pairing(self.data.labels, self.pairing_weights(values))
 
     def sampled_pairs(
@@ -614,14 +613,9 @@ class AnyPairing(ModalLikelihood):
         return columns.reshape(-1, self.structure.n_modes)
 
     def _log_gains(
-        self,
-        close: ClosePairs,
-        frequencies_hz: FloatArray,
-        shapes: FloatArray,
-        turned: FloatArray,
-        distances: FloatArray,
-        unit: FloatArray,
+        self, close: ClosePairs, shapes: FloatArray, compared: ComparedModes
     ) -> FloatArray:
+        frequencies_hz, distances, turned, unit, _ = compared
         n, hz = len(self.data.modes), self.data.frequencies_hz
         near = self._near(close, frequencies_hz)
         pair, j, k = np.nonzero(near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool))

@@ -213,13 +213,6 @@ class InferredPairing:
         return self.pairings[0].pairing
 
 
-def thinned(values: FloatArray) -> FloatArray:
-    """Some of many equally weighted draws (n, n_parameters)."""
-    if len(values) <= MOST_DRAWS:
-        return values
-    return values[np.linspace(0, len(values) - 1, MOST_DRAWS).astype(np.intp)]
-
-
 def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> InferredPairing:
     """Pairings of identified modes by their probability, averaged over posterior draws."""
     # Random pairings show which ones matter; the probability of each is exact at every draw.

@@ -176,43 +176,24 @@ def sample_as_it_is(
     n = len(model_class.parameters)
     with run.working():
         target = class_target(model_class, run.workers, journal, known_starts)
-        try:
-            sampled = sample_target(
-                target,
-                seed_of(model_class.name, seed),
-                settings,
-                partial(run.report, model_class.name),
-            )
-        except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
-            raise
-        except ValueError as error:
-            failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
-            raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
+        sampled = _sampled(model_class, target, seed, settings, run)
         rng = np.random.default_rng(seed)
         z, log_likelihoods, no_chains = _quoted_draws(sampled, rng)
-        values = model_class.values(z.reshape(-1, n))
+        z_rows = z.reshape(-1, n)
+        values = model_class.values(z_rows)
         at_values = _at_draws(model_class, values, run.workers)
         remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
     configurations = configuration_modes(model_class, values)
-    values = values.reshape(z.shape)
     return Posterior(
         name=model_class.name,
         parameter_names=model_class.parameter_names,
-        draws=values,
+        draws=values.reshape(z.shape),
         log_likelihoods=log_likelihoods,
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.chains.bulk_sizes,
         tail_effective_sample_sizes=sampled.chains.tail_sizes,
-        evidence=Evidence(
-            log_evidence=sampled.evidence.log_evidence,
-            error=sampled.evidence.error,
-            effective_sample_size=sampled.importance.effective_sample_size,
-            pareto_k=sampled.importance.pareto_k,
-            n_draws=len(sampled.importance.z),
-            mean_log_likelihood=sampled.importance.log_likelihood_mean,
-            checks=sampled.evidence_checks,
-        ),
-        regions=_regions(sampled, z, values),
+        evidence=_evidence(sampled),
+        regions=_regions(sampled, z, values.reshape(z.shape)),
         maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
         burn_in=sampled.quoted[0].burn_in,
@@ -227,12 +208,12 @@ def sample_as_it_is(
         remarks=(
             *no_chains,
             *remarks,
-            *remarks_on_close_modes(model_class, values.reshape(-1, n), at_values),
+            *remarks_on_close_modes(model_class, values, at_values),
         ),
-        edges=tuple(edges(model_class, z.reshape(-1, n), at_values.frequencies_hz)),
+        edges=tuple(edges(model_class, z_rows, at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,
-        relative_spreads=z.reshape(-1, n).std(axis=0),
+        relative_spreads=z_rows.std(axis=0),
         prior_quantiles=np.array(
             [[p.prior.quantile(q) for q in (0.05, 0.5, 0.95)] for p in model_class.parameters]
         ),
@@ -240,14 +221,41 @@ def sample_as_it_is(
         sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
         datum_terms=datum_terms(
             model_class,
-            values.reshape(-1, n),
+            values,
             at_values,
             [each.pairing for each in configurations],
             z.shape[:2],
             rng,
         ),
-        adequacy=_adequacy(model_class, values.reshape(-1, n), at_values, seed),
+        adequacy=_adequacy(model_class, values, at_values, seed),
         importance_draws=sampled.importance.arrays,
+    )
+
+
+def _sampled(
+    model_class: ModelClass, target: Target, seed: int, settings: SamplingSettings, run: Run
+) -> SamplingResult:
+    """The target of a class, sampled; errors begin with the class's name."""
+    own_seed, progress = seed_of(model_class.name, seed), partial(run.report, model_class.name)
+    try:
+        return sample_target(target, own_seed, settings, progress)
+    except np.linalg.LinAlgError:  # a ValueError, but no fault of the input's
+        raise
+    except ValueError as error:
+        failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
+        raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
+
+
+def _evidence(sampled: SamplingResult) -> Evidence:
+    draws = sampled.importance
+    return Evidence(
+        log_evidence=sampled.evidence.log_evidence,
+        error=sampled.evidence.error,
+        effective_sample_size=draws.effective_sample_size,
+        pareto_k=draws.pareto_k,
+        n_draws=len(draws.z),
+        mean_log_likelihood=draws.log_likelihood_mean,
+        checks=sampled.evidence_checks,
     )
 
 
