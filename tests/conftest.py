@@ -391,8 +391,12 @@ def run(tmp_path, monkeypatch):
 @pytest.fixture
 def coarse_command(monkeypatch):
     """Commands sample coarsely."""
-    coarse = partial(bs.SamplingSettings, particles=60, searches=1, max_steps=400)
-    monkeypatch.setattr("bayes_ssi.inference.sampling.settings.SamplingSettings", coarse)
+    coarse = {"particles": 60, "searches": 1, "max_steps": 400, "effective_sample_size": 400}
+
+    def made(log_evidence_error=0.01, **given):
+        return bs.SamplingSettings(max(log_evidence_error, 0.05), **(coarse | given))
+
+    monkeypatch.setattr("bayes_ssi.inference.sampling.settings.SamplingSettings", made)
 
 
 @pytest.fixture(autouse=True)

@@ -85,6 +85,9 @@ def test_r_hat_of_chains_at_two_places():
     chains[::2] += 0.2
     # Split, 40 half chains.
     assert r_hat(chains)[0] ** 2 - 1.0 == pytest.approx(0.01 * 40.0 / 39.0, rel=0.05)
+    wide = np.random.default_rng(5).standard_normal((4, 4000, 1))
+    wide[1] *= 4.0  # at the same place
+    assert r_hat(wide)[0] > 1.05
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0, 0.1, 7.7, math.nan, math.inf])

@@ -31,7 +31,7 @@ def printed(tmp_path, monkeypatch, capsys):
     for source in (ROOT / "model_classes").iterdir():
         (tmp_path / "model_classes" / source.name).symlink_to(source)
     # As coarsely as the commands, where a chapter does not say how finely.
-    coarse = bs.SamplingSettings(particles=60, searches=1, max_steps=400)
+    coarse = bs.SamplingSettings(0.05, particles=60, searches=1, max_steps=400)
     for sampled in (bs.rank, bs.sample):
         monkeypatch.setattr(bs, sampled.__name__, partial(sampled, settings=coarse), raising=False)
 

@@ -2,12 +2,11 @@
 
 import json
 import re
-import runpy
 import tomllib
-from dataclasses import replace
 
 import pytest
 from code_blocks import README, ROOT, blocks, run_block
+from documented_tables import differences, documented_tables, rows_of
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
@@ -36,20 +35,14 @@ def test_the_script_has_15_lines_and_finds_the_right_class(monkeypatch, capsys):
 
 
 def test_the_table_is_what_the_command_prints(tmp_path, capsys):
-    pages = runpy.run_path(str(ROOT / "tests" / "documented_tables.py"))
-    (table,) = pages["documented_tables"](README)
-    assert [row.name for row in table.rows] == ["3", "1-a", "2", "1-b"]
-    study = str(ROOT / table.command[-1])
-    main(
-        [*table.command[1:-1], study, "--json", "--out", str(tmp_path / "out")],
-        standalone_mode=False,
-    )
-    classes = json.loads(capsys.readouterr().out)["classes"]
-    now = [pages["Row"](each["name"], each["log_evidence"], each["error"]) for each in classes]
-    assert list(pages["differences"](table, now)) == []
-    wrong = [replace(now[0], log_evidence=now[0].log_evidence + 0.1), *now[1:]]
-    assert len(list(pages["differences"](table, wrong))) == 1
-    assert len(list(pages["differences"](table, now[::-1]))) == 1
+    ((command, shown),) = documented_tables(README)
+    assert list(shown) == ["3", "1-a", "2", "1-b"]
+    own = [str(ROOT / command[-1]), "--json", "--out", str(tmp_path / "out")]
+    main([*command[1:-1], *own], standalone_mode=False)
+    now = rows_of(json.loads(capsys.readouterr().out))
+    assert list(differences(shown, now)) == []
+    assert len(list(differences(shown, now | {"3": (now["3"][0] + 0.1, now["3"][1])}))) == 1
+    assert len(list(differences(shown, dict(reversed(now.items()))))) == 1
 
 
 @pytest.mark.usefixtures("coarse_command")

@@ -256,36 +256,6 @@ def test_blas_works_in_one_thread_in_workers(monkeypatch):
         assert workers.evaluate(n_threads, points(1)).values == [1.0]
 
 
-NO_WARNINGS = """
-import os
-
-import numpy as np
-
-from bayes_ssi.inference.workers.executors import LocalWorkers
-
-
-def main():
-    def function(z):
-        if (z == 3.0).all():
-            os._exit(1)
-        return z[:, 0]
-
-    with LocalWorkers(1) as workers:
-        print(*workers.evaluate(function, np.arange(5.0)[:, None]).values)
-
-
-main()
-"""
-
-
-def test_no_warnings_and_nothing_left_behind():
-    """Not at the end of the process either, which warns of resources that were forgotten."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", NO_WARNINGS]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    assert done.stdout == "0.0 1.0 2.0 nan 4.0\n"
-
-
 def test_no_thread_is_left_when_workers_stop(monkeypatch):
     """One that still gives back a semaphore when the process ends leaves it half removed."""
     from loky.backend.queues import Queue
@@ -304,7 +274,7 @@ def test_no_thread_is_left_when_workers_stop(monkeypatch):
     assert set(threading.enumerate()) == before
 
 
-COPIES = """
+WORK_AND_DIE = """
 import os
 import sys
 import numpy as np
@@ -316,17 +286,22 @@ def function(z):
     return np.full(len(z), float("a module of this process" in sys.modules))
 
 sys.modules["a module of this process"] = sys
-with LocalWorkers(2, copies=True) as workers:
-    print(*workers.try_each(function, [np.zeros(1), np.ones(1)]).values())
-    print(*np.isnan(workers.evaluate(function, np.arange(5.0)[:, None]).values))
-    print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
+for copies in (True, False):
+    with LocalWorkers(2, copies=copies) as workers:
+        print(*workers.try_each(function, [np.zeros(1), np.ones(1)]).values())
+        print(*np.isnan(workers.evaluate(function, np.arange(5.0)[:, None]).values))
+        print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
-def test_copies_have_what_this_process_has_imported():
-    """Others, such as those that replace them where one dies, have not."""
-    command = [sys.executable, "-X", "dev", "-W", "error", "-c", COPIES]
+def test_copies_have_what_this_process_has_imported_and_nothing_is_left_behind():
+    """Others, such as those that replace them where one dies, have not.
+
+    There is no warning, at the end of the process either, which warns of forgotten resources.
+    """
+    command = [sys.executable, "-X", "dev", "-W", "error", "-c", WORK_AND_DIE]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stderr == ""
-    assert done.stdout == "[1.] [1.]\nFalse False False True False\n[0.] [0.]\n"
+    lost = "False False False True False\n[0.] [0.]\n"
+    assert done.stdout == f"[1.] [1.]\n{lost}[0.] [0.]\n{lost}"
