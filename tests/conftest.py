@@ -394,7 +394,8 @@ def coarse_command(monkeypatch):
     coarse = {"particles": 60, "searches": 1, "max_steps": 400, "effective_sample_size": 400}
 
     def made(log_evidence_error=0.01, **given):
-        return bs.SamplingSettings(max(log_evidence_error, 0.05), **(coarse | given))
+        error = max(log_evidence_error, 0.05) if log_evidence_error > 0.0 else log_evidence_error
+        return bs.SamplingSettings(error, **(coarse | given))
 
     monkeypatch.setattr("bayes_ssi.inference.sampling.settings.SamplingSettings", made)
 
