@@ -126,7 +126,8 @@ def main() -> None:
             mode = found.quoted.modes[i]
             pulls.append(float(np.log(mode.frequency_hz / f[j]) / mode.frequency_cov))
             pulls_z.append(float((mode.damping - zeta[j]) / mode.damping_sd))
-        said = [r for r in found.remarks if "late" in r or "early" in r]
+        sentences = (*found.remarks, *found.failed_checks)
+        said = [r for r in sentences if "late" in r or "early" in r]
         named = sorted({name for name in record.sensors for r in said if repr(name) in r})
         rows.append(
             {

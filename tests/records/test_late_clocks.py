@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from bayes_ssi.measurements.records.late_clocks import delays_of
+import bayes_ssi as bs
+from bayes_ssi.measurements.records import modal_identification
+from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 
 HZ = np.array([1.1, 3.0, 4.7, 6.2])
 NOISE = 0.003
@@ -31,6 +34,7 @@ def test_delays_are_known_with_their_errors(n):
     for true in np.linspace(0.006, 0.04, 20):
         (found,) = delays_of(shapes(rng, n, [(2, true)]), covariances, HZ)
         assert found.sensor == 2
+        assert found.is_sure
         squares.append(((found.seconds - true) / found.deviation) ** 2)
     assert 0.4 < np.mean(squares) < 1.9  # of chi-square of 20: one in a thousand beyond either
 
@@ -45,3 +49,17 @@ def test_what_is_no_delay_is_not_said():
         assert not delays_of(shapes(rng, n, own=[(3, phases)]), covariances, HZ)
         one = shapes(rng, n, [(1, 0.02)])[:, :1]
         assert not delays_of(one, covariances[:1], HZ[:1])
+
+
+def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
+    """Of two sensors either may be late, and noise leaves some doubt."""
+    samples = np.random.default_rng(0).standard_normal((2, 6000))
+    pole = 0.999 * np.exp(0.3j)
+    samples[:] = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], samples[0])
+    samples += np.random.default_rng(1).standard_normal((2, 6000))
+    record = bs.Record(samples, 20.0, ("a", "b"), "acceleration", "m/s2")
+    monkeypatch.setattr(modal_identification, "delays_of", lambda *_: [Delay(1, 0.3, 0.1, 0.95)])
+    (failed,) = bs.identify(record, (0.5, 2.0)).failed_checks
+    assert failed.startswith("sensor 'b' may be 0.3 s late against the others (probability 0.95)")
+    assert bs.identify(record, (0.5, 2.0)).modes[0].mean_phase_deg < 5.0
+    assert not Delay(1, 0.3, 0.1, 0.99).is_sure

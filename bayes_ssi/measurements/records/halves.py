@@ -106,6 +106,6 @@ def skewed_clocks(halves: Sequence[Transforms], peaks_hz: FloatArray) -> list[De
         turns.append(np.sqrt(np.abs(turn)) * np.exp(1j * np.angle(turn)))
     shapes = np.transpose(turns)
     noise = PHASE_NOISE**2 * np.eye(len(shapes))
-    return delays_of(
-        shapes / np.linalg.norm(shapes, axis=0), np.array([noise] * len(turns)), peaks_hz[inside]
-    )
+    shapes /= np.linalg.norm(shapes, axis=0)
+    delays = delays_of(shapes, np.array([noise] * len(turns)), peaks_hz[inside])
+    return [each for each in delays if each.is_sure]

@@ -24,7 +24,8 @@ PRIOR_NATS = -4.6  # one sensor in a hundred is late, and as many have phases of
 # Imaginary parts that all sensors may have over the length of a shape, whatever the reason.
 SPREADS = (0.003, 0.01, 0.03, 0.1)
 WHOLE_PHASE_SD = 10.0
-SURE = 0.99  # from which a delay is removed
+SURE = 0.99  # probability above which a delay is removed
+SUSPECTED = 0.9  # above which it is said
 
 
 class Delay(NamedTuple):
@@ -33,12 +34,17 @@ class Delay(NamedTuple):
     sensor: int
     seconds: float
     deviation: float
+    probability: float  # of a delay, rather than phases of the sensor's own or none
+
+    @property
+    def is_sure(self) -> bool:
+        return self.probability > SURE
 
 
 def delays_of(
     shapes: ComplexArray, covariances: FloatArray, frequencies_hz: FloatArray
 ) -> list[Delay]:
-    """Delays that are nearly certain.
+    """Delays that are sure or suspected.
 
     Args:
         shapes: (n, m) at unit length.
@@ -66,9 +72,10 @@ def delays_of(
     for g in (g for g in chosen if g < n):
         others = [columns[c] for c in chosen if c != g]
         rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
-        if softmax([_log_evidence(terms, rival) for rival in rivals])[0] > SURE:
+        probability = float(softmax([_log_evidence(terms, rival) for rival in rivals])[0])
+        if probability > SUSPECTED:
             mean, deviation = _posterior(terms, [columns[g], *others])
-            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * deviation))
+            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * deviation, probability))
     return found
 
 

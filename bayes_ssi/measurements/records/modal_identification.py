@@ -60,6 +60,7 @@ LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
 GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
+MOST_SHAPE_SD = 0.5  # of a quoted unit shape, which leaves a MAC of 0.8 to be expected
 MOST_DELAY_SEARCHES = 3  # delays are sought again where shapes still have phases
 
 
@@ -206,9 +207,17 @@ def identify(
             f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, where no mode is"
             for hz, _ in only_loud
         ]
+    doubts += [
+        f"sensor {record.sensors[each.sensor]!r} may be {abs(each.seconds):.2g} s "
+        f"{'late' if each.seconds > 0.0 else 'early'} against the others (probability "
+        f"{each.probability:.2f}), which is not removed, and its components of shapes then wrong"
+        for each in late
+        if not each.is_sure
+    ]
+    late = [each for each in late if each.is_sure]
     seconds = np.zeros(len(record.sensors))
-    for sensor, delay, _ in late:
-        seconds[sensor] = delay
+    for each in late:
+        seconds[each.sensor] = each.seconds
     middle = still.n_samples // 2
     halves = [lines(mask, half).turned(seconds) for half in (slice(middle), slice(middle, None))]
     bands = with_halves(bands, halves, middle / still.rate_hz)
@@ -216,20 +225,20 @@ def identify(
     doubts += [
         f"sensor {record.sensors[i]!r}: its clock runs at another rate; it is later by {more:.2g} "
         "s in the second half of the record than in the first, which is not removed"
-        for i, more, _ in skewed_clocks(halves, clear)
+        for i, more, *_ in skewed_clocks(halves, clear)
     ]
     if late:
         said = ", ".join(
             f"{record.sensors[i]!r} by {abs(delay):.2g} ± {deviation:.1g} s "
             f"({'late' if delay > 0.0 else 'early'})"
-            for i, delay, deviation in sorted(late)
+            for i, delay, deviation, _ in sorted(late)
         )
         remarks.append(
             f"clocks differ from the others' by the phases of all modes, at sensor {said}; this is "
             "removed"
         )
     spectrum = on_time.spectra(*band, SHOWN_WIDTH)
-    result = _result(record, band, found, bands, spectrum, remarks, doubts, ground)
+    result = _result(record, band, found, bands, spectrum, remarks, doubts, ground, bool(at))
     measured = replace(result.record, sensors=whole.sensors, duration_s=whole.duration_s)
     return replace(result, record=measured, left_out=tuple(left_out.items()))
 
@@ -264,8 +273,12 @@ def _on_time(
     fixed: bool,
     is_driven: bool,
 ) -> tuple[list[Explained], list[Delay], Transforms]:
-    """Bands, sensors that are late by the phases of all modes, and the lines without delays."""
+    """Bands, sensors that are late by the phases of all modes, and the lines without delays.
+
+    Delays that are not sure are not removed.
+    """
     late: dict[int, Delay] = {}
+    suspected: list[Delay] = []
     seconds = np.zeros(len(transforms.values))
     on_time = transforms
     bands = explain(transforms, found, band, fixed, is_driven)
@@ -274,25 +287,40 @@ def _on_time(
         if not of_bands:
             break
         frequencies, shapes, covariances = zip(*of_bands, strict=True)
-        more = delays_of(
+        seen = delays_of(
             np.concatenate(shapes, axis=1),
             np.concatenate(covariances),
             np.concatenate(frequencies),
         )
-        if not more:
+        suspected = [each for each in seen if not each.is_sure]
+        if len(suspected) == len(seen):
             break
-        for sensor, delay, deviation in more:
-            seconds[sensor] += delay
-            late[sensor] = Delay(sensor, float(seconds[sensor]), deviation)
+        for each in (each for each in seen if each.is_sure):
+            seconds[each.sensor] += each.seconds
+            late[each.sensor] = each._replace(seconds=float(seconds[each.sensor]))
         on_time = transforms.turned(seconds)
         bands = explain(on_time, found.turned(seconds), band, fixed, is_driven)
-    return bands, list(late.values()), on_time
+    return bands, [*late.values(), *suspected], on_time
 
 
 def _inside(explained: Explained, band: tuple[float, float]) -> list[int]:
     """Places of the modes that are in the search."""
     f = explained.fit.modes.frequencies_hz
     return np.flatnonzero((f >= band[0]) & (f <= band[1])).tolist()
+
+
+def _without_shape(explained: Explained, inside: list[int], channels: list[int]) -> list[int]:
+    """Places of modes whose unit shape has a standard deviation above :data:`MOST_SHAPE_SD`.
+
+    Loads or noise that are not white are fitted so, rather than a mode: it moves nowhere surely.
+    """
+    m, n = len(inside), len(channels)
+    variances = explained.estimates(inside, channels)[1].diagonal()[2 * m :].reshape(m, n)
+    return [
+        i
+        for i, total in zip(inside, variances.sum(axis=1), strict=True)
+        if total > MOST_SHAPE_SD**2
+    ]
 
 
 def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:
@@ -409,8 +437,21 @@ def _result(
     remarks: list[str],
     doubts: list[str],
     ground: str = "",
+    is_given: bool = False,
 ) -> ModalIdentification:
-    kept = [(explained, inside) for explained in bands if (inside := _inside(explained, band))]
+    channels = [i for i, name in enumerate(record.sensors) if name != ground]
+    kept = []
+    for explained in bands:
+        inside = _inside(explained, band)
+        vague = [] if is_given else _without_shape(explained, inside, channels)
+        remarks += [
+            f"what is fitted at {explained.modes.frequencies_hz[i]:.4g} Hz with a damping of "
+            f"{100.0 * explained.modes.dampings[i]:.2g} % is not quoted as a mode: the record does "
+            "not tell its shape"
+            for i in vague
+        ]
+        if inside := [i for i in inside if i not in vague]:
+            kept.append((explained, inside))
     not_identified = _not_identified(found.peaks, bands, band)
     if not kept:
         raise ValueError(
@@ -419,7 +460,6 @@ def _result(
             + "; give frequencies as at, or another band"
         )
     quoted, peaks, grown = _quoted(record, band, kept, ground)
-    channels = [i for i, name in enumerate(record.sensors) if name != ground]
     by_band = [explained.complexity(inside, channels) for explained, inside in kept]
     complexity = np.concatenate(by_band, axis=1).T.tolist()
     dampings = np.array([mode.damping for mode in quoted.modes])
@@ -547,6 +587,8 @@ def _quoted(
             resolved = resolution(explained.fit, peak.modes[0])
             width = 2.0 * float(explained.fit.modes.half_widths_hz[peak.modes[0]])
             phases, two = peak.probabilities if explained.doubt is None else (None, None)
+            if {*peak.modes}.intersection(_inside(explained, band)) - {*inside}:
+                two = None  # one of them is no mode
             frequencies = tuple(float(modes.frequencies_hz[i]) for i in members)
             places = tuple(first + i for i in members)
             peaks.append(Peak(frequencies, places, two, phases, resolved * width, resolved))

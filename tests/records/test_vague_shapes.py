@@ -1,0 +1,48 @@
+"""What is fitted as a mode but moves nowhere surely is not quoted, unless it was asked for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from random_structures import spectra_of, stationary
+
+import bayes_ssi as bs
+from bayes_ssi.measurements.records.modal_identification import _without_shape
+
+BAND_HZ = (1.4, 2.9)
+
+
+def record_of_one_mode():
+    """13 minutes of a mode at 2 Hz and two far from it; this draw of loads asks for one more."""
+    rng = np.random.default_rng([52, 19])
+    rng.random(5)
+    shapes = rng.standard_normal((4, 4))[:, [0, 1, 3]]
+    shapes /= np.linalg.norm(shapes, axis=0)
+    samples = stationary(
+        lambda hz: spectra_of(np.array([0.7, 2.0, 5.5]), (shapes, shapes), np.full(3, 0.0378), hz),
+        15368, 20.0, rng,
+    )  # fmt: skip
+    samples += 0.0113 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
+    return bs.Record(samples, 20.0, ("a", "b", "c", "d"), "acceleration", "g")
+
+
+def test_a_broad_rest_of_the_spectrum_is_no_mode():
+    found = bs.identify(record_of_one_mode(), BAND_HZ)
+    (frequency,) = found.quoted.frequencies_hz
+    assert abs(np.log(frequency / 2.0)) < 3.0 * found.modes[0].frequency_cov
+    (peak,) = found.peaks
+    assert peak.probability_of_two is None
+    assert found.failed_checks == ()
+    (remark,) = found.remarks
+    assert remark.startswith("what is fitted at 2.484 Hz with a damping of 9.7 % is not quoted")
+
+
+def test_what_is_asked_for_is_quoted():
+    found = bs.identify(record_of_one_mode(), BAND_HZ, at=(2.0, 2.5))
+    assert len(found.quoted.modes) == 2
+
+
+def test_the_limit_is_half_the_length_of_the_shape():
+    """Of two modes at two of three sensors: variances of (ln f, ln ζ), then of components."""
+    variances = np.array([9.0, 9.0, 9.0, 9.0, 0.12, 0.12, 0.12, 0.14])
+    explained = SimpleNamespace(estimates=lambda *_: (None, np.diag(variances)))
+    assert _without_shape(explained, [1, 4], [0, 2]) == [4]
