@@ -13,7 +13,6 @@ from pools import points, sums
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.executors import DaskWorkers
-from bayes_ssi.inference.workers.workers import evaluate
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -48,17 +47,6 @@ def address(cluster):
 def soon(monkeypatch):
     """A second for what may take a cluster ten."""
     monkeypatch.setattr(DaskWorkers, "cluster_seconds", 1.0)
-
-
-def test_values_do_not_depend_on_who_computes_them(address, model_classes):
-    candidate = model_classes["3"]
-    z = points(64, len(candidate.parameters))
-    with DaskWorkers(address) as pool:
-        for n in (1, 7, 64):
-            there = pool.evaluate(candidate.log_likelihood_at, z[:n])
-            here = evaluate(candidate.log_likelihood_at, z[:n])
-            assert there.values.tobytes() == here.values.tobytes()
-            assert there.failures == {}
 
 
 def test_both_workers_are_used_and_rows_that_fail_or_kill_say_why(address):

@@ -257,16 +257,6 @@ def test_nearest_neighbours_of_a_few_points(n):
     np.testing.assert_array_equal(nearest, distances.argsort(axis=1)[:, : NEIGHBOURS + 1])
 
 
-def test_fewer_possible_draws_than_neighbours():
-    """One prior draw in a thousand has z > 3.09, four of a search."""
-
-    def far_out(z):
-        return np.where(z[:, 0] > 3.09, -0.5 * ((z[:, 0] - 3.4) / 0.1) ** 2, -np.inf)
-
-    result = searches(Target(far_out, 1), 2)
-    assert result.maxima.z[0, 0] == pytest.approx(3.4 / 1.01, abs=0.01)
-
-
 @pytest.mark.parametrize("value", [-np.inf, np.nan])
 def test_an_impossible_likelihood_is_reported(value):
     target = Target(lambda z: np.full(len(z), value), 2)

@@ -256,12 +256,6 @@ class JointErrors:
             shapes: (B, S, n), model shapes at unit length, with the signs of the identified ones.
             sizes: prediction errors of frequencies and of shapes.
         """
-        if not self.shapes:
-            frequency_var, frequencies = conditional_errors(
-                self.frequencies.covariance(sizes[0]), residuals[:, :, None]
-            )
-            none = np.zeros((len(residuals), 0))
-            return WhiteErrors(frequencies[:, :, 0], frequency_var, none, none, none)
         covariance = self.frequencies.covariance(sizes[0])
         errors = tangents(self.identified, shapes)
         # Products of single rows: how they are added up must not depend on the batch.
@@ -319,10 +313,9 @@ class JointErrors:
         white = self.white(residuals, shapes, sizes)
         joint = log_density(white.frequencies**2, white.frequency_var)
         single = log_density(residuals**2, self.frequencies.variances(sizes[0]))
-        if self.shapes:
-            joint += log_density(white.shapes**2, white.shape_var)
-            of_shapes = self.single_var + sizes[1].variance[:, None]
-            single += log_density(white.shape_squares, of_shapes, self.dimensions)
+        joint += log_density(white.shapes**2, white.shape_var)
+        of_shapes = self.single_var + sizes[1].variance[:, None]
+        single += log_density(white.shape_squares, of_shapes, self.dimensions)
         return joint - single
 
 
