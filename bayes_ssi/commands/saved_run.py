@@ -96,6 +96,7 @@ class RunOptions:
         terminal.show(*first(result))
         terminal.say(*_said_of_data(result))
         if self.verbose:
+            terminal.say_in_paragraphs(*answered.further)
             for each in (*others(result), *_notes(result)):
                 if isinstance(each, str):
                     terminal.say(each)
@@ -106,7 +107,9 @@ class RunOptions:
             f"bayes-ssi report {shlex.quote(str(result.directory))}",
         )
         failed = () if self.accept_failed_checks else result.comparison.failed_checks
-        terminal.conclude(_json_record(result, answered.paragraphs, records), failed)
+        terminal.conclude(
+            _json_record(result, (*answered.paragraphs, *answered.further), records), failed
+        )
 
     def _checkpoint(
         self, study: Study, directory: Path, inputs: Sequence[object]

@@ -18,6 +18,7 @@ from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.search_answer import (
     beaten_baselines,
+    further_sentences,
     hypothesis_in_words,
     search_sentences,
     search_verdict,
@@ -50,6 +51,7 @@ class Answer:
     warnings: tuple[tuple[str, tuple[str, ...]], ...]
     verdict: str
     reasons: tuple[str, ...]
+    further: tuple[str, ...]  # that reports and all tables say besides
     commands: tuple[str, ...]  # to ask next, each whole, on a line of its own
 
     @property
@@ -58,8 +60,14 @@ class Answer:
 
 
 def answer(result: StoredResult) -> Answer:
-    warnings, reasons, commands = _warnings(result), _reasons(result), _commands(result)
-    return Answer(tuple(warnings), _verdict(result), tuple(reasons), tuple(commands))
+    further = () if result.search is None else further_sentences(result.search)
+    return Answer(
+        tuple(_warnings(result)),
+        _verdict(result),
+        tuple(_reasons(result)),
+        tuple(further),
+        tuple(_commands(result)),
+    )
 
 
 def first_screen(result: StoredResult | Ranking | SearchResult[Any]) -> str:

@@ -1,6 +1,6 @@
 """The answer of a search in sentences: what hides or changed, where, how much of it, how surely."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from bayes_ssi.foundations.summaries import Quantiles
 from bayes_ssi.results.wording import (
@@ -51,6 +51,14 @@ def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[s
         yield from unsampled(record)
 
 
+def further_sentences(record: FamilyRecord) -> Iterator[str]:
+    """What a report and all tables say besides: what was tried, and what else follows from it."""
+    if isinstance(record, SearchRecord):
+        yield from _of_appendages_besides(record)
+    elif isinstance(record, ChangeRecord):
+        yield from _of_changes_besides(record)
+
+
 def _features(record: FamilyRecord) -> Iterator[str]:
     """Which features there are most probably, and how much of each, of any family."""
     if (best := record.best_with_features) is None:
@@ -80,28 +88,11 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
 
 def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
-    yield from _appendages(search)
+    if search.probability_of_any >= 0.5:
+        yield from _appendages(search)
     yield from _motions(search)
-    if search.present_in is not None:
-        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
-        yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     yield from unsampled(search)
     best = search.best_with_features
-    kinds = {type(each.place) for each in (best.features if best else ())}
-    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
-        yield (
-            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
-            "calculated on a rigid foot, is higher."
-        )
-    if not any(isinstance(each.place, InfillPlace) for each in search.places):
-        yield "Infills were not tried: they join two places, and every candidate is one."
-    tried = [each for each in search.baselines if each.prior_probability > 0.0]
-    if len(tried) > 1:
-        shown = [
-            f"{each.name!r} ({probability_in_words(each.probability)})"
-            for each in tried[:MOST_LISTED]
-        ]
-        yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
     alike = [n for n in comparison.not_distinguishable if best is None or n != best.name]
     if alike:
         shown = [
@@ -123,6 +114,31 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
             "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
             f"{averaged}.{more}"
         )
+
+
+def _of_appendages_besides(search: SearchRecord) -> Iterator[str]:
+    """The place of an improbable appendage; what was tried, and on which baselines."""
+    if search.probability_of_any < 0.5:
+        yield from _appendages(search)
+    if search.present_in is not None:
+        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
+        yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
+    best = search.best_with_features
+    kinds = {type(each.place) for each in (best.features if best else ())}
+    if PendulumPlace in kinds and search.probability_of_any >= PROBABLE:
+        yield (
+            "A pendulum's frequency is that on a foot that may turn but not move: a chimney's, "
+            "calculated on a rigid foot, is higher."
+        )
+    if not any(isinstance(each.place, InfillPlace) for each in search.places):
+        yield "Infills were not tried: they join two places, and every candidate is one."
+    tried = [each for each in search.baselines if each.prior_probability > 0.0]
+    if len(tried) > 1:
+        shown = [
+            f"{each.name!r} ({probability_in_words(each.probability)})"
+            for each in tried[:MOST_LISTED]
+        ]
+        yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
@@ -227,16 +243,12 @@ def _percent(share: Quantiles) -> str:
 
 
 def _change_sentences(record: ChangeRecord) -> Iterator[str]:
-    """Where it changed and by how much, what would have been seen, and what it rests on."""
+    """Where it changed and by how much, and what all frequencies did."""
     own = [each for each in record.places if not each.place.is_common]
     if record.probability_of_any >= PROBABLE:
         yield from _places(record)
-    if record.probability_of_any >= 0.5 and len(record.kinds) > 1:
-        kinds = (f"{kind} {probability_in_words(p)}" for kind, p in record.kinds.items())
-        yield f"The probabilities of the kinds of change are: {listed(kinds)}."
-    if record.has_visible:
-        losses = [each for each in own if isinstance(each.place, ChangePlace)]
-        yield from _visible([each for each in losses if each.is_observed])
+    if record.probability_of_any < 0.5:
+        yield from _visible(record)
     if moved_alike(record.risen):
         shares = sorted(abs(100.0 * each) for each in record.risen.values())
         moved = "rose" if min(record.risen.values()) > 0.0 else "fell"
@@ -255,6 +267,16 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
             "That all places lost a share in common, as by temperature or moisture, was not "
             "considered, and would be taken for a change."
         )
+    yield from unsampled(record)
+
+
+def _of_changes_besides(record: ChangeRecord) -> Iterator[str]:
+    """The kinds of change; what would have been seen beside one; what was not considered."""
+    if record.probability_of_any >= 0.5:
+        if len(record.kinds) > 1:
+            kinds = (f"{kind} {probability_in_words(p)}" for kind, p in record.kinds.items())
+            yield f"The probabilities of the kinds of change are: {listed(kinds)}."
+        yield from _visible(record)
     if "an appendage" not in record.kinds and not record.settings.losses_only:
         yield (
             "An appendage that came or went was not considered, because no mode of one side alone "
@@ -268,7 +290,6 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
             f"The tests share {_percent(record.shared)} of the "
             "errors of the model, which is wrong in the same way before and after."
         )
-    yield from unsampled(record)
 
 
 def _changed(record: ChangeRecord, change: Finding) -> str:
@@ -309,7 +330,11 @@ def _places(record: ChangeRecord) -> Iterator[str]:
         yield f"The other places that may have changed are {shortened(others)}."
 
 
-def _visible(places: Sequence[Finding]) -> Iterator[str]:
+def _visible(record: ChangeRecord) -> Iterator[str]:
+    if not record.has_visible:
+        return
+    losses = [each for each in record.places if isinstance(each.place, ChangePlace)]
+    places = [each for each in losses if each.is_observed and not each.place.is_common]
     shown = [
         f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
         for each in places

@@ -62,7 +62,7 @@ def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fa
         return 2.0 * made.name.startswith("each k") - len(made.structure.appendages)
 
     fake_sampling(log_evidence)
-    result = run("search", tiny_study_file, "--out", tmp_path / "r")
+    result = run("search", tiny_study_file, "--verbose", "--out", tmp_path / "r")
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
     assert "Appendages hidden in 'Two storeys'" in text

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.answer import answer, explained, parameters_in_words, why_it_loses
-from bayes_ssi.results.search_answer import search_sentences
+from bayes_ssi.results.search_answer import further_sentences, search_sentences
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity
 from bayes_ssi.studies.appendages.candidates import PendulumPlace
@@ -196,8 +196,9 @@ def test_a_search_says_in_which_tests_appendages_were_tried(found_in_case_c):
         found_in_case_c.record, present_in=("with blade",), most_probability_unsampled=0.3
     )
     said = " ".join(search_sentences(shared, found_in_case_c.ranking.comparison))
-    assert "Appendages were tried in the test 'with blade' only." in said
     assert "may have up to 0.3000 of the probability together" in said
+    said = " ".join(further_sentences(shared))
+    assert "Appendages were tried in the test 'with blade' only." in said
 
 
 def test_probabilities_of_a_search_are_those_among_all_its_hypotheses(found_in_case_c, tmp_path):
@@ -220,7 +221,7 @@ def test_a_search_that_gives_no_appendage(found_in_case_c, tmp_path):
         save_result(found_in_case_c.ranking, tmp_path / "r", extra={"search.json": record})
     )
     assert result.verdict.startswith("That there is no appendage is extremely likely")
-    assert result.reasons[0].startswith("If there is any, the appendage vibrates at ")
+    assert result.further[0].startswith("If there is any, the appendage vibrates at ")
 
 
 @pytest.mark.parametrize(
@@ -298,13 +299,13 @@ def test_a_failed_check_of_any_kind_is_said(stored):
 
 
 def test_kinds_of_appendages_that_no_candidate_fits_are_said(found_in_case_c):
-    record, comparison = found_in_case_c.record, found_in_case_c.ranking.comparison
-    said = " ".join(search_sentences(record, comparison))
+    record = found_in_case_c.record
+    said = " ".join(further_sentences(record))
     assert "Infills were not tried" not in said  # one of them is the answer
     assert "on a foot that may turn" not in said
     pendulums = [each for each in record.places if isinstance(each.place, PendulumPlace)]
     best = replace(record.hypotheses[0], features=(pendulums[0],))
     shared = replace(record, places=tuple(pendulums), hypotheses=(best, *record.hypotheses))
-    said = " ".join(search_sentences(shared, comparison))
+    said = " ".join(further_sentences(shared))
     assert "A pendulum's frequency is that on a foot that may turn but not move" in said
     assert "Infills were not tried: they join two places" in said

@@ -14,20 +14,24 @@ from bayes_ssi.studies.ranking.comparison import PROBABLE, Comparison, probabili
 from bayes_ssi.studies.search.findings import FamilyRecord
 
 APPROXIMATELY = "≈ "
-NEGLIGIBLE = 1e-4  # probability of hypotheses that are listed with all tables alone
 # Of baselines and of hypotheses.
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
 
 def found(result: StoredResult) -> Iterator[Table]:
-    """The hypotheses of a search, and the places."""
+    """The hypotheses of a search that are probable, and the places, if there is anything."""
     record = result.search
     assert record is not None
-    yield search_table(record, result.comparison, result.record.study, NEGLIGIBLE)
+    yield search_table(record, result.comparison, result.record.study, PROBABLE)
+    if record.probability_of_any >= 0.5:
+        yield places_table(record)
+
+
+def places_table(record: FamilyRecord) -> Table:
+    """Where the features of a family are."""
     if isinstance(record, SearchRecord):
-        yield appendage_place_table(record)
-    else:
-        yield place_table(record)
+        return appendage_place_table(record)
+    return place_table(record)
 
 
 def further_tables(result: StoredResult) -> Iterator[Table | str]:
@@ -35,6 +39,8 @@ def further_tables(result: StoredResult) -> Iterator[Table | str]:
     record = result.search
     assert record is not None
     yield search_table(record, result.comparison, result.record.study)
+    if record.probability_of_any < 0.5:
+        yield places_table(record)
     if isinstance(record, SearchRecord):
         if len(record.baselines) > 1:
             yield baseline_table(record)
