@@ -132,9 +132,11 @@ def cases(kind: str, n_records: int):
 
 
 def at_used_sensors(each: Case, found: bs.ModalIdentification) -> Case:
-    """The case at the sensors that were used."""
-    shapes = each.shapes[[each.record.sensors.index(name) for name in found.quoted.sensors]]
-    return each._replace(shapes=shapes / np.linalg.norm(shapes, axis=0))
+    """The case at the sensors that were used, and the modes that are clear there."""
+    places = [each.record.sensors.index(name) for name in found.quoted.sensors]
+    shapes = each.shapes[places]
+    clear = each.clear_at(places) if each.clear_at and FAULTY in each.record.sensors else each.clear
+    return each._replace(shapes=shapes / np.linalg.norm(shapes, axis=0), clear=clear)
 
 
 def of_faulty(each: Case, found: bs.ModalIdentification) -> dict:

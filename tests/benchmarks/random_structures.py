@@ -10,7 +10,7 @@ spectral matrix, sensors' noise included, has a peak of its first singular value
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,8 @@ CLEAR_DB = 6.0
 class Case(NamedTuple):
     """A record and what it should be identified as: modes of the structure, at the sensors.
 
-    ``of_ground`` gives the absolute accelerations of unit motion of the ground, (K, sensors, 1).
+    ``of_ground`` gives the absolute accelerations of unit motion of the ground, (K, sensors, 1);
+    ``clear_at``, which modes are clear at some sensors alone.
     """
 
     record: bs.Record
@@ -36,6 +37,7 @@ class Case(NamedTuple):
     clear: np.ndarray
     is_ground: bool
     of_ground: Callable[[np.ndarray], np.ndarray]
+    clear_at: Callable[[Sequence[int]], np.ndarray] | None = None
 
 
 def chain(stiffnesses: np.ndarray) -> np.ndarray:
@@ -142,20 +144,26 @@ def case(seed: int) -> Case:
     inside = (f > band[0]) & (f < band[1])
     step = max(0.1 * (dampings * f).min(), (band[1] - band[0]) / 20000)
     grid = np.arange(0.8 * band[0], 1.25 * band[1], step)
-    clear = np.zeros(n, dtype=bool)
     n_period = 2 * ((3 * n_samples // 2 + 1) // 2)
-    levels = []
-    for part in np.array_split(grid, max(1, len(grid) // 5000)):
+    matrices = np.empty((len(grid), len(sensors), len(sensors)), dtype=complex)
+    for part, of_part in zip(
+        *(np.array_split(a, max(1, len(grid) // 5000)) for a in (grid, matrices)), strict=True
+    ):
         response = transfer(part)
-        matrices = response @ response.conj().swapaxes(1, 2) * 2.0
-        matrices = matrices + n_period * np.diag((noise * scale) ** 2)
-        levels.append(10.0 * np.log10(np.linalg.eigvalsh(matrices)[:, -1]))
-    level = np.concatenate(levels)
-    peaks, _ = find_peaks(level, prominence=CLEAR_DB)
-    for peak in grid[peaks]:
-        near = np.abs(f - peak) / (dampings * f)
-        i = int(near.argmin())
-        clear[i] |= bool(near[i] < 1.0)
+        of_part[:] = response @ response.conj().swapaxes(1, 2) * 2.0
+    matrices += n_period * np.diag((noise * scale) ** 2)
+
+    def clear_at(places: Sequence[int]) -> np.ndarray:
+        clear = np.zeros(n, dtype=bool)
+        of_places = matrices[:, places][:, :, places]
+        level = 10.0 * np.log10(np.linalg.eigvalsh(of_places)[:, -1])
+        peaks, _ = find_peaks(level, prominence=CLEAR_DB)
+        for peak in grid[peaks]:
+            near = np.abs(f - peak) / (dampings * f)
+            i = int(near.argmin())
+            clear[i] |= bool(near[i] < 1.0)
+        return clear[inside]
+
     shapes = vectors[sensors]
     shapes = shapes / np.linalg.norm(shapes, axis=0)
     record = bs.Record(samples, rate_hz, names, "acceleration", "m/s2")
@@ -165,7 +173,8 @@ def case(seed: int) -> Case:
         f[inside],
         dampings[inside],
         shapes[:, inside],
-        clear[inside],
+        clear_at(range(len(sensors))),
         is_ground,
         of_ground,
+        clear_at,
     )

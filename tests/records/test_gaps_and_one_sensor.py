@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.modal_identification import _pieces
 from bayes_ssi.measurements.records.other_methods import compared
+from bayes_ssi.measurements.records.usable_motion import _pieces
 
 RATE, N = 20.0, 12_000
 MODES = {1.0: 0.02, 2.62: 0.02}  # Hz and damping

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records import modal_identification
+from bayes_ssi.measurements.records import late_clocks
 from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 
 HZ = np.array([1.1, 3.0, 4.7, 6.2])
@@ -58,7 +58,7 @@ def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
     samples[:] = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], samples[0])
     samples += np.random.default_rng(1).standard_normal((2, 6000))
     record = bs.Record(samples, 20.0, ("a", "b"), "acceleration", "m/s2")
-    monkeypatch.setattr(modal_identification, "delays_of", lambda *_: [Delay(1, 0.3, 0.1, 0.95)])
+    monkeypatch.setattr(late_clocks, "delays_of", lambda *_: [Delay(1, 0.3, 0.1, 0.95)])
     (failed,) = bs.identify(record, (0.5, 2.0)).failed_checks
     assert failed.startswith("sensor 'b' may be 0.3 s late against the others (probability 0.95)")
     assert bs.identify(record, (0.5, 2.0)).modes[0].mean_phase_deg < 5.0

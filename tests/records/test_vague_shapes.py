@@ -6,7 +6,8 @@ import numpy as np
 from random_structures import spectra_of, stationary
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.modal_identification import _without_shape
+from bayes_ssi.measurements.records.quoted_modes import modes_to_quote
+from bayes_ssi.measurements.records.spectra import Resonances
 
 BAND_HZ = (1.4, 2.9)
 
@@ -44,5 +45,12 @@ def test_what_is_asked_for_is_quoted():
 def test_the_limit_is_half_the_length_of_the_shape():
     """Of two modes at two of three sensors: variances of (ln f, ln ζ), then of components."""
     variances = np.array([9.0, 9.0, 9.0, 9.0, 0.12, 0.12, 0.12, 0.14])
-    explained = SimpleNamespace(estimates=lambda *_: (None, np.diag(variances)))
-    assert _without_shape(explained, [1, 4], [0, 2]) == [4]
+    modes = Resonances(np.array([1.0, 5.0, 2.0]), np.full(3, 0.02), np.ones((3, 3)))
+    band = SimpleNamespace(
+        modes=modes,
+        fit=SimpleNamespace(modes=modes),
+        estimates=lambda *_: (None, np.diag(variances)),
+    )
+    kept, (said,) = modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=False)
+    assert kept == [(band, [0])]
+    assert said.startswith("what is fitted at 2 Hz")

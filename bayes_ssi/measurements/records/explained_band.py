@@ -89,6 +89,13 @@ class Explained:
             return f"{where} the most probable modes were not reached"
         if any(peak.is_undecided for peak in self.peaks):
             return f"{where} it is undecided whether a peak holds one mode or two"
+        # The mean of two shapes of one mode is a matrix of rank two, as of two modes.
+        pairs = [i for peak in self.peaks if len(peak.modes) > 1 for i in peak.modes]
+        if any(half.converged and not half.are_modes[pairs].all() for half in self.halves):
+            return (
+                f"{where} two modes share a peak of the whole record, but not of each half: does "
+                "the shape of one change?"
+            )
         if self.excess > 1.0:
             return (
                 f"{where} the modes do not explain the spectra (chi-square over degrees of freedom "

@@ -47,10 +47,9 @@ def _with_halves(
         at = spectra_of_group(transforms, Group(*band.band_hz, modes, True), known)
         if at is None:
             return band
-        fit = Fitter(at, band.fit.one_source).fit(modes.in_directions(at.data), has_phases=True)
-        if not (fit.converged and fit.are_modes.all()):
-            return band
-        fits.append(fit)
+        fits.append(
+            Fitter(at, band.fit.one_source).fit(modes.in_directions(at.data), has_phases=True)
+        )
     return replace(band, halves=tuple(fits))
 
 
@@ -60,7 +59,7 @@ def growth_by_halves(
     """Factors (3, m) of errors of frequency, damping and shape; 1 where the halves agree.
 
     Args:
-        band: which may have no halves, and then agrees.
+        band: which agrees if it has no halves, or none that hold all its modes.
         places: of m of its modes, and ``channels``, those of n sensors.
         covariance: (m (2 + n))², of (ln f, ln ζ, shapes) of the whole record's modes.
     """
@@ -68,7 +67,7 @@ def growth_by_halves(
 
     n, m = len(channels), len(places)
     growth = np.ones((3, m))
-    if not band.halves:
+    if not band.halves or not all(h.converged and h.are_modes.all() for h in band.halves):
         return growth
     (first, of_first), (second, of_second) = (
         Explained(half, (), True).estimates(places, channels) for half in band.halves
@@ -106,6 +105,6 @@ def skewed_clocks(halves: Sequence[Transforms], peaks_hz: FloatArray) -> list[De
         turns.append(np.sqrt(np.abs(turn)) * np.exp(1j * np.angle(turn)))
     shapes = np.transpose(turns)
     noise = PHASE_NOISE**2 * np.eye(len(shapes))
-    shapes /= np.linalg.norm(shapes, axis=0)
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
     delays = delays_of(shapes, np.array([noise] * len(turns)), peaks_hz[inside])
-    return [each for each in delays if each.is_sure]
+    return [delay for delay in delays if delay.is_sure]

@@ -17,6 +17,10 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.measurements.records.band_search import explain
+from bayes_ssi.measurements.records.explained_band import Explained, complex_shapes
+from bayes_ssi.measurements.records.mode_candidates import Candidates
+from bayes_ssi.measurements.records.spectra import Transforms
 
 DELAY_SD_S = 0.02
 PHASE_SD = 0.2  # of a sensor with phases of its own in every mode
@@ -26,6 +30,7 @@ SPREADS = (0.003, 0.01, 0.03, 0.1)
 WHOLE_PHASE_SD = 10.0
 SURE = 0.99  # probability above which a delay is removed
 SUSPECTED = 0.9  # above which it is said
+MOST_SEARCHES = 3  # delays are sought again where shapes still have phases
 
 
 class Delay(NamedTuple):
@@ -39,6 +44,49 @@ class Delay(NamedTuple):
     @property
     def is_sure(self) -> bool:
         return self.probability > SURE
+
+
+class OnTime(NamedTuple):
+    """What is explained once sensors are on time."""
+
+    transforms: Transforms
+    bands: list[Explained]
+    delays: list[Delay]  # that were removed
+    suspected: list[Delay]  # that were not, for which the evidence is too little
+
+
+def explained_on_time(
+    transforms: Transforms,
+    found: Candidates,
+    band_hz: tuple[float, float],
+    fixed: bool,
+    is_driven: bool,
+) -> OnTime:
+    """Bands, without the delays that the phases of all modes show."""
+    seconds = np.zeros(len(transforms.values))
+    removed: dict[int, Delay] = {}
+    for n_left in reversed(range(MOST_SEARCHES + 1)):
+        on_time = transforms.turned(seconds)
+        bands = explain(on_time, found.turned(seconds), band_hz, fixed, is_driven)
+        delays = _delays_of_bands(bands)
+        sure = [delay for delay in delays if delay.is_sure]
+        if not (sure and n_left):
+            break
+        for delay in sure:
+            seconds[delay.sensor] += delay.seconds
+            removed[delay.sensor] = delay._replace(seconds=float(seconds[delay.sensor]))
+    suspected = [delay for delay in delays if not delay.is_sure]
+    return OnTime(on_time, bands, sorted(removed.values()), suspected)
+
+
+def _delays_of_bands(bands: Sequence[Explained]) -> list[Delay]:
+    of_bands = [complex_shapes(each.fit) for each in bands if each.is_wanted]
+    if not of_bands:
+        return []
+    frequencies, shapes, covariances = zip(*of_bands, strict=True)
+    return delays_of(
+        np.concatenate(shapes, axis=1), np.concatenate(covariances), np.concatenate(frequencies)
+    )
 
 
 def delays_of(

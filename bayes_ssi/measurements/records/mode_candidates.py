@@ -7,7 +7,7 @@ Hankel matrices give poles at every order (Juang and Pappa 1985); a mode has one
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -104,6 +104,35 @@ def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candida
         others = others.beside(poles.at(np.flatnonzero(free).tolist()))
         shares = np.concatenate([shares, shares_of_poles[free]])
     return Candidates(tuple(peaks), of_peaks, others, shares, np.concatenate(orders, axis=1))
+
+
+def given_candidates(
+    transforms: Transforms, band_hz: tuple[float, float], at: Sequence[float]
+) -> Candidates:
+    """Candidates at given frequencies, with the directions of most motion there as shapes."""
+    low, high = band_hz
+    frequencies = np.sort(np.array(at, dtype=float))
+    if frequencies[0] <= low or frequencies[-1] >= high:
+        raise ValueError(f"at: frequencies must be within {low:g} to {high:g} Hz, got {list(at)}")
+    n, n_lines = len(transforms.values), int((high - low) / transforms.line_hz)
+    n_unknowns = len(frequencies) * (3 * n + 1)
+    if n * n_lines < n_unknowns:
+        raise ValueError(
+            f"the band has {n_lines} lines of {n} sensors, fewer than the {n_unknowns} unknowns of "
+            f"{len(frequencies)} modes; give fewer modes, or a wider band or a longer record"
+        )
+    shapes = np.empty((n, len(frequencies)), dtype=complex)
+    for i, f in enumerate(frequencies):
+        half = max(DAMPING * f, 2.0 * transforms.line_hz)
+        data = transforms.spectra(f - half, f + 2.0 * half, DAMPING)
+        # Frequencies given closer than a bandwidth share a peak, and take one direction each.
+        sharing = int((np.abs(np.log(frequencies[:i] / f)) < 2.0 * DAMPING).sum())
+        directions = np.linalg.eigh(data.matrices[0].real)[1]
+        shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
+    peaks = tuple(Prominence(float(f), 0.0, 0.0, True) for f in frequencies)
+    dampings = np.full(len(frequencies), DAMPING / 1.5)
+    modes = Resonances(frequencies, dampings, shapes)
+    return Candidates(peaks, modes, modes.at([]), np.empty(0), np.empty((2, 0)))
 
 
 class _Section:
