@@ -97,12 +97,13 @@ def test_plateaus():
     radii = np.array([2.0, 1.5, 1.0, 0.5, 0.1])
     off, errors = off_and_errors(
         math.log(1.0 + np.sum(chi2.cdf(radii**2, 2) * np.exp(np.arange(1, 6)) * (1 - 1 / math.e))),
-        10,
+        20,
         function=lambda z: (np.linalg.norm(z, axis=1)[:, None] < radii).sum(1).astype(float),
         d=2,
     )
     assert (np.abs(off) < 4.0 * errors).all()
-    assert np.abs(off).max() < 0.3
+    # Were all that equal a level to pass it, the mean would be eight of these errors too low.
+    assert abs(off.mean()) < 4.0 * off.std(ddof=1) / math.sqrt(len(off))
 
 
 def test_a_likelihood_that_is_positive_in_a_ten_thousandth_of_the_prior():
