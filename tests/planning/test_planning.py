@@ -9,7 +9,7 @@ import pytest
 from scipy.special import gammaincc, logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.likelihood import AnyPairing
+from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log_sphere_area
 from bayes_ssi.plots.figure_style import figures_for_files

@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.calibration.least_squares import descend
+from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
-from bayes_ssi.inference.likelihood.likelihood import AnyPairing, ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, sample_pairings
 from bayes_ssi.inference.model_class.model_class import ModelClass

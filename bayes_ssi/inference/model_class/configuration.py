@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 from bayes_ssi.foundations.argument_types import listed_choices, repeated, require, require_known
+from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
-from bayes_ssi.inference.likelihood.likelihood import AnyPairing, ModalLikelihood
+from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import check_pairing
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.structure import Structure
