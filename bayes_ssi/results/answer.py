@@ -60,12 +60,11 @@ class Answer:
 
 
 def answer(result: StoredResult) -> Answer:
-    further = () if result.search is None else further_sentences(result.search)
     return Answer(
         tuple(_warnings(result)),
         _verdict(result),
         tuple(_reasons(result)),
-        tuple(further),
+        tuple(_further(result)),
         tuple(_commands(result)),
     )
 
@@ -168,9 +167,21 @@ def _reasons(result: StoredResult) -> Iterator[str]:
         yield " ".join([f"It {explained(posterior, result.tests)}.", *parameters])
     if result.comparison.hidden_appendage:
         yield result.comparison.hidden_appendage
+    if result.search is None:
+        yield from _runner_up(result)
+
+
+def _runner_up(result: StoredResult) -> Iterator[str]:
+    """The most probable class that the data tell from the best one, and why it loses."""
     runner_up = _distinguishable(result)
     if runner_up is not None:
-        yield _in_words(result, runner_up, posterior)
+        yield _in_words(result, runner_up, result.posterior(result.comparison.best.name))
+
+
+def _further(result: StoredResult) -> Iterator[str]:
+    if result.search is not None:
+        yield from further_sentences(result.search)
+        yield from _runner_up(result)
 
 
 def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterator[str]:

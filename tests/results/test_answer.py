@@ -211,7 +211,7 @@ def test_probabilities_of_a_search_are_those_among_all_its_hypotheses(found_in_c
     ]
     record = replace(record, hypotheses=tuple(hypotheses))
     result = save_result(found_in_case_c.ranking, tmp_path / "r", extra={"search.json": record})
-    runner_up = answer(result).reasons[-1]
+    runner_up = answer(result).further[-1]
     assert f"({second!r}, probability 0.0123)." in runner_up
 
 

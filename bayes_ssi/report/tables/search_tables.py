@@ -24,14 +24,14 @@ def found(result: StoredResult) -> Iterator[Table]:
     assert record is not None
     yield search_table(record, result.comparison, result.record.study, PROBABLE)
     if record.probability_of_any >= 0.5:
-        yield places_table(record)
+        yield places_table(record, PROBABLE)
 
 
-def places_table(record: FamilyRecord) -> Table:
-    """Where the features of a family are."""
+def places_table(record: FamilyRecord, least: float = 0.0) -> Table:
+    """Where the features of a family are; those below a probability in one line."""
     if isinstance(record, SearchRecord):
-        return appendage_place_table(record)
-    return place_table(record)
+        return appendage_place_table(record, least)
+    return place_table(record, least)
 
 
 def further_tables(result: StoredResult) -> Iterator[Table | str]:
@@ -39,8 +39,7 @@ def further_tables(result: StoredResult) -> Iterator[Table | str]:
     record = result.search
     assert record is not None
     yield search_table(record, result.comparison, result.record.study)
-    if record.probability_of_any < 0.5:
-        yield places_table(record)
+    yield places_table(record)
     if isinstance(record, SearchRecord):
         if len(record.baselines) > 1:
             yield baseline_table(record)
@@ -103,7 +102,7 @@ def search_table(
     return layout.new_table(title, ["hypothesis"], NUMBERS, rows)
 
 
-def appendage_place_table(record: SearchRecord) -> Table:
+def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
     """The most probable places, and the sum over the others: medians and 90 % intervals.
 
     Of one appendage after the other, each over all hypotheses with as many.
@@ -116,10 +115,11 @@ def appendage_place_table(record: SearchRecord) -> Table:
         ["probability", record.mass_heading, "frequency (Hz)"],
     )
     for group in record.shown:
-        for each in group[: layout.MOST_PLACES]:
+        shown = [each for each in group[: layout.MOST_PLACES] if each.probability >= least]
+        for each in shown:
             amounts = (quantity(*each.amounts[name]) for name in ("mass", "frequency_hz"))
             layout.add_row(table, each.place.name, probability_text(each.probability), *amounts)
-        if others := group[layout.MOST_PLACES :]:
+        if others := group[len(shown) :]:
             together = sum(each.probability for each in others)
             layout.add_row(table, f"{len(others)} others", probability_text(together), "", "")
     for each in record.motions:
@@ -231,7 +231,7 @@ def unsampled_notes(record: FamilyRecord) -> list[str]:
     ]
 
 
-def place_table(record: FamilyRecord) -> Table:
+def place_table(record: FamilyRecord, least: float = 0.0) -> Table:
     """Places by probability: how much there is at each, a row for each quantity.
 
     What changes would have been seen is a dash where none would have been.
@@ -244,8 +244,10 @@ def place_table(record: FamilyRecord) -> Table:
         ["probability", amount, *["smallest visible (%)"] * record.has_visible],
     )
     for each in record.places_by_probability[: layout.MOST_PLACES]:
-        least = each.smallest_visible
-        seen = ["-" if least is None else f"{100.0 * least:.2g}"] * record.has_visible
+        if each.probability < least:
+            continue
+        visible = each.smallest_visible
+        seen = ["-" if visible is None else f"{100.0 * visible:.2g}"] * record.has_visible
         of_place = [each.place.name, probability_text(each.probability), *seen]
         for quantity_name, of_one in each.amounts.items():
             name, probability, *others = of_place
