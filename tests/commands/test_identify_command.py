@@ -62,6 +62,16 @@ def path(tmp_path_factory):
     return path
 
 
+def test_another_method_writes_its_own_modes(path, tmp_path):
+    for method, name in (("fdd", "FDD"), ("bayesian-fft", "Bayesian FFT")):
+        out = tmp_path / f"{method}.csv"
+        run(path, *BAND, "--quantity", "acceleration", "--method", method, "--out", out)
+        data = bs.read_modal_data(out)
+        assert data.identifications[0].method == name
+        # Peaks of spectra have no errors.
+        assert (data.modes[0].frequency_cov is None) == (method == "fdd")
+
+
 def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     out = tmp_path / "modes.csv"
     figures = tmp_path / "figures"

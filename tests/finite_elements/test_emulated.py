@@ -9,7 +9,10 @@ from bayes_ssi.structures.emulation.emulated_structure import (
     FailingPoints,
     mode_errors,
 )
-from bayes_ssi.structures.emulation.gaussian_process import GaussianProcess
+from bayes_ssi.structures.emulation.gaussian_process import (
+    GaussianProcess,
+    _negative_log_likelihood,
+)
 from bayes_ssi.structures.emulation.mode_representations import ModalOperator, TrackedModes
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Requirement
@@ -142,3 +145,18 @@ def test_a_half_space_that_fails_is_recognised():
 def building():
     factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
     return bs.ShearBuilding((1.0,) * 3, [4000.0 * k for k in factors])
+
+
+def test_the_gradient_of_a_process_is_that_of_its_likelihood():
+    """By central differences."""
+    rng = np.random.default_rng(3)
+    x, y = rng.standard_normal((14, 2)), rng.standard_normal((14, 3))
+    logs, step = np.array([0.3, -0.2, -3.0]), 1e-5
+    values = [
+        [_negative_log_likelihood(logs + sign * step * e, x, y)[0] for e in np.eye(3)]
+        for sign in (1.0, -1.0)
+    ]
+    by_differences = np.subtract(*values) / (2.0 * step)
+    np.testing.assert_allclose(
+        _negative_log_likelihood(logs, x, y)[1], by_differences, rtol=1e-6, atol=1e-8
+    )

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.stats import binom, norm, vonmises_fisher
 
 import bayes_ssi as bs
-from bayes_ssi.inference.criticism.adequacy import adequacy
+from bayes_ssi.inference.criticism.adequacy import _parameter, adequacy
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.studies.ranking.diagnosis import _log_maximum, repair_of_pairing
 
@@ -287,3 +287,17 @@ def test_repairs_are_compared_with_the_maximum_of_the_class_itself(bare):
     highest = -minimize(less, start, method="Nelder-Mead", options={"xatol": 1e-6}).fun
     assert _log_maximum(bare, stored, climbs=True) == pytest.approx(highest, abs=1e-3)
     assert _log_maximum(bare, stored, climbs=False) == pytest.approx(-less(start), rel=1e-9)
+
+
+def test_the_mode_that_a_large_error_hides_is_named():
+    """The farthest frequency, and the least MAC of those that have one."""
+    modes = (
+        SimpleNamespace(label="a", frequency_error=0.01, mac=0.90),
+        SimpleNamespace(label="b", frequency_error=-0.03, mac=0.97),
+        SimpleNamespace(label="c", frequency_error=None, mac=None),
+    )
+    large = SimpleNamespace(
+        name="frequency_cov", value=0.05, prior_median=0.01, prior_sds=2.5, is_error_size=True
+    )
+    said = _parameter(large, SimpleNamespace(modes=modes))
+    assert said.endswith("above (mode 'b' is 3 % off, mode 'a' has MAC 0.90)")
