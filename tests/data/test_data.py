@@ -70,11 +70,6 @@ def test_phase_scatter(shape, scatter_deg, phase_deg):
     assert turned.phase_scatter_deg == pytest.approx(scatter_deg, abs=1e-6)
 
 
-def test_a_real_shape_has_no_phase_scatter():
-    assert mode(shape=[1.0, -2.0]).phase_scatter_deg == 0.0
-    assert mode().phase_scatter_deg == 0.0
-
-
 @pytest.mark.parametrize(
     ("shape", "n_measured", "scored"),
     [
@@ -140,10 +135,6 @@ def test_modes_are_sorted_by_frequency():
     expected = [[0.0, NAN, 1.0], [1.0, NAN, 0.0], [0.0, NAN, 0.0]]
     np.testing.assert_array_equal(held.unit_shapes, expected)
     assert held.mode("none").frequency_hz == 2.0
-
-
-def test_unit_shapes_without_sensors_are_empty():
-    assert data(mode("1"), mode("2", 2.0), sensors=()).unit_shapes.shape == (0, 2)
 
 
 def test_without_shapes_keeps_the_frequencies():

@@ -73,39 +73,3 @@ def test_errors_of_a_universal_file_are_explained(tmp_path):
     damaged.write_text(path.read_text()[:700])
     with pytest.raises(ValueError, match=r"damaged\.uff"):
         bs.read_modal_data(damaged, band_hz=(0, 6))
-
-
-def identified_by_pyoma2():
-    """Modes that pyOMA2 itself identifies in simulated ambient vibration of two oscillators."""
-    pytest.importorskip("pyoma2", reason="pip install pyoma-2")
-    from pyoma2.algorithms import FDD
-    from pyoma2.setup import SingleSetup
-
-    rng = np.random.default_rng(0)
-    rate, frequencies = 50.0, (2.0, 5.0)
-    shapes = np.array([[1.0, 0.618], [0.618, -1.0]])
-    step = 1.0 / rate
-    response = np.zeros((30_000, 2))
-    for f, shape in zip(frequencies, shapes, strict=True):
-        omega, damping = 2 * np.pi * f, 0.01
-        pole = np.exp(step * (-damping * omega + 1j * omega * np.sqrt(1 - damping**2)))
-        q = np.zeros(len(response), dtype=complex)
-        force = rng.standard_normal(len(response))
-        for i in range(1, len(q)):
-            q[i] = pole * q[i - 1] + force[i]
-        response += np.imag(q)[:, None] * shape
-    setup = SingleSetup(response, fs=rate)
-    algorithm = FDD(name="FDD", nxseg=2048)
-    setup.add_algorithms(algorithm)
-    setup.run_by_name("FDD")
-    setup.mpe("FDD", sel_freq=list(frequencies), DF=0.2)
-    return algorithm.result, shapes
-
-
-@pytest.mark.filterwarnings("ignore")  # whatever pyOMA2 and its libraries warn of
-def test_modes_that_pyoma2_identified():
-    result, shapes = identified_by_pyoma2()
-    data = bs.ModalData.from_arrays(result.Fn, result.Phi, (0.0, 10.0), ("a", "b"))
-    np.testing.assert_allclose(data.frequencies_hz, [2.0, 5.0], atol=0.05)
-    unit = shapes.T / np.linalg.norm(shapes, axis=1)
-    assert np.all(np.abs((data.unit_shapes * unit).sum(axis=0)) > 0.99)

@@ -2,7 +2,6 @@
 
 import math
 import pickle
-import re
 
 import numpy as np
 import pytest
@@ -78,20 +77,6 @@ def test_elements_are_those_of_a_building(elements):
     assert order == list(range(len(order)))
     assert structure.appendages == expected.appendages
     assert_same(structure, expected, values)
-
-
-def test_a_pendulum_in_a_direction_adds_a_row_and_a_column():
-    """K gains k v vᵀ with v = (-c, 1), and M the mass."""
-    structure = as_matrices().with_element(bs.Pendulum(DIRECTION, 0.2, 2.2, label="tank"))
-    stiffness = 0.2 * (math.tau * 2.2) ** 2
-    v = np.array([-0.6, 0.0, 0.8, 1.0])
-    whole = np.zeros((4, 4))
-    k1, k2, k3 = STIFFNESSES
-    whole[:3, :3] = [[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]]
-    squares, vectors = eigh(whole + stiffness * np.outer(v, v), np.diag([*MASSES, 0.2]))
-    modes = structure.modes(np.ones((1, 1)))
-    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-10)
-    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), atol=1e-10)
 
 
 def test_a_sensor_is_a_place_too():
@@ -247,38 +232,6 @@ def test_full_solutions_with_the_element_are_added_where_needed(reduced, name):
     frequencies = better.modes(IN_CHAIN_VALUES).frequencies_hz
     exact = better.exact.modes(IN_CHAIN_VALUES).frequencies_hz
     np.testing.assert_allclose(frequencies, exact, rtol=1e-7)
-
-
-def test_a_tank_that_resonates_is_found_in_the_basis_of_the_chain_alone(reduced):
-    """Five modes below the fifth of the chain: the tank splits the second, at 0.75 Hz."""
-    true_mass, true_hz, rng = 2.0, 0.75, np.random.default_rng(0)
-    truth = reduced.full.with_element(bs.Pendulum("s79", true_mass, true_hz, label="tank"))
-    frequencies, shapes = (each[0] for each in truth.modes(np.array([[0.9, 1.1]])))
-    sensors = reduced.degrees_of_freedom
-    identified = []
-    for i in range(4):
-        unit = shapes[: len(sensors), i] / np.linalg.norm(shapes[: len(sensors), i])
-        frequency = frequencies[i] * (1.0 + 0.003 * rng.standard_normal())
-        shape = unit + 0.01 * rng.standard_normal(len(sensors))
-        identified.append(bs.IdentifiedMode(str(i + 1), frequency, shape))
-    data = bs.ModalData(tuple(identified), (0.0, 1.5), sensors)
-    tank = bs.Pendulum(
-        "s79",
-        bs.Parameter("mass", bs.LogNormal(3.0, 0.7)),
-        bs.Parameter("frequency", bs.LogUniform(0.1, 1.2)),
-        label="tank",
-    )
-    error = bs.ErrorModel(frequency_cov=0.003, shape_sd=0.01)
-    candidate = bs.ModelClass("tank", reduced.with_element(tank), data, error, pairing="any")
-    posterior = bs.sample(candidate, settings=bs.SamplingSettings(log_evidence_error=0.1))
-    assert posterior.failed_checks == ()
-    rows = {row.name: row for row in posterior.summary}
-    for name, true in (("left", 0.9), ("right", 1.1), ("mass", 2.0), ("frequency", 0.75)):
-        assert rows[name].mean == pytest.approx(true, abs=3.0 * rows[name].sd)
-    assert rows["frequency"].sd < 0.003
-    # One or two solutions of the chain with its tank are enough where the posterior lies.
-    (spent,) = re.findall(r"by (\d+) full solutions;", " ".join(posterior.remarks))
-    assert int(spent) <= reduced.n_full_solutions + 2
 
 
 @pytest.mark.parametrize(

@@ -179,31 +179,6 @@ def test_means_over_turns_are_integrals():
     assert np.median(errors) < 1e-4
 
 
-def test_two_maxima_count_both():
-    """Of two shapes along one axis: |cos t| + |sin t| is largest at 45 and at -45 degrees."""
-    model, shapes, sds = np.eye(2, 3), np.eye(1, 3).repeat(2, axis=0), np.array([0.05, 0.05])
-    turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
-    (mean,) = Turned.of(np.zeros(1), turning).log_means
-    assert mean == pytest.approx(by_trapezoids(0.0, model, shapes, sds), abs=1e-3)
-
-
-def test_shapes_that_disagree_are_nearest_between_them():
-    """Neither shape, nor their sum of pulls, points to the turn at which both are nearest."""
-    rng = np.random.default_rng(5)
-    turns = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 200_001)[:, None]
-    errors = []
-    for _ in range(60):
-        model, units = rng.standard_normal((2, 2, 3, 1))
-        units /= np.sqrt((units**2).sum(axis=1, keepdims=True))
-        kappa, sds = rng.uniform(1.0, 20.0, 1), rng.uniform(0.004, 0.02, (2, 1))
-        turning = turning_shapes(model, units, sds)
-        exponents = turning.exponents(kappa, np.cos(2.0 * turns), np.sin(2.0 * turns))
-        highest = exponents.max()
-        exact = math.log(np.exp(exponents - highest).mean() / ive(0, kappa[0])) + highest
-        errors.append(abs(Turned.of(kappa, turning).log_means[0] - exact))
-    assert max(errors) < 3e-4
-
-
 def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
     """The two modes are nearly opposite at the sensors: at atan(1/8.6) they cancel one another.
 

@@ -131,23 +131,6 @@ def test_frequencies_have_their_joint_normal_density(error):
     np.testing.assert_allclose((independent**2).sum(axis=1), distances, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "error", [bs.ErrorModel(SIZE, 10.0 * SIZE, RHO), bs.ErrorModel(SIZE, 10.0 * SIZE, RHO, NEXT)]
-)
-def test_errors_without_correlation_are_independent(error):
-    sensors = ("floor 1", "floor 3", "floor 4")
-    tests = (
-        configuration("a", 1.0, (1, 2), 1, sensors),
-        configuration("b", 2.0, (1, 2), 2, sensors),
-    )
-    candidate = model_class(error, tests)
-    alone = model_class(bs.ErrorModel(SIZE, 10.0 * SIZE), tests)
-    values = values_of(candidate)
-    values[:, len(alone.parameters) :] = 0.0
-    expected = alone.log_likelihood(values[:, : len(alone.parameters)])
-    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-12)
-
-
 def plane_class(angles, rho, masses=(1.0, 1.0)):
     """Two tests whose shapes at two sensors are at the given angles, in the first mode."""
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
@@ -241,43 +224,6 @@ def test_errors_of_shapes_are_turned_into_one_plane():
         seen *= np.where(seen @ seen[0] < 0.0, -1.0, 1.0)[:, None]
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         np.testing.assert_allclose(errors[row, group] @ seen.sum(axis=0), 0.0, atol=1e-15)
-
-
-def test_shapes_of_several_modes_multiply_the_joint_density():
-    """Three sensors, equal model shapes: the errors of three tests in a plane, from the formula."""
-    rho, sensors = 0.7, ("floor 1", "floor 2", "floor 4")
-    tests = tuple(
-        configuration(name, 1.0, (1, 2), seed, sensors) for seed, name in enumerate("abc")
-    )
-    # Another set of sensors: not shared.
-    tests += (configuration("d", 1.0, (2,), 9, ("floor 1", "floor 2")),)
-    candidate = model_class(bs.ErrorModel(0.1 * SD, SIZE, rho), tests)
-    alone = model_class(bs.ErrorModel(0.1 * SD, SIZE), tests)
-    values = values_of(candidate)
-    expected = alone.log_likelihood(values)
-    for k, row in enumerate(values):
-        expected[k] += _ratio_of_frequencies(candidate, row[None])
-        size = row[candidate.parameter_names.index("size")]
-        for label in ("mode 1", "mode 2"):
-            errors, own = [], []
-            for test, likelihood, rows in candidate.parts(row[None]):
-                if test.name == "d":
-                    continue
-                mode = test.data.mode(label)
-                (shapes,) = likelihood.shapes_at_sensors(likelihood.modes(rows))
-                model = shapes[:, int(label[-1]) - 1]
-                model = model / np.linalg.norm(model)
-                identified = mode.unit_shape * np.sign(mode.unit_shape @ model)
-                chord = np.sqrt(2.0 - 2.0 * identified @ model)
-                tangent = identified - (identified @ model) * model
-                errors.append(chord * tangent / np.linalg.norm(tangent))
-                own.append(mode.shape_sd**2)
-            covariance = size**2 * (rho + (1 - rho) * np.eye(3)) + np.diag(own)
-            plane = np.linalg.svd(model[None])[2][1:]  # two directions at right angles to the shape
-            for component in plane @ np.transpose(errors):
-                expected[k] += multivariate_normal.logpdf(component, cov=covariance)
-                expected[k] -= norm.logpdf(component, scale=np.sqrt(np.diag(covariance))).sum()
-    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
 
 
 THREE = ("floor 1", "floor 3", "floor 4")
@@ -417,9 +363,13 @@ def jointly_identified_tests():
     return jointly_identified(a, 1), jointly_identified(b, 2, ("mode 1",)), c
 
 
+@pytest.mark.parametrize("are_joint", [True, False])
 @pytest.mark.parametrize("error", ALL_AT_ONCE.values(), ids=ALL_AT_ONCE)
-def test_joint_identification_errors_and_correlated_prediction_errors_at_once(error):
-    candidate = model_class(error, jointly_identified_tests())
+def test_joint_identification_errors_and_correlated_prediction_errors_at_once(error, are_joint):
+    tests = jointly_identified_tests()
+    if not are_joint:
+        tests = tuple(replace(test, data=test.data.without_covariance()) for test in tests)
+    candidate = model_class(error, tests)
     independent = replace(error, between_tests=0.0, between_modes=0.0)
     alone = model_class(independent, candidate.configurations).with_independent_errors()
     values = values_of(candidate, 8)
@@ -430,7 +380,7 @@ def test_joint_identification_errors_and_correlated_prediction_errors_at_once(er
     for k, row in enumerate(values):
         dense = Dense(candidate, row[None])
         expected[k] += dense.log_ratio()
-        if error.between_tests != 0.0:  # all modes are in one group
+        if error.between_tests != 0.0 and are_joint:  # all modes are in one group
             distance = dense.residuals @ np.linalg.solve(dense.covariance, dense.residuals)
             assert squares[k] == pytest.approx(distance, rel=1e-9)
         # Of the same modes in another state, given the frequencies.

@@ -304,11 +304,3 @@ def test_the_prior_of_one_source_integrates_to_one():
     # Integral of exp(-|d|²/2s²) over both parts of a complex number d is 2π s².
     of_direct = -R * sum(np.log(2.0 * np.pi * sd**2) for sd in DIRECT_SDS.ravel())
     assert log_density == pytest.approx(of_factors + of_direct, abs=1e-9)
-
-
-def test_a_fit_goes_on_from_another():
-    fitter, model = fitter_and_model("loads", seed=4)
-    real = fitter.fit(model.modes, has_phases=False)
-    turned = fitter.fit(real, has_phases=True)
-    assert turned.has_phases
-    assert fitter.misfit(turned.covariances) < fitter.misfit(real.covariances)

@@ -2,17 +2,13 @@
 
 import itertools
 import math
-from time import perf_counter
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.signal import lfilter
-from scipy.sparse import diags_array, eye_array
-from scipy.sparse.linalg import eigsh, spsolve
 
 import bayes_ssi as bs
-from bayes_ssi.structures.modal import ModalModel, Modes, modal_model
+from bayes_ssi.structures.modal import ModalModel, Modes
 from bayes_ssi.structures.response import (
     GROUND,
     GroundMotion,
@@ -95,39 +91,6 @@ def test_transfer_functions_from_a_force_solve_the_equations(augmented, values):
             augmented, values[:1], frequencies, output, 0.02, force_at="floor 2"
         )
         np.testing.assert_allclose(computed[0], exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
-
-
-def test_an_oscillator_at_rest_and_at_resonance(oscillator):
-    at = np.array([0.0, 2.0])
-    acceleration = transfer_functions(
-        oscillator, NO_VALUES, at, Output("acceleration", ("floor 1",)), 0.05
-    )[0, 0]
-    np.testing.assert_allclose(np.abs(acceleration), [1.0, math.sqrt(1.0 + 0.01) / 0.1], rtol=1e-12)
-    displacement = transfer_functions(
-        oscillator, NO_VALUES, at, Output("displacement", ("floor 1",)), 0.05
-    )[0, 0]
-    np.testing.assert_allclose(displacement[0], -1.0 / (4.0 * math.pi) ** 2, rtol=1e-12)
-    force = transfer_functions(
-        oscillator, NO_VALUES, at, Output("displacement", ("floor 1",)), 0.05, force_at="floor 1"
-    )[0, 0]
-    np.testing.assert_allclose(force[0], 1.0 / (3.0 * (4.0 * math.pi) ** 2), rtol=1e-12)
-
-
-def test_time_histories_cost_little_more_than_filtering(augmented, values):
-    """At most twice one call of lfilter, of second order, for each of the four modes."""
-    draws = np.tile(values, (50, 1))
-    motion = GroundMotion(np.random.default_rng(0).standard_normal(8000), 0.005)
-    output = Output("acceleration", FLOORS)
-    ratios = []
-    for _ in range(7):
-        begun = perf_counter()
-        n_histories = len(time_histories(augmented, draws, motion, output, 0.02))
-        middle = perf_counter()
-        for _ in range(n_histories * augmented.n_modes):
-            lfilter([0.1, 0.2, 0.1], [1.0, -1.9, 0.95], motion.acceleration)
-        ratios.append((middle - begun) / (perf_counter() - middle))
-    # The least disturbed of several runs, since other work may disturb them.
-    assert min(ratios) <= 2.0, ratios
 
 
 @pytest.mark.parametrize("n_places", [1, 3])
@@ -231,54 +194,6 @@ def test_an_empty_batch_has_an_empty_response(augmented):
     nothing = np.empty((0, 4))
     assert time_histories(augmented, nothing, motion, output, 0.02).shape == (0, 3, 2)
     assert transfer_functions(augmented, nothing, [1.0], output, 0.02).shape == (0, 3, 1)
-
-
-class SparseChain(Structure):
-    """A uniform fixed-free chain, kept sparse, that gives its lowest modes only."""
-
-    def __init__(self, n, n_modes):
-        self.n, self._n_modes = n, n_modes
-        self.factor = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
-        main = np.r_[np.full(n - 1, 2.0), 1.0]
-        self.K = diags_array([-np.ones(n - 1), main, -np.ones(n - 1)], offsets=[-1, 0, 1]).tocsc()
-        self.K *= float(n) ** 2
-        self.M = eye_array(n, format="csc")
-
-    parameters = property(lambda self: (self.factor,))
-    degrees_of_freedom = property(lambda self: tuple(f"node {i}" for i in range(1, self.n + 1)))
-    n_modes = property(lambda self: self._n_modes)
-
-    def modes(self, values):
-        squares, shapes = eigsh(self.K, self._n_modes, self.M, sigma=0.0)
-        root = np.sqrt(values[:, :1])
-        frequencies = root * np.sqrt(squares) / (2.0 * math.pi)
-        return Modes(frequencies, np.repeat(2.0 * shapes[None], len(values), axis=0))
-
-    def modal_model(self, values):
-        modes = self.modes(values)
-        return modal_model(modes, np.stack([self.M @ shapes for shapes in modes.shapes]))
-
-
-def test_a_large_sparse_structure_answers_through_the_same_seam():
-    n, stiffness_damping = 20_000, 0.02
-    chain = SparseChain(n, 8)
-    # A fixed-free bar of unit length and wave speed: ω = (2j - 1) π/2, Γ² = 8/((2j-1)π)² of all.
-    model = chain.modal_model(np.array([[1.0]]))
-    odd = 2.0 * np.arange(1, 9) - 1.0
-    np.testing.assert_allclose(model.frequencies_hz[0], odd / 4.0, rtol=1e-3)
-    np.testing.assert_allclose(
-        model.participation[0] ** 2 / n, 8.0 / (odd * math.pi) ** 2, rtol=1e-3
-    )
-    values = np.array([[1.0], [1.2]])
-    frequencies = np.array([0.1, 0.3])
-    tip = Output("displacement", (f"node {n}",))
-    ratios = stiffness_damping * model.frequencies_hz[0] * math.pi  # C = 0.02 K
-    computed = transfer_functions(chain, values[:1], frequencies, tip, ratios)[0, 0]
-    for i, omega in enumerate(2.0 * math.pi * frequencies):
-        dynamic = (1.0 + 1j * omega * stiffness_damping) * chain.K - omega**2 * chain.M
-        exact = spsolve(dynamic.tocsc(), -np.ones(n, dtype=complex))[-1]
-        np.testing.assert_allclose(computed[i], exact, rtol=2e-3)  # eight modes of 20,000
-    assert np.isfinite(transfer_functions(chain, values, frequencies, tip, 0.02)).all()
 
 
 class BlackBox(Structure):

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.structures.space_frame import SpaceFrame
@@ -47,14 +46,6 @@ def test_a_portal_has_its_closed_form():
     expected = np.diag([2.0 * along_x, 2.0 * along_y, torsion])
     np.testing.assert_allclose(stiffness[0], expected, rtol=1e-13, atol=1e-9)
     np.testing.assert_array_equal(mass, [[10.0, 10.0, 30.0]])
-
-
-def test_stiff_beams_make_a_shear_building_and_none_makes_cantilevers():
-    stiff, _ = portal(beam=1e12).matrices(NONE)
-    slender, _ = portal(beam=1e-12).matrices(NONE)
-    one_column = 200.0 * 3.0 / 2.5**3
-    assert stiff[0, 0, 0] == pytest.approx(4 * 12.0 * one_column)
-    assert slender[0, 0, 0] == pytest.approx(4 * 3.0 * one_column)
 
 
 # A whole frame in space with 12 degrees of freedom a member, assembled directly.
@@ -250,18 +241,3 @@ def test_elements_stand_on_degrees_of_freedom():
         bs.FloorBlock(1, 1.0, 3)
     block = bs.FloorBlock(1, 1.0, (0.0, 1.0))
     assert block.as_mass() is block
-
-
-def test_a_pendulum_in_a_direction_of_a_floor():
-    """K gains k v vᵀ and M the mass, also where the frame's own stiffness is condensed."""
-    frame, mass, hz = portal(), 30.0, 4.0
-    direction = {"floor 1 x": 0.6, "floor 1 y": 0.8, "floor 1 torsion": 0.5}
-    stiffness, masses = (each[0] for each in frame.matrices(NONE))
-    n = len(stiffness)
-    v = np.zeros(n + 1)
-    v[[*range(3), n]] = [-0.6, -0.8, -0.5, 1.0]
-    whole = np.pad(stiffness, (0, 1)) + mass * (math.tau * hz) ** 2 * np.outer(v, v)
-    squares = eigh(whole, np.diag([*masses, mass]), eigvals_only=True)
-    carrying = frame.with_element(bs.Pendulum(direction, mass, hz))
-    frequencies = carrying.modes(NONE).frequencies_hz[0]
-    np.testing.assert_allclose(frequencies, np.sqrt(squares) / math.tau, rtol=1e-10)
