@@ -292,12 +292,12 @@ def test_repairs_are_compared_with_the_maximum_of_the_class_itself(bare):
 def test_the_mode_that_a_large_error_hides_is_named():
     """The farthest frequency, and the least MAC of those that have one."""
     modes = (
-        SimpleNamespace(label="a", frequency_error=0.01, mac=0.90),
-        SimpleNamespace(label="b", frequency_error=-0.03, mac=0.97),
+        SimpleNamespace(label="a", frequency_error=0.01, mac=0.97),
+        SimpleNamespace(label="b", frequency_error=-0.03, mac=0.90),
         SimpleNamespace(label="c", frequency_error=None, mac=None),
     )
     large = SimpleNamespace(
         name="frequency_cov", value=0.05, prior_median=0.01, prior_sds=2.5, is_error_size=True
     )
     said = _parameter(large, SimpleNamespace(modes=modes))
-    assert said.endswith("above (mode 'b' is 3 % off, mode 'a' has MAC 0.90)")
+    assert said.endswith("above (mode 'b' is 3 % off, mode 'b' has MAC 0.90)")
