@@ -105,6 +105,16 @@ def test_the_parts_by_hand(frame, case_c, fixed_error):
     assert count.misfit.p_value == pytest.approx(2.0 / (1.0 / spurious + 1.0 / identified))
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_an_error_size_is_a_misfit_where_it_is_larger_than_expected(bare, factor):
+    size = bs.Parameter("size", bs.LogNormal(0.01, 0.3))
+    candidate = replace(bare, error=bs.ErrorModel(size, 0.05), pairing={"1": 1})
+    found = at(candidate, np.array([[1.0, 1.0, 1.0, 0.01 * factor]])).parameters[-1]
+    z = math.log(factor) / math.sqrt(math.log(1.09))
+    assert (found.is_error_size, found.prior_sds) == (True, pytest.approx(z))
+    assert found.misfit.p_value == pytest.approx(norm.sf(z))
+
+
 def with_data(candidate, change):
     tests = [replace(test, data=change(test.data)) for test in candidate.configurations]
     return replace(candidate, configurations=tests)

@@ -10,6 +10,7 @@ from targets import one_mass
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import at_draws
+from bayes_ssi.inference.posterior.posterior import Region
 from bayes_ssi.inference.posterior_sampling.sample import _noise
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
@@ -143,6 +144,12 @@ def test_draws_that_are_no_chains_count_as_the_chains_that_they_come_from(make_p
     for row, size in zip(posterior.summary, sizes, strict=True):
         assert row.mean_error == pytest.approx(row.sd / math.sqrt(size), rel=0.2)
         assert row.sd_error == pytest.approx(row.sd / math.sqrt(2.0 * size), rel=0.2)
+    # Errors of the shares of two regions move the mean of one parameter, at ± 3, and not the other.
+    regions = tuple(Region(0.5, 0.1, 4, (place, 0.0)) for place in (-3.0, 3.0))
+    moved, same = replace(posterior, regions=regions).summary
+    first, second = posterior.summary
+    assert moved.mean_error == pytest.approx(math.hypot(first.mean_error, 0.6), rel=1e-3)
+    assert same.mean_error == pytest.approx(second.mean_error, rel=0.01)
 
 
 def noisy_spring(noise):

@@ -68,6 +68,8 @@ def test_evidence_is_that_of_the_exact_structure(of_class):
     )
     moved = posterior.evidence.log_evidence - uncorrected.evidence.log_evidence
     assert f"corrected by {moved:+.4f}" in posterior.remarks[1]
+    fits = (each.evidence.mean_log_likelihood for each in (posterior, uncorrected))
+    assert np.subtract(*fits) == pytest.approx(posterior.importance_draws["changes"].mean())
     assert "frequencies differ by 0.0002 at most" in posterior.remarks[1]
     assert posterior.remarks[0] == "known at 200 draws"
     assert posterior.failed_checks == ()
