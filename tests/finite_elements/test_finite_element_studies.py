@@ -119,37 +119,3 @@ def test_the_data_of_the_footbridge_are_what_the_script_makes(tmp_path, monkeypa
     np.testing.assert_allclose(made.unit_shapes, kept.unit_shapes, atol=2e-4)
     name = "footbridge_candidates.csv"
     assert bs.read_candidates(tmp_path / name) == bs.read_candidates(data / name)
-
-
-def test_modes_that_change_places_are_updated_rightly():
-    """Sway in x is softer than in y beforehand; the truth is the other way round."""
-    kx, ky = (bs.Parameter(name, bs.LogNormal(1.0, 0.4)) for name in ("kx", "ky"))
-    storey = np.array([[2.0, -1.0], [-1.0, 1.0]])
-    zero = np.zeros((2, 2))
-    coupling = 2.0 * np.kron(np.ones((2, 2)) - np.eye(2), np.eye(2))  # a little torsion
-    terms = [
-        (400.0 * kx, np.block([[storey, zero], [zero, zero]])),
-        (500.0 * ky, np.block([[zero, zero], [zero, storey]])),
-        coupling + 2.0 * np.eye(4),
-    ]
-    tower = bs.MatrixStructure(terms, np.eye(4), labels=("x1", "x2", "y1", "y2"), n_modes=4)
-    truth = np.array([[1.5, 0.8]])
-    before, after = tower.modes(tower.prior_medians()), tower.modes(truth)
-    assert abs(before.shapes[0, 1, 0]) > 3 * abs(before.shapes[0, 3, 0])  # first mode sways in x
-    assert abs(after.shapes[0, 3, 0]) > 3 * abs(after.shapes[0, 1, 0])  # and now in y
-    modes = tuple(
-        bs.IdentifiedMode(str(i), float(after.frequencies_hz[0, i]), after.shapes[0, :, i])
-        for i in range(4)
-    )
-    data = bs.ModalData(modes, (0.0, 10.0), tower.degrees_of_freedom)
-    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
-    candidate = bs.ModelClass("tower", tower, data, error, pairing="any")
-    posterior = bs.sample(candidate, settings=bs.SamplingSettings(0.05))
-    assert posterior.failed_checks == ()
-    for row, true in zip(posterior.summary, truth[0], strict=True):
-        assert row.mean == pytest.approx(true, abs=4.0 * row.mean_error + row.sd)
-        assert row.sd < 0.03
-    assert len(posterior.regions) == 1
-    best = posterior.configurations[0].inferred_pairing
-    assert best.best == {str(i): i + 1 for i in range(4)}
-    assert best.pairings[0].probability > 0.95

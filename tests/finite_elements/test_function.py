@@ -46,19 +46,6 @@ def test_matrices_and_modes_are_the_same_structure():
         np.testing.assert_allclose(np.abs(made.shapes), np.abs(expected.shapes), rtol=1e-9)
 
 
-def test_large_sparse_matrices():
-    def chain(k):
-        n = 400
-        diagonal = np.r_[np.full(n - 1, 2.0), 1.0]
-        off = np.full(n - 1, -1.0)
-        return k * sp.diags_array([diagonal, off, off], offsets=[0, 1, -1]), sp.eye_array(n)
-
-    made = bs.FunctionStructure(chain, {"k": factor("k")}, n_modes=3, sensors={"top": 399})
-    j = np.arange(1, 4)
-    expected = np.sin((2 * j - 1) * math.pi / 1602) / math.pi
-    np.testing.assert_allclose(made.modes(np.ones((1, 1))).frequencies_hz[0], expected, rtol=1e-9)
-
-
 def test_unsorted_modes_are_put_in_order():
     shuffled = structure(lambda a, b: ([b, a], np.array([[0.0, 1.0], [1.0, 0.0]])),
                          sensors=("x", "y"), a=2.0, b=factor("k"))  # fmt: skip

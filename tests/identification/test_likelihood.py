@@ -167,15 +167,6 @@ def test_terms_add_up_and_each_is_as_documented(building, identified):
     assert terms.spurious == pytest.approx(spurious, rel=1e-13)
 
 
-def test_an_exact_fit_has_the_height_of_its_normal():
-    oscillator = bs.ShearBuilding(
-        (1.0,), ((2.0 * math.pi) ** 2 * bs.Parameter("k", bs.Uniform(0, 3)),)
-    )
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 2.0))
-    total = likelihood(oscillator, data, {"1": 1}, 0.01).log_density(np.array([[1.0]]))
-    assert total[0] == pytest.approx(math.log(0.9 / (0.01 * math.sqrt(2.0 * math.pi))) - 0.3)
-
-
 @pytest.mark.parametrize("frequency_cov", [0.002, 0.01, 0.05])
 def test_the_density_of_the_frequency_integrates_to_one(frequency_cov):
     # Its standard deviation follows the datum, not the model: one within the variance.
@@ -242,14 +233,6 @@ def test_a_mode_that_moves_the_sensors_by_rounding_alone_resembles_no_shape(meas
         np.testing.assert_array_equal(distances.reshape(2, -1)[:, 1], 1.0)
     else:  # the two turn together, and whatever the turn, sensors see the mode in x
         np.testing.assert_allclose(distances[:, 1], distances[:, 0], rtol=1e-6)
-
-
-def test_half_of_a_mode_on_the_end_of_the_band_may_be_missed():
-    two = bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
-    upper = (math.sqrt(5.0) + 1.0) / (4.0 * math.pi)
-    data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, upper))
-    terms = likelihood(two, data, {"1": 1}).terms(np.empty((1, 0)))
-    assert terms.missed[0].sum() == pytest.approx(math.log(1.0 - 0.9 / 2.0), rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Errors grow where the halves of a record disagree, and only there; skewed clocks are said."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,9 @@ from simulated_records import simulated_record, with_infill
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.explained_band import Explained
-from bayes_ssi.measurements.records.halves import growth_by_halves
-from bayes_ssi.measurements.records.spectra import Resonances
+from bayes_ssi.measurements.records.halves import growth_by_halves, skewed_clocks
+from bayes_ssi.measurements.records.modal_identification import _clocks_at_fault
+from bayes_ssi.measurements.records.spectra import Resonances, transforms_of
 
 RATE, N = 20.0, 24_000
 SHAPES = np.array([[0.526, 0.851], [0.851, -0.526]])
@@ -105,6 +107,15 @@ def test_a_clock_of_another_rate_is_said():
     times = np.arange(record.n_samples) / record.rate_hz
     skewed = record.samples.copy()
     skewed[1] = np.interp(times * (1.0 - 1e-4), times, skewed[1])
-    found = bs.identify(bs.Record(skewed, 50.0, names, "acceleration", "m/s2"), (0.6, 4.6))
-    (text,) = [check for check in found.failed_checks if "clock runs" in check]
+
+    def found(samples):
+        halves = (replace(record, samples=each) for each in np.split(samples, 2, axis=1))
+        transforms = [transforms_of(half, (0.3, 6.0)) for half in halves]
+        return skewed_clocks(transforms, np.array([0.983, 2.604, 3.005, 3.984]))
+
+    (delay,) = found(skewed)
+    assert delay.sensor == 1
+    assert delay.seconds == pytest.approx(0.06, abs=3.0 * delay.deviation)
+    (text,) = _clocks_at_fault(names, [], [delay])
     assert text.startswith("sensor 'floor 2': its clock runs at another rate; it is later by 0.06")
+    assert not found(record.samples)

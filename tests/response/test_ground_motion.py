@@ -5,21 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
-
-
-@pytest.mark.parametrize(
-    ("unit", "value"),
-    [("g", 9.80665), ("m/s²", 1.0), ("cm/s^2", 0.01), ("Gal", 0.01), ("ft/s2", 0.3048)],
-)
-def test_units(unit, value):
-    assert UNITS[checked_unit(unit)] == value
-
-
-@pytest.mark.parametrize("unit", ["", "counts", "m", "cm/s"])
-def test_an_unknown_unit_is_refused(unit):
-    with pytest.raises(ValueError, match=f"one of 'g', 'm/s2', 'cm/s2', .*, got {unit!r}"):
-        checked_unit(unit)
+from bayes_ssi.structures.response import GroundMotion
 
 
 def test_peak_of_a_sine():

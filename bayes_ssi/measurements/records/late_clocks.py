@@ -101,7 +101,7 @@ def delays_of(
     """
     n, m = shapes.shape
     omega = 2.0 * np.pi * frequencies_hz
-    near = common_delays((shapes**2).T, omega[:, None], 2001, 20)[0]
+    near = _common_delays((shapes**2).T, omega[:, None])
     turned = shapes * np.exp(1j * near[:, None] * omega)
     turned = turned * np.exp(-0.5j * np.angle((turned**2).sum(0)))
     terms = [_Terms.of(turned, near, covariances, omega, spread) for spread in SPREADS]
@@ -185,20 +185,18 @@ def _posterior(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> tupl
     return float(covariance[0] @ slope), float(np.sqrt(covariance[0, 0]))
 
 
-def common_delays(
-    squares: ComplexArray, omega: FloatArray, n_sought: int, n_rounds: int
-) -> tuple[FloatArray, ComplexArray]:
+def _common_delays(squares: ComplexArray, omega: FloatArray) -> FloatArray:
     """Delays (n,) in s that the phases of modes have in common; the median sensor is on time.
 
-    Least squares of the phases of modes and of sensors, in turn, from the squares (L, n) of the
-    shapes' components, whose phases are twice theirs; the squares turned by the phases of the modes
-    are returned, too. Delays are tried over half a period of the root mean square frequency.
+    Least squares of the phases of modes and of sensors, in turn, from the squares (m, n) of the
+    shapes' components, whose phases are twice theirs; ``omega`` are the modes' frequencies (m, 1)
+    in rad/s. Delays are tried over half a period of their root mean square.
     """
-    sought = np.linspace(-0.5, 0.5, n_sought) * np.pi / np.sqrt((omega**2).mean())
+    sought = np.linspace(-0.5, 0.5, 2001) * np.pi / np.sqrt((omega**2).mean())
     seconds = np.zeros(squares.shape[1])
-    for _ in range(n_rounds):
+    for _ in range(20):
         modes = (squares * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
         turned = squares * np.conj(modes / np.abs(modes))
         seconds = sought[(turned.T @ np.exp(2j * omega * sought)).real.argmax(1)]
         seconds = seconds - np.median(seconds)
-    return seconds, turned
+    return seconds
