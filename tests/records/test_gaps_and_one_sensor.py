@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.other_methods import compared
-from bayes_ssi.measurements.records.usable_motion import _pieces
+from bayes_ssi.measurements.records.usable_motion import _pieces, usable_motion
 
 RATE, N = 20.0, 12_000
 MODES = {1.0: 0.02, 2.62: 0.02}  # Hz and damping
@@ -116,43 +116,48 @@ def stuck(rows, _rng):
     rows[2, 3000:6000] = rows[2, 3000]
 
 
-KNOWN = {}
+BAND = (0.5, 4.0)
 
 
-def of_sound(record, sensors):
-    """Their modes, which are the same whatever is wrong with the others."""
-    if sensors not in KNOWN:
-        KNOWN[sensors] = bs.identify(record.selected(sensors), (0.5, 4.0)).quoted
-    return KNOWN[sensors]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "why"),
-    [
-        (dead, "dead, all samples are 0.2"),
-        (copied, "the same samples but for the sign as sensor 'd'"),
-        (clipped, "clipped; 0.19 % of"),
-        (noise, "noise alone"),
-        (stuck, "on straight lines, or the same as before, in 25% of"),
-    ],
-)
-def test_a_sensor_that_measured_nothing_has_no_component(samples, wrong, why, run, tmp_path):
-    """Modes, errors and covariance are those of the sound sensors alone, and files say so."""
+def beside_two_sound_ones(samples, wrong):
+    """Four sensors, of which the third is wrong."""
     rng = np.random.default_rng(2)
     rows = np.vstack([samples, samples + 0.05 * rng.standard_normal((2, N))])
     wrong(rows, rng)
-    out = {"c", "d"} if wrong is copied else {"c"}
-    sound = [i for i, name in enumerate("abcd") if name not in out]
-    record = bs.Record(rows, RATE, tuple("abcd"), "acceleration", "m/s2")
-    found = bs.identify(record, (0.5, 4.0))
-    alone = of_sound(record, tuple(record.sensors[i] for i in sound))
-    assert {name for name, _ in found.left_out} == out
-    assert why in dict(found.left_out)["c"]
+    return bs.Record(rows, RATE, tuple("abcd"), "acceleration", "m/s2")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "out", "why"),
+    [
+        (dead, "c", "dead, all samples are 0.2"),
+        (copied, "cd", "the same samples but for the sign as sensor 'd'"),
+        (clipped, "c", "clipped; 0.19 % of"),
+        (noise, "c", "noise alone"),
+        (stuck, "c", "on straight lines, or the same as before, in 25% of"),
+    ],
+)
+def test_a_sensor_that_measured_nothing_is_left_out(samples, wrong, out, why):
+    record = beside_two_sound_ones(samples, wrong)
+    motion = usable_motion(record, BAND, None)
+    assert sorted(motion.left_out) == [*out]
+    assert why in motion.left_out["c"]
+    sound = record.selected([name for name in record.sensors if name not in out])
+    np.testing.assert_array_equal(motion.record.samples, sound.samples)
+    assert motion.pieces is None
+
+
+def test_shapes_have_no_component_where_nothing_was_measured(samples, run, tmp_path):
+    """Modes, errors and covariance are those of the sound sensors alone, and files say so."""
+    record = beside_two_sound_ones(samples, dead)
+    sound = [0, 1, 3]
+    found = bs.identify(record, BAND)
+    alone = bs.identify(record.selected(("a", "b", "d")), BAND).quoted
     files = bs.write_modal_data(found.modal_data(), tmp_path / "modes.csv")
     data = bs.read_modal_data(files[0])
     assert data.sensors == (*"abcd",)
     np.testing.assert_array_equal(data.unit_shapes[sound], alone.unit_shapes)
-    assert np.isnan(np.delete(data.unit_shapes, sound, axis=0)).all()
+    assert np.isnan(data.unit_shapes[2]).all()
     places = np.r_[:2, (2 + 4 * np.arange(2)[:, None] + sound).ravel()]
     np.testing.assert_allclose(
         data.covariance[np.ix_(places, places)], alone.covariance, atol=1e-15
@@ -161,28 +166,28 @@ def test_a_sensor_that_measured_nothing_has_no_component(samples, wrong, why, ru
     assert [mode.shape_sd for mode in data.modes] == pytest.approx(
         [m.shape_sd for m in alone.modes]
     )
-    assert "sensor 'c' is left out of shapes: " + why in run("check", files[0]).output.replace(
-        "\n", " "
-    )
+    said = run("check", files[0]).output.replace("\n", " ")
+    assert "sensor 'c' is left out of shapes: dead, all samples are 0.2" in said
     assert [text for text in data.warnings() if "not measured" in text] == []
 
 
 @pytest.mark.parametrize("how", ["held", "repeated"])
 def test_gaps_that_were_filled_are_gaps(samples, how):
     """A logger that holds its last sample, or writes its last ten seconds again, of all sensors."""
-    filled, missing = samples.copy(), samples.copy()
+    both, missing = samples.copy(), samples.copy()
     for first in (2000, 5000, 7000, 9000):
         end = first + 200
-        filled[:, first:end] = (
+        both[:, first:end] = (
             samples[:, [first]] if how == "held" else samples[:, first - 200 : first]
         )
         missing[:, first:end] = np.nan
-    _, modes = identified(filled)
-    if "gaps" not in KNOWN:
-        KNOWN["gaps"] = identified(missing)[1]
-    truth = KNOWN["gaps"]
-    np.testing.assert_array_equal(modes.frequencies_hz, truth.frequencies_hz)
-    np.testing.assert_array_equal(modes.covariance, truth.covariance)
+    filled, gaps = (
+        usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, None)
+        for rows in (both, missing)
+    )
+    assert filled.record.gaps == gaps.record.gaps
+    np.testing.assert_array_equal(filled.record.samples, gaps.record.samples)
+    np.testing.assert_array_equal(filled.pieces, gaps.pieces)
 
 
 def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
@@ -194,9 +199,9 @@ def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
 def test_sensors_that_are_all_clipped_stay(samples):
     """Nothing tells which of them would be right without the others."""
     limits = 2.0 * samples.std(1, keepdims=True)
-    record, modes = identified(samples.clip(-limits, limits))
-    assert len(modes.modes) == 2
-    assert np.isfinite(modes.unit_shapes).all()
+    rows = samples.clip(-limits, limits)
+    record = bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2")
+    assert usable_motion(record, BAND, None).left_out == {}
     # Of a normal variable 4.55 % are beyond two standard deviations.
     shares = [float(text.split("; ")[1].split(" %")[0]) for text in record.warnings()]
     assert shares == pytest.approx([4.55, 4.55], abs=0.4)

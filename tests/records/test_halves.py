@@ -40,7 +40,7 @@ def said(found):
 
 
 def test_halves_of_stationary_records_agree():
-    for seed in range(3):
+    for seed in range(2):
         assert not said(identified(samples(seed, 1.0), samples(100 + seed, 1.0)))
 
 
