@@ -51,8 +51,9 @@ class OnTime(NamedTuple):
 
     transforms: Transforms
     bands: list[Explained]
-    delays: list[Delay]  # that were removed
-    suspected: list[Delay]  # that were not, for which the evidence is too little
+    delays_s: FloatArray  # (n,), that were removed
+    removed: list[Delay]
+    suspected: list[Delay]  # that were not, since the evidence is too little
 
 
 def explained_on_time(
@@ -76,7 +77,7 @@ def explained_on_time(
             seconds[delay.sensor] += delay.seconds
             removed[delay.sensor] = delay._replace(seconds=float(seconds[delay.sensor]))
     suspected = [delay for delay in delays if not delay.is_sure]
-    return OnTime(on_time, bands, sorted(removed.values()), suspected)
+    return OnTime(on_time, bands, seconds, sorted(removed.values()), suspected)
 
 
 def _delays_of_bands(bands: Sequence[Explained]) -> list[Delay]:

@@ -132,12 +132,8 @@ def identify(
     band, at = record.checked_band(band_hz), tuple(at)
     motion = usable_motion(record, band, ground)
     search = _search(motion, at)
-    halves = motion.halves(search.mask)
+    halves = motion.halves(search.mask, search.on_time.delays_s)
     clear = np.array([peak.frequency_hz for peak in search.found.peaks if peak.is_clear])
-    seconds = np.zeros(len(motion.record.sensors))
-    for delay in search.on_time.delays:
-        seconds[delay.sensor] = delay.seconds
-    halves = [half.turned(seconds) for half in halves]
     bands = with_halves(search.on_time.bands, halves, 0.5 * motion.record.duration_s)
     return _result(record, motion, search, bands, skewed_clocks(halves, clear))
 
@@ -244,7 +240,7 @@ def _result(
         remarks=(
             *motion.remarks,
             *search.remarks,
-            *_late(record.sensors, on_time.delays),
+            *_late(record.sensors, on_time.removed),
             *vague,
             *grown,
             *(

@@ -57,10 +57,11 @@ class UsableMotion:
             return transforms
         return transforms.relative_to(self.record.sensors.index(self.ground))
 
-    def halves(self, mask: FloatArray | None) -> list[Transforms]:
-        """Lines of the first half of the instants, and of the second."""
+    def halves(self, mask: FloatArray | None, delays_s: FloatArray) -> list[Transforms]:
+        """Lines of both halves of the instants, of sensors no longer late by ``delays_s`` (n,)."""
         middle = self.record.n_samples // 2
-        return [self.transforms(mask, half) for half in (slice(middle), slice(middle, None))]
+        parts = (slice(middle), slice(middle, None))
+        return [self.transforms(mask, part).turned(delays_s) for part in parts]
 
 
 def usable_motion(record: Record, band_hz: tuple[float, float], ground: str | None) -> UsableMotion:
