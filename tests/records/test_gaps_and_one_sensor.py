@@ -190,6 +190,23 @@ def test_gaps_that_were_filled_are_gaps(samples, how):
     np.testing.assert_array_equal(filled.pieces, gaps.pieces)
 
 
+def test_parts_of_a_record_that_are_used(samples):
+    """Without gaps, without what a mask leaves out, and on time: in both halves."""
+    late = np.roll(samples[0], 2)  # by a tenth of a second, but for the first two samples
+    rows = np.vstack([samples[0], late])
+    rows[:, 3000:3400] = np.nan
+    motion = usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, None)
+    mask = np.ones(N)
+    mask[7000:8000] = 0.0
+    first, second = motion.halves(mask, np.array([0.0, 0.1]))
+    # In the second half nothing but the mask is out, in the first nothing but the gap.
+    assert second.share == pytest.approx(1.0 - 1000 / (N / 2))
+    assert first.share == pytest.approx(np.mean(motion.pieces[: N // 2] ** 2))
+    for half in (first, second):
+        matrix = half.spectra(0.95, 1.05, 0.05).matrices[0]
+        assert abs(np.angle(matrix[0, 1])) < 0.02
+
+
 def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
     record = bs.Record(0.0 * samples, RATE, ("a", "b"), "acceleration", "m/s2")
     with pytest.raises(ValueError, match=r"no sensor measured what .* 'a': dead, .* 'b': dead"):

@@ -1,5 +1,7 @@
 """Delays of clocks against phases of damping, from shapes whose phases are made up."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -7,6 +9,7 @@ from scipy.signal import lfilter
 import bayes_ssi as bs
 from bayes_ssi.measurements.records import late_clocks
 from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
+from bayes_ssi.measurements.records.spectra import Transforms
 
 HZ = np.array([1.1, 3.0, 4.7, 6.2])
 NOISE = 0.003
@@ -64,3 +67,18 @@ def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
     assert failed.startswith("sensor 'b' may be 0.3 s late against the others (probability 0.95)")
     assert found.modes[0].mean_phase_deg < 5.0
     assert not Delay(1, 0.3, 0.1, 0.99).is_sure
+
+
+def test_delays_of_several_searches_add_up(monkeypatch):
+    """And the lines are turned by their sum, 2π f τ."""
+    seen = iter([[Delay(1, 0.010, 1e-3, 1.0)], [Delay(1, 0.002, 1e-3, 1.0)], []])
+    monkeypatch.setattr(late_clocks, "explain", lambda *_: [])
+    monkeypatch.setattr(late_clocks, "_delays_of_bands", lambda _: next(seen))
+    lines = Transforms(10, 0.1, 1.0, np.ones((2, 30), complex))
+    found = SimpleNamespace(turned=lambda _: None)
+    on_time = late_clocks.explained_on_time(lines, found, (0.5, 1.9), False, False)
+    (delay,) = on_time.removed
+    assert delay.seconds == pytest.approx(0.012)
+    np.testing.assert_allclose(on_time.delays_s, [0.0, 0.012])
+    angles = 2.0 * np.pi * lines.frequencies_hz * 0.012
+    np.testing.assert_allclose(np.angle(on_time.transforms.values), [0.0 * angles, angles])
