@@ -22,7 +22,7 @@ import numpy as np
 import bayes_ssi as bs
 from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
-from bayes_ssi.studies.search.approximate_evidence import Effort, Efforts
+from bayes_ssi.studies.search.approximate_evidence import Effort
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 DATA = Path(__file__).parent.parent / "model_classes" / "data" / "kw51_daily.csv"
@@ -34,7 +34,7 @@ HIGHEST_HZ = 4.0
 SETTINGS = {
     "loss": bs.Uniform(-0.2, 0.2), "common_sd": 0.02, "shared": None, "losses_only": True,
 }  # fmt: skip
-QUICK = Efforts(quick=Effort(100, 1, 500), most_full=0)
+QUICK = Effort(100, 1, 500)
 COARSE = bs.SamplingSettings(log_evidence_error=0.05)
 
 
@@ -97,7 +97,7 @@ def screened(first, second):
     study, names, degrees = study_of({"before": first, "after": second})
     settings = bs.ChangeSettings(covariate=degrees, **SETTINGS)
     family = choose_changes(study, names["before"], names["after"], settings)
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
     return change_record(family, found)

@@ -302,10 +302,10 @@ def _search_of_case_c(request):
 
 
 def screen_quickly(patched):
-    """Searches screen all hypotheses with the quick effort."""
+    """Searches screen all hypotheses with the quick effort at first."""
     patched.setattr(
         "bayes_ssi.studies.search.family_search.screened_hypotheses",
-        partial(screened_hypotheses, efforts=searches.QUICK),
+        partial(screened_hypotheses, most_full=0),
     )
 
 

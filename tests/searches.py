@@ -12,11 +12,10 @@ from bayes_ssi.studies.appendages.candidates import (
     SearchSettings,
     places_of,
 )
-from bayes_ssi.studies.search.approximate_evidence import Efforts, Screened
+from bayes_ssi.studies.search.approximate_evidence import Screened
 from bayes_ssi.studies.search.findings import Finding
 
 COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=48, searches=1, max_steps=10)
-QUICK = Efforts(most_full=0)  # no hypothesis is screened in full at first
 # One appendage at most; all sampled.
 ONE = SearchSettings(number_weights=(1.0, 1.0), most_unsampled=0.0)
 ALL = SearchSettings(most_unsampled=0.0)

@@ -71,7 +71,7 @@ def _features(record: FamilyRecord) -> Iterator[str]:
         )
         probability = probability_in_words(each.probability)
         items.append(f"{each.place.description} (probability {probability}), {listed(amounts)}")
-    if_any = "Most probably it is" if record.probability_of_any >= 0.5 else "If there is any, it is"
+    if_any = "Most probably it is" if record.is_more_likely else "If there is any, it is"
     yield f"{if_any} {listed(items)}: medians and 90 % intervals."
 
 
@@ -88,7 +88,7 @@ def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
 
 def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterator[str]:
     """Where the appendages are, how heavy and at what frequency; the main structure with them."""
-    if search.probability_of_any >= 0.5:
+    if search.is_more_likely:
         yield from _appendages(search)
     yield from _motions(search)
     yield from unsampled(search)
@@ -118,7 +118,7 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
 
 def _of_appendages_besides(search: SearchRecord) -> Iterator[str]:
     """The place of an improbable appendage; what was tried, and on which baselines."""
-    if search.probability_of_any < 0.5:
+    if not search.is_more_likely:
         yield from _appendages(search)
     if search.present_in is not None:
         tests = f"test{'s' if len(search.present_in) > 1 else ''}"
@@ -163,7 +163,7 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
                 f"{one} (probability {probability_in_words(share)})"
                 for one, (share, _) in zip(shown, at, strict=True)
             ]
-        if_any = "" if search.probability_of_any >= 0.5 else "if there is any, "
+        if_any = "" if search.is_more_likely else "if there is any, "
         words = f"{if_any}{whose} vibrates at {' or '.join(shown)}"
         if each.effective_mass is not None and each.effective_ratio is not None:
             low, middle, high = (100.0 * one for one in each.effective_ratio)
@@ -247,7 +247,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
     own = [each for each in record.places if not each.place.is_common]
     if record.probability_of_any >= PROBABLE:
         yield from _places(record)
-    if record.probability_of_any < 0.5:
+    if not record.is_more_likely:
         yield from _visible(record)
     if moved_alike(record.risen):
         shares = sorted(abs(100.0 * each) for each in record.risen.values())
@@ -262,7 +262,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
             f"probability {probability_in_words(common.probability)}; the share is then "
             f"{lost(common)}."
         )
-    if len(own) == len(record.places) and record.probability_of_any >= 0.5:
+    if len(own) == len(record.places) and record.is_more_likely:
         yield (
             "That all places lost a share in common, as by temperature or moisture, was not "
             "considered, and would be taken for a change."
@@ -272,7 +272,7 @@ def _change_sentences(record: ChangeRecord) -> Iterator[str]:
 
 def _of_changes_besides(record: ChangeRecord) -> Iterator[str]:
     """The kinds of change; what would have been seen beside one; what was not considered."""
-    if record.probability_of_any >= 0.5:
+    if record.is_more_likely:
         if len(record.kinds) > 1:
             kinds = (f"{kind} {probability_in_words(p)}" for kind, p in record.kinds.items())
             yield f"The probabilities of the kinds of change are: {listed(kinds)}."
@@ -311,7 +311,7 @@ def _places(record: ChangeRecord) -> Iterator[str]:
         return
     changed = [record.place(each.place.name) for each in best.features]
     items = [_changed(record, each) for each in changed if not each.place.is_common]
-    if record.probability_of_any >= 0.5:
+    if record.is_more_likely:
         yield f"Most probably it is {listed(items)}: medians and 90 % intervals."
     else:
         yield f"If anything changed, it is most probably {listed(items)}."

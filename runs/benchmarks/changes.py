@@ -57,7 +57,7 @@ from bayes_ssi.studies.changes.change_search import change_record
 from bayes_ssi.studies.changes.changes_family import choose_changes
 from bayes_ssi.studies.changes.visible_loss import ODDS_SHOWN, smallest_losses
 from bayes_ssi.studies.ranking.study import load_study
-from bayes_ssi.studies.search.approximate_evidence import Effort, Efforts, screen
+from bayes_ssi.studies.search.approximate_evidence import Effort, screen
 from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypotheses
 
 ROOT = Path(__file__).parents[2]
@@ -68,7 +68,7 @@ KINDS = {"stiffness": "a loss of stiffness", "mass": "a mass", "appendage": "an 
 STOREYS = {f"storey {i}": tuple(f"{face}{i}" for face in "snew") for i in range(1, 5)}
 OF_STOREYS = ("pattern 1", "pattern 2")
 # One ascent where a change is scanned, another from the prior; importance draws of 20 dimensions.
-QUICK = Efforts(quick=Effort(100, 1, 500), most_full=0)
+QUICK = Effort(100, 1, 500)
 HEADER = ("study", "seed", "finer", "true", "losses", "change", "best", "odds_of_true",
           "intervals", "odds_of_places", "seconds")  # fmt: skip
 
@@ -158,7 +158,7 @@ def losses_found(study, finer):
 
 
 def screened_record(family):
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
     return change_record(family, found)
@@ -393,7 +393,7 @@ def in_words(rows, as_found=False):
 def print_visible(finer):
     model_class, _ = pair("none", 0, finer)
     family = family_of("none", model_class)
-    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
     found = {
         place.name: each for place, each in smallest_losses(family, nothing, 0, bs.Run()).items()

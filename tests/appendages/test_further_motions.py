@@ -7,7 +7,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy.special import softmax
-from searches import QUICK
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum
@@ -83,7 +82,7 @@ def probabilities(plane, modes):
     made = bs.ModelClass("plane", plane, data, bs.ErrorModel(0.01, 0.05), pairing="any")
     one = bs.SearchSettings(number_weights=(1.0, 1.0))
     family = choose_baselines(bs.Study("s", [made]), options=one)
-    tried = screened_hypotheses(family, 0, bs.Run(), QUICK)[0].values()
+    tried = screened_hypotheses(family, 0, bs.Run(), most_full=0)[0].values()
     shares = softmax([each.approximate_log_mass.log_evidence for each in tried])
     named = {each.model_class.name: share for each, share in zip(tried, shares, strict=True)}
     own = [any(not f.is_common for f in each.key.features) for each in tried]

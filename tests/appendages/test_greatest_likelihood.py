@@ -8,13 +8,12 @@ from scipy.special import logsumexp
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.search.approximate_evidence import Efforts, Screened, ToScreen
+from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
 
 N, PLACES = 40, (12, 24, 30, 38)
-TWO_IN_FULL = Efforts(most_full=2)
 
 
 class Chain(NamedTuple):
@@ -95,7 +94,7 @@ def test_looking_together_changes_nothing(chain, copied_workers):
 def test_what_a_first_look_leaves_out_does_not_matter(chain):
     """Of more hypotheses than are screened in full, only those within reach go on."""
     _, hypotheses, full = chain
-    steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run(), efforts=TWO_IN_FULL)
+    steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run(), most_full=2)
     left_out = [i for i, each in enumerate(steps) if np.isnan(each.laplace)]
     assert len(left_out) == len(hypotheses) - 2
     true = [made.name for made, _ in hypotheses].index("pendulum 30")
@@ -126,7 +125,7 @@ def test_hypotheses_that_explain_nothing_are_all_screened(chain):
     """Where evidences are alike, none is out of reach of the others."""
     hypotheses = chain.hypotheses
     some = [each for each in hypotheses if each[0].name != "pendulum 30"][:3]
-    steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run(), efforts=TWO_IN_FULL)
+    steps = screen_best(some, [1.0] * len(some), 1, 0, bs.Run(), most_full=2)
     assert not np.isnan([each.laplace for each in steps]).any()
 
 

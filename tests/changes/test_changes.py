@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import assert_one_line_error
 from searches import COARSE as OF_FEW
-from searches import QUICK
 
 import bayes_ssi as bs
 from bayes_ssi.results.answer import first_screen
@@ -158,7 +157,7 @@ def screened_changes(after, pairing):
     )  # fmt: skip
     settings = bs.ChangeSettings(number_weights=(1.0, 1.0))
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], settings)
-    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK)
+    hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), most_full=0)
     none = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     return change_record(family, FamilySearch(none, tuple(hypotheses.values()), tuple(levels)))
 

@@ -14,7 +14,6 @@ from bayes_ssi.studies.changes.visible_loss import (
     smallest_loss,
     smallest_losses,
 )
-from bayes_ssi.studies.search.approximate_evidence import Efforts
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 
@@ -75,8 +74,7 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     losses = bs.ChangeSettings(losses_only=True)
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], losses)
     family.features["building"] = family.features["building"][:1]
-    quick = Efforts(most_full=0)
-    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), quick)
+    hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), most_full=0)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
     visible = smallest_losses(family, nothing, 0, bs.Run())
     ((place, smallest),) = visible.items()

@@ -329,7 +329,7 @@ def test_a_climb_that_does_not_end_fails_a_check():
     start = whole.candidates.of_peaks.at([0]).in_directions(band.fit.data)
     stopped = replace(band, fit=fitter.fit(start, has_phases=False, most_steps=1))
     assert "the most probable modes were not reached" in stopped.doubt
-    (peak,) = quoted_modes(record, BAND, [(stopped, [0])], "")[1]
+    (peak,) = quoted_modes(record, BAND, [(stopped, [0])], range(len(record.sensors)))[1]
     assert peak.probability_of_two is None
     assert str(peak).endswith("the spectra around it are not explained")
 

@@ -3,10 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from random_structures import spectra_of, stationary
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.quoted_modes import modes_to_quote
+from bayes_ssi.measurements.records import quoted_modes
+from bayes_ssi.measurements.records.mode_candidates import Prominence
+from bayes_ssi.measurements.records.quoted_modes import modes_to_quote, peaks_without_mode
 from bayes_ssi.measurements.records.spectra import Resonances
 
 BAND_HZ = (1.4, 2.9)
@@ -37,6 +40,14 @@ def test_a_broad_rest_of_the_spectrum_is_no_mode():
     assert remark.startswith("what is fitted at 2.484 Hz with a damping of 9.7 % is not quoted")
 
 
+def test_a_clear_peak_of_a_shape_that_is_not_known_is_said(monkeypatch):
+    monkeypatch.setattr(quoted_modes, "MOST_SHAPE_SD", 0.0)
+    with pytest.raises(
+        ValueError, match=r"no mode is identified .* the peak at 2\.\d+ Hz: it stands"
+    ):
+        bs.identify(record_of_one_mode(), BAND_HZ)
+
+
 def test_what_is_asked_for_is_quoted():
     found = bs.identify(record_of_one_mode(), BAND_HZ, at=(2.0, 2.5))
     assert len(found.quoted.modes) == 2
@@ -51,6 +62,11 @@ def test_the_limit_is_half_the_length_of_the_shape():
         fit=SimpleNamespace(modes=modes),
         estimates=lambda *_: (None, np.diag(variances)),
     )
-    kept, (said,) = modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=False)
+    kept, left_out = modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=False)
     assert kept == [(band, [0])]
-    assert said.startswith("what is fitted at 2 Hz")
+    assert left_out == [(2.0, 0.02)]
+    peak = Prominence(2.0, 0.05, 12.0, True)
+    assert not peaks_without_mode([peak], [band], (0.5, 3.0))
+    ((hz, why),) = peaks_without_mode([peak], [band], (0.5, 3.0), [2.0])
+    assert hz == 2.0
+    assert why.startswith("it stands out by 12 dB")

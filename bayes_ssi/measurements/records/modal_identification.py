@@ -203,14 +203,14 @@ def _result(
     found, on_time = search.found, search.on_time
     channels = [i for i, name in enumerate(record.sensors) if name != ground]
     kept, vague = modes_to_quote(bands, band, channels, search.is_given)
-    not_identified = peaks_without_mode(found.peaks, bands, band)
+    not_identified = peaks_without_mode(found.peaks, bands, band, [hz for hz, _ in vague])
     if not kept:
         raise ValueError(
             f"no mode is identified from {band[0]:g} to {band[1]:g} Hz"
             + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
             + "; give frequencies as at, or another band"
         )
-    quoted, peaks, grown = quoted_modes(record, band, kept, ground)
+    quoted, peaks, grown = quoted_modes(record, band, kept, channels)
     by_band = [explained.complexity(inside, channels) for explained, inside in kept]
     complexity = np.concatenate(by_band, axis=1).T.tolist()
     dampings = np.array([mode.damping for mode in quoted.modes])
@@ -241,7 +241,11 @@ def _result(
             *motion.remarks,
             *search.remarks,
             *_late(record.sensors, on_time.removed),
-            *vague,
+            *(
+                f"what is fitted at {hz:.4g} Hz with a damping of {100.0 * damping:.2g} % is not "
+                "quoted as a mode: the record does not tell its shape"
+                for hz, damping in vague
+            ),
             *grown,
             *(
                 f"mode at {quoted.frequencies_hz[i]:.4g} Hz: no wider than a line of the record "

@@ -29,14 +29,15 @@ def modes_to_quote(
     band: tuple[float, float],
     channels: Sequence[int],
     are_given: bool,
-) -> tuple[list[tuple[Explained, list[int]]], list[str]]:
-    """Bands with places of their modes in the search, and what is said of the modes left out.
+) -> tuple[list[tuple[Explained, list[int]]], list[tuple[float, float]]]:
+    """Bands with places of their modes in the search; frequency and damping of those left out.
 
     Left out, if they are not given, are those whose unit shape at some channels has a standard
     deviation above :data:`MOST_SHAPE_SD`: loads or noise that are not white are fitted so, rather
     than a mode, which moves somewhere surely.
     """
-    kept, said = [], []
+    kept: list[tuple[Explained, list[int]]] = []
+    left_out: list[tuple[float, float]] = []
     for explained in bands:
         inside = modes_inside(explained, band)
         m, n = len(inside), len(channels)
@@ -46,15 +47,11 @@ def modes_to_quote(
             for i, total in zip(inside, variances.sum(axis=1), strict=True)
             if total > MOST_SHAPE_SD**2 and not are_given
         ]
-        said += [
-            f"what is fitted at {explained.modes.frequencies_hz[i]:.4g} Hz with a damping of "
-            f"{100.0 * explained.modes.dampings[i]:.2g} % is not quoted as a mode: the record does "
-            "not tell its shape"
-            for i in vague
-        ]
+        frequencies, dampings, _ = explained.fit.modes.at(vague)
+        left_out += zip(frequencies.tolist(), dampings.tolist(), strict=True)
         if quoted := [i for i in inside if i not in vague]:
             kept.append((explained, quoted))
-    return kept, said
+    return kept, left_out
 
 
 def too_little_damping(quoted: ModalData) -> Iterable[str]:
@@ -75,12 +72,17 @@ def too_little_damping(quoted: ModalData) -> Iterable[str]:
 
 
 def peaks_without_mode(
-    peaks: Sequence[Prominence], bands: Sequence[Explained], band: tuple[float, float]
+    peaks: Sequence[Prominence],
+    bands: Sequence[Explained],
+    band: tuple[float, float],
+    left_out_hz: Sequence[float] = (),
 ) -> tuple[tuple[float, str], ...]:
-    """Clear peaks of the band that have no mode, and why."""
+    """Clear peaks of the band that have no mode besides those left out, and why."""
     modes = [explained.fit.modes for explained in bands]
     f = np.concatenate([np.empty(0), *(of_band.frequencies_hz for of_band in modes)])
     half = np.concatenate([np.empty(0), *(of_band.half_widths_hz for of_band in modes)])
+    is_one = ~np.isin(f, left_out_hz)
+    f, half = f[is_one], half[is_one]
     missing = []
     for peak in peaks:
         if not (peak.is_clear and band[0] <= peak.frequency_hz <= band[1]):
@@ -98,13 +100,12 @@ def quoted_modes(
     record: Record,
     band: tuple[float, float],
     kept: list[tuple[Explained, list[int]]],
-    ground: str,
+    channels: Sequence[int],
 ) -> tuple[ModalData, tuple[Peak, ...], list[str]]:
-    """The modes of all bands, without the ground, with their joint covariance, and their peaks.
+    """The modes of all bands in some channels, with their joint covariance, and their peaks.
 
     And a sentence for each error that grows because the halves of the record disagree.
     """
-    channels = [i for i, name in enumerate(record.sensors) if name != ground]
     n, m = len(channels), sum(len(inside) for _, inside in kept)
     covariance = np.zeros((m * (2 + n), m * (2 + n)))
     parts: list[Resonances] = []

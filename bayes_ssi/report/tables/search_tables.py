@@ -23,7 +23,7 @@ def found(result: StoredResult) -> Iterator[Table]:
     record = result.search
     assert record is not None
     yield search_table(record, result.comparison, result.record.study, PROBABLE)
-    if record.probability_of_any >= 0.5:
+    if record.is_more_likely:
         yield places_table(record, PROBABLE)
 
 

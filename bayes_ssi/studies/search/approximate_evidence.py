@@ -4,7 +4,26 @@ The maxima of a hypothesis follow from ascents from draws of its prior, from lea
 residuals of plausible pairings, and from draws of a hypothesis with one feature less, next to which
 the new feature's parameters, such as an appendage's mass and frequency, scan their priors evenly.
 Laplace's approximation at the maxima, corrected by some hundred importance draws, gives the
-evidence.
+evidence. Efforts are a ladder, from the cheapest:
+
+========  =======================================  ==================  ========================
+effort    what is computed                         error; evaluations  who goes on to the next
+========  =======================================  ==================  ========================
+look      the greatest likelihood, of hypotheses   only a bound; 3,300 the highest, until those
+          that differ in places all together                           left have a thousandth
+scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
+          hypothesis and the feature's prior
+quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
+          and 300 importance draws about them;     nat, or 0.1; 1,000  probability of all
+          up to 6,000 for those with 0.01 %        to 4,000
+full      the same, by searches repeated until     0.1 nats; a tenth   those on which the answer
+          they agree, with draws as it takes       of sampling         rests (``to_sample``)
+sampling  a posterior, checked                     as it is wanted     none
+========  =======================================  ==================  ========================
+
+Up to 30 hypotheses with at most one feature begin with the full effort; those that can be
+computed together with a look; more than 300 with several features with a scan; others with the
+quick one.
 """
 
 import math
@@ -58,38 +77,10 @@ QUICK = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
 # tenths of a nat, in a tenth of the evaluations of sampling.
 FULL = Effort(500, 4, 600, is_full=True)
 MOST_DRAWS = 6000  # of one hypothesis
+MOST_FULL = 30  # hypotheses with at most one feature, so many take half a minute in full
 WANTED_ERROR = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
 
 
-@dataclass(frozen=True)
-class Efforts:
-    """The first efforts of a search, on a ladder from the cheapest; who goes on to the next:
-
-    ========  =======================================  ==================  ========================
-    effort    what is computed                         error; evaluations  who goes on to the next
-    ========  =======================================  ==================  ========================
-    look      the greatest likelihood, of hypotheses   only a bound; 3,300 the highest, until those
-              that differ in places all together                           left have a thousandth
-    scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
-              hypothesis and the feature's prior
-    quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
-              and 300 importance draws about them;     nat, or 0.1; 1,000  probability of all
-              up to 6,000 for those with 0.01 %        to 4,000
-    full      the same, by searches repeated until     0.1 nats; a tenth   those on which the answer
-              they agree, with draws as it takes       of sampling         rests (``to_sample``)
-    sampling  a posterior, checked                     as it is wanted     none
-    ========  =======================================  ==================  ========================
-
-    Up to 30 hypotheses with at most one feature begin with the full effort; those that can be
-    computed together with a look; more than 300 with several features with a scan; others with the
-    quick one.
-    """
-
-    quick: Effort = QUICK
-    most_full: int = 30  # with at most one feature, so many take half a minute in full
-
-
-EFFORTS = Efforts()
 # Of importance draws; where the new feature explains nothing, the posterior is the simpler one's
 # times the prior of the rest.
 SHARE_OF_SIMPLER = 0.5

@@ -26,7 +26,12 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import AveragedParameter, Ranking, Study, averaged_parameter
-from bayes_ssi.studies.search.approximate_evidence import EFFORTS, Efforts, Screened
+from bayes_ssi.studies.search.approximate_evidence import (
+    MOST_FULL,
+    QUICK,
+    Effort,
+    Screened,
+)
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
@@ -137,9 +142,17 @@ def search_family(
 
 
 def screened_hypotheses(
-    family: Family[Feature], seed: int, run: Run, efforts: Efforts = EFFORTS
+    family: Family[Feature],
+    seed: int,
+    run: Run,
+    quick: Effort = QUICK,
+    most_full: int = MOST_FULL,
 ) -> tuple[dict[Key[Feature], Hypothesis[Feature]], list[Level[Feature]]]:
-    """All hypotheses with their approximate evidences, and the levels in which they were tried."""
+    """All hypotheses with their approximate evidences, and the levels in which they were tried.
+
+    Args:
+        quick, most_full: as for :func:`screen_best`.
+    """
     names = family.study.names
     carriers = {name: family.projected(name, prior_draws) for name in names}
     hypotheses: dict[Key[Feature], Hypothesis[Feature]] = {}
@@ -158,7 +171,7 @@ def screened_hypotheses(
         masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
         fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
         n_features = len(keys[0].features)
-        results = screen_best(wanted, weights, n_features, seed, run, fewer, efforts)
+        results = screen_best(wanted, weights, n_features, seed, run, fewer, quick, most_full)
         rows = zip(keys, classes, weights, results, strict=True)
         hypotheses.update((row[0], Hypothesis(*row)) for row in rows)
         if len(levels) == 1:

@@ -140,6 +140,11 @@ class FamilyRecord(Displayed):
     def hypothesis(self, name: str) -> HypothesisRecord:
         return {each.name: each for each in self.hypotheses}[name]
 
+    @property
+    def is_more_likely(self) -> bool:
+        """Whether a feature is at least as probable as none."""
+        return self.probability_of_any >= 0.5
+
     @abstractmethod
     def parameters_of_features(self, name: str) -> list[str]:
         """Those that a hypothesis adds to its baseline."""

@@ -1,6 +1,6 @@
 """The ladder of efforts: all hypotheses with little effort, and those that matter with more.
 
-:class:`~bayes_ssi.studies.search.approximate_evidence.Efforts` has the table of efforts. From each
+:mod:`~bayes_ssi.studies.search.approximate_evidence` has the table of efforts. From each
 the best go on to the next, until those left cannot matter.
 
 A look shows the greatest likelihood, which no evidence exceeds: a hypothesis whose greatest
@@ -34,13 +34,13 @@ from bayes_ssi.structures.finite_elements.projected_structure import (
     modes_at_places,
 )
 from bayes_ssi.studies.search.approximate_evidence import (
-    EFFORTS,
     FULL,
     LOOK,
+    MOST_FULL,
+    QUICK,
     SCAN,
     WANTED_ERROR,
     Effort,
-    Efforts,
     Screened,
     ToScreen,
     each_in_workers,
@@ -194,7 +194,8 @@ def screen_best(
     seed: int,
     run: Run,
     log_mass_of_fewer: float = -math.inf,
-    efforts: Efforts = EFFORTS,
+    quick: Effort = QUICK,
+    most_full: int = MOST_FULL,
 ) -> list[Screened]:
     """Screen hypotheses with one number of features, the better ones with more effort.
 
@@ -204,9 +205,11 @@ def screen_best(
         weights: prior weights.
         log_mass_of_fewer: log of prior weights times evidences, summed over the hypotheses with
             fewer features.
+        quick: the quick effort.
+        most_full: number of hypotheses that begin with the full effort, or go on to it.
     """
     n, log_weights = len(hypotheses), np.log(weights)
-    if n_features <= 1 and n <= efforts.most_full:
+    if n_features <= 1 and n <= most_full:
         return screen_all(hypotheses, seed, run, FULL)
 
     def log_masses(results: Mapping[int, Screened]) -> FloatArray:
@@ -238,7 +241,7 @@ def screen_best(
     results: dict[int, Screened]
     if looks := looks_at(hypotheses, seed, run):
         bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
-        results = going_on(bounds, efforts.quick, most, efforts.most_full)
+        results = going_on(bounds, quick, most, most_full)
         gaps = [
             looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
         ]
@@ -250,9 +253,9 @@ def screen_best(
         } | results
     elif n > most:
         results = dict(enumerate(screen_all(hypotheses, seed, run, SCAN)))
-        results |= going_on(log_masses(results), efforts.quick, most)
+        results |= going_on(log_masses(results), quick, most)
     else:
-        results = dict(enumerate(screen_all(hypotheses, seed, run, efforts.quick)))
+        results = dict(enumerate(screen_all(hypotheses, seed, run, quick)))
     of_all = float(np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results))))
     least = of_all + math.log(SHARE_FOR_DRAWS)
     rough = [
@@ -266,7 +269,7 @@ def screen_best(
     drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
     results |= zip(rough, drawn, strict=True)
     least = of_all + math.log(SHARE_FOR_FULL)
-    results |= going_on(log_masses(results), FULL, efforts.most_full, least=least)
+    results |= going_on(log_masses(results), FULL, most_full, least=least)
     return [results[i] for i in range(n)]
 
 
