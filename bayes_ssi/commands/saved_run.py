@@ -45,7 +45,6 @@ class RunOptions:
     out: Path | None
     overwrite: bool
     workers: int | None
-    dask: str | None
     accept_failed_checks: bool
     verbose: bool
 
@@ -153,13 +152,9 @@ class RunOptions:
             sys.exit(terminal.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
-        from bayes_ssi.inference.workers.executors import DaskWorkers, usable_cores
+        from bayes_ssi.inference.workers.executors import usable_cores
         from bayes_ssi.studies.ranking.class_sampling import automatic_workers, chosen_workers
 
-        if self.workers is not None and self.dask is not None:
-            raise ValueError("--workers and --dask: give one of them")
-        if self.dask is not None:
-            return DaskWorkers(self.dask)
         if self.workers is None:
             return automatic_workers(candidates, n_classes)
         if self.workers == 1:
@@ -241,9 +236,6 @@ def run_options(command: options.Command, error: float = 0.01) -> options.Comman
             help="Sample in N processes on this machine, at most one for each core. If not given: "
             "one for each core that has a class to sample, but only this process where a model is "
             "a user's own function or class of structure, or a single small one."),
-        "dask": click.option(
-            "--dask", metavar="ADDRESS",
-            help="Sample on a Dask cluster, by its scheduler's address."),
         "verbose": options.flag("--verbose", text="Print all tables and notes."),
         "accept_failed_checks": options.flag(
             "--accept-failed-checks", text="Exit with code 0 where checks failed; they are shown "

@@ -3,7 +3,8 @@
     python runs/benchmarks/disturbed_records.py [--records 20] [--kinds lags …] [--out FILE]
 
 The records of random_records.py, of loads on all floors, with every sensor but the first 0 to 20 ms
-late; a harmonic 1 % from a mode; a quake in the middle; one sensor more that is dead, clipped (by
+late; a harmonic 1 % from a mode, on a mode, or wandering by 0.3 % within minutes 1 % from it or
+about it; a quake in the middle; one sensor more that is dead, clipped (by
 2.5 standard deviations), a copy or noise; all sensors held on their last values for a hundredth of
 the record, five times; and buildings of 40 storeys with a sensor on each. Further, the paper's
 steel frame in its three configurations with 8 and 15 sensors. Summaries are those of
@@ -25,13 +26,21 @@ import numpy as np
 from random_records import compare, print_summary
 from random_structures import Case, case, chain, spectra_of, stationary
 from scipy.linalg import eigh
+from scipy.signal import lfilter
 
 import bayes_ssi as bs
 
 FAULTY = "faulty"
 STEEL_FRAME = Path(__file__).parent.parent / "steel_frame_records.py"
 FAULTS = ("dead", "clipped", "copied", "noise")
-KINDS = ("lags", "harmonic", "quake", *FAULTS, "held", "forty")
+LINES = {  # frequency over that of a mode, and how far it wanders
+    "harmonic": (1.01, 0.0),
+    "on-mode": (1.0, 0.0),
+    "wandering": (1.01, 0.003),
+    "wandering-on-mode": (1.0, 0.003),
+}
+KINDS = ("lags", "harmonic", "quake", *FAULTS, "held", "forty", *list(LINES)[1:])
+WANDERING_S = 60.0
 FRAMES = tuple(f"{name} {n}" for name in ("BC", "SC", "NC") for n in (8, 15))
 
 
@@ -55,10 +64,18 @@ def disturbed(each: Case, how: str, rng: np.random.Generator) -> Case:
         lags = np.r_[0.0, rng.uniform(0.0, 0.02, len(samples) - 1)]
         lines = np.fft.rfft(samples) * np.exp(-2j * np.pi * lags[:, None] * at_hz)
         return with_samples(each, np.fft.irfft(lines, n))
-    if how == "harmonic":
-        near = each.frequencies_hz[int(rng.integers(len(each.frequencies_hz)))]
+    if how in LINES:
+        ratio, wander = LINES[how]
+        line_hz = ratio * each.frequencies_hz[int(rng.integers(len(each.frequencies_hz)))]
         sizes = 0.5 * scales * rng.uniform(0.3, 1.0, scales.shape)
-        return with_samples(each, samples + sizes * np.sin(2.02 * np.pi * near * times + 1.0))
+        turns = line_hz * times
+        if wander:
+            kept = np.exp(-1.0 / (WANDERING_S * record.rate_hz))
+            steps = np.sqrt(1.0 - kept**2) * rng.standard_normal(n)
+            turns += (
+                wander * line_hz / record.rate_hz * lfilter([1.0], [1.0, -kept], steps).cumsum()
+            )
+        return with_samples(each, samples + sizes * np.sin(2.0 * np.pi * turns + 1.0))
     if how == "quake":
         # Fifteen times the ambient level, gone in half a minute.
         after = np.maximum(times - 0.5 * times[-1], 0.0)

@@ -3,7 +3,7 @@
     python runs/benchmarks/speed.py likelihood
     python runs/benchmarks/speed.py start [--runs 9]
     python runs/benchmarks/speed.py commands [--runs 3] [--only "shear building;…"]
-    python runs/benchmarks/speed.py workers    # with pip install -e ".[dask]"
+    python runs/benchmarks/speed.py workers
 
 ``likelihood``: CPU time of ``ModelClass.log_likelihood`` of a batch of 512 over that of
 ``numpy.linalg.eigh`` on the same matrices, for shear buildings of 3, 4 and 7 degrees of freedom and
@@ -15,22 +15,20 @@ together, of bayes_ssi, and of ``bayes-ssi --help``, processes in turn; medians 
 ``commands``: every command as a process of its own with its defaults; wall time, and processor time
 of all its processes, each the median.
 
-``workers``: batches of a shear building that sleeps for 50 ms a point, with one and two processes
-of this machine and of a Dask cluster; values must be identical. The overhead is the time in excess
-of the sleep alone.
+``workers``: batches of a shear building that sleeps for 50 ms a point, with one and two processes;
+values must be identical. The overhead is the time in excess of the sleep alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import logging
 import os
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
@@ -185,20 +183,6 @@ class SlowBuilding(bs.ShearBuilding):
         return super().modes(values)
 
 
-@contextmanager
-def dask_cluster(n: int):
-    from distributed import LocalCluster
-
-    from bayes_ssi.inference.workers.executors import DaskWorkers
-
-    settings = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
-    with (
-        LocalCluster(n_workers=n, threads_per_worker=1, **settings) as cluster,
-        DaskWorkers(cluster.scheduler_address) as pool,
-    ):
-        yield pool
-
-
 def batch_seconds(
     name: str, n: int, make: Callable[[], AbstractContextManager]
 ) -> tuple[float, np.ndarray]:
@@ -224,11 +208,9 @@ def workers(_: argparse.Namespace) -> None:
     from bayes_ssi.inference.workers.executors import LocalWorkers
 
     _, here = batch_seconds("without workers", 1, nullcontext)
-    same = True
-    for kind, make in (("local", LocalWorkers), ("Dask", dask_cluster)):
-        one, two = (batch_seconds(f"{n} {kind}", n, lambda: make(n)) for n in (1, 2))  # noqa: B023
-        same &= all(there.tobytes() == here.tobytes() for _, there in (one, two))
-        print(f"speed-up of two over one, {kind}: {one[0] / two[0]:.2f}", flush=True)
+    one, two = (batch_seconds(f"{n} workers", n, lambda: LocalWorkers(n)) for n in (1, 2))  # noqa: B023
+    print(f"speed-up of two over one: {one[0] / two[0]:.2f}", flush=True)
+    same = all(there.tobytes() == here.tobytes() for _, there in (one, two))
     print(f"values identical everywhere: {same}")
 
 

@@ -224,7 +224,6 @@ def test_the_command_gives_the_same_with_workers(
     [
         (["--workers", "0"], "0 is not in the range"),
         (["--workers", "two"], "'two' is not a valid integer"),
-        (["--workers", "2", "--dask", "x"], "--workers and --dask: give one of them"),
     ],
 )
 def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, options, words):

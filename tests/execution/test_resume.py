@@ -117,10 +117,9 @@ NOTHING_LOST = "no evaluation is lost, the same command resumes the run"
 MOMENTS = {**LIMITS, **WRITING_A_JOURNAL, **ALL_IS_SAMPLED, **SAVING, **REPLACING, **STOPS}
 
 # Forked from one process that has imported what the command needs: that takes it longest.
-# xarray imports distributed, where that is installed, when it writes a file.
 forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
-    ["pytest", "arviz", "dask.array", "distributed", "emcee", "h5netcdf.legacyapi",
+    ["pytest", "arviz", "emcee", "h5netcdf.legacyapi",
      "rich.progress", "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.moving_shapes",
      "bayes_ssi.results.stored_result", "bayes_ssi.report.tables.ranking_tables",
      "bayes_ssi.studies.questions"]

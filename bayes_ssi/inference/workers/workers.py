@@ -1,9 +1,9 @@
 """Evaluation of a batch, some points of which may fail: here, or by the workers of an executor.
 
-Executors come from other packages: loky's processes, Dask, or any ``concurrent.futures.Executor``,
-such as mpi4py's ``MPIPoolExecutor``. Since row i of an answer depends on row i alone, results do
-not depend on the number of workers. Functions arrive there pickled, and a worker unpickles each of
-them only once.
+Executors come from other packages: loky's processes, or any ``concurrent.futures.Executor``, such
+as mpi4py's ``MPIPoolExecutor`` or that of a Dask client. Since row i of an answer depends on row i
+alone, results do not depend on the number of workers. Functions arrive there pickled, and a worker
+unpickles each of them only once.
 """
 
 import hashlib
@@ -163,7 +163,7 @@ class Workers:
         """``function`` of every item, each in one worker; items whose worker died are left out."""
         answers: dict[int, R] = {}
         waiting: dict[Future[R], int] = {}
-        death: BaseException | None = None
+        death: BrokenExecutor | None = None
         try:
             packed = self._pack(function)
             executor = self._running()
@@ -172,14 +172,15 @@ class Workers:
             while waiting:
                 if meanwhile is not None:
                     meanwhile()
-                for future in self._ready(waiting):
+                # Between two looks at the progress of calls.
+                for future in wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED).done:
                     i = waiting.pop(future)
                     error = future.exception()
                     if error is None:
                         answers[i] = future.result()
                         if done is not None:
                             done(i)
-                    elif self._is_death(error):
+                    elif isinstance(error, BrokenExecutor):
                         death = error
                     else:
                         raise _as_input_error(error)
@@ -201,7 +202,7 @@ class Workers:
             self._packed = (function, packed)
         return self._packed[1]
 
-    def _recover(self, death: BaseException) -> None:
+    def _recover(self, death: BrokenExecutor) -> None:
         """Replace workers after one died, or give up."""
         self._n_deaths += 1
         if self._n_deaths > self.most_deaths:
@@ -209,8 +210,7 @@ class Workers:
                 f"workers: died {self._n_deaths} times, the last time with "
                 f"{type(death).__name__}: {death}"
             ) from death
-        if isinstance(death, BrokenExecutor):
-            self._replace(death)
+        self._replace(death)
 
     # Methods that subclasses override:
 
@@ -227,15 +227,6 @@ class Workers:
     def _content(self, data: bytes) -> Any:
         """What is sent for a pickled function: here the function itself, with every call."""
         return data
-
-    def _ready(self, waiting: Collection[Future[Any]]) -> Collection[Future[Any]]:
-        """The futures that are ready, of which there may be none yet."""
-        # Between two looks at the progress of calls.
-        return wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED).done
-
-    def _is_death(self, error: BaseException) -> bool:
-        """Whether an error means that a worker died, rather than that the function failed."""
-        return isinstance(error, BrokenExecutor)
 
     def _replace(self, death: BrokenExecutor) -> None:
         """Replace an executor that is broken."""
