@@ -12,24 +12,6 @@ from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 ARRAY_FILES = (".npz", ".mat", ".h5", ".hdf5")
 
 
-def array_names(path: Path) -> tuple[str, ...]:
-    from scipy.io import whosmat
-
-    require_regular_file(path)
-    with damage_named(path), path.open("rb") as file:
-        if path.suffix.lower() == ".npz":
-            with np.load(file, allow_pickle=False) as arrays:
-                return tuple(arrays.files)
-        if _is_hdf5(path):
-            import h5py
-
-            with h5py.File(path, "r") as opened:
-                # Cells hold texts, or arrays of which each has a size of its own.
-                items = dict(_items(opened))
-                return tuple(n for n in items if getattr(items[n], "dtype", None) != "O")
-        return tuple(name for name, *_ in whosmat(path))
-
-
 def read_arrays(
     path: Path, names: Collection[str] | None = None, attributes: Collection[str] = ()
 ) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.argument_types import checked, listed_choices, repeated, require_known
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.named_arrays import array_names, read_arrays
+from bayes_ssi.foundations.named_arrays import read_arrays
 from bayes_ssi.foundations.text_files import damage_named
 from bayes_ssi.structures.geometry import Geometry, motion_of
 
@@ -50,52 +50,42 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
         ValueError: it is damaged or truncated, has an unknown format, or no array at ``key``.
     """
     path = Path(path)
+    arrays = arrays_of(path, key)
+    if key is not None and "" in arrays:
+        raise ValueError(f"{path}: it holds a single matrix, without a key, got {key!r}")
+    if key is not None and not arrays:
+        require_known(f"{path}: no array", [key], arrays_of(path))
+    if len(arrays) != 1:
+        raise ValueError(
+            f"{path}: several arrays, and no key says which; choose from {listed_choices(arrays)}"
+        )
+    return next(iter(arrays.values()))
+
+
+def arrays_of(path: Path, key: str | None = None) -> dict[str, Any]:
+    """Key → numbers, of a file or at one key; the key is "" where the file holds one array."""
+    from scipy.io import mmread
+
     with path.open("rb") as file:  # raises where there is no file, before any library is called
         is_matrix_market = file.read(14) == b"%%MatrixMarket"
     name = path.name.lower()
     if name.endswith(SEVERAL):
-        names = array_names(path)
-        if key is None and _is_one_sparse(path, names):
-            with damage_named(path):
-                return sp.load_npz(path)
-        chosen = _chosen(path, key, names)
-        return read_arrays(path, [chosen])[chosen]
+        arrays = read_arrays(path, None if key is None else [key])
+        if key is None and name.endswith(".npz") and "format" in arrays:
+            return {"": sp.load_npz(path)}  # the parts of a matrix, as save_npz writes them
+        return {
+            key: array
+            for key, array in arrays.items()
+            if sp.issparse(array) or array.dtype.kind in "biufc"
+        }
     # Programs give Matrix Market files other endings, too.
     if not (is_matrix_market or name.endswith(SINGLE)):
         endings = ", ".join((*SINGLE, *SEVERAL))
         raise ValueError(f"{path}: unknown format; choose a file ending in {endings}")
-    if key is not None:
-        raise ValueError(f"{path}: it holds a single matrix, without a key, got {key!r}")
-    from scipy.io import mmread
-
     with damage_named(path):
         if name.endswith(".npy"):
-            return np.load(path, allow_pickle=False)
-        return mmread(path, spmatrix=False)
-
-
-def matrix_keys(path: Path) -> tuple[str, ...] | None:
-    """Keys of the arrays in a file that holds several; None for a file of one array."""
-    if path.suffix.lower() not in SEVERAL:
-        return None
-    names = array_names(path)
-    return None if _is_one_sparse(path, names) else names
-
-
-def _is_one_sparse(path: Path, names: Sequence[str]) -> bool:
-    """Whether a file is one of :func:`scipy.sparse.save_npz`, which holds the parts of a matrix."""
-    return path.suffix.lower() == ".npz" and "format" in names
-
-
-def _chosen(path: Path, key: str | None, names: Sequence[str]) -> str:
-    if key is None and len(names) == 1:
-        return names[0]
-    if key is None:
-        raise ValueError(
-            f"{path}: several arrays, and no key says which; choose from {listed_choices(names)}"
-        )
-    require_known(f"{path}: no array", [key], names)
-    return key
+            return {"": np.load(path, allow_pickle=False)}
+        return {"": mmread(path, spmatrix=False)}
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None = None) -> Any:

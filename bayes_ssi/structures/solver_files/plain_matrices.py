@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from bayes_ssi.structures.finite_elements.model_arguments import matrix_keys, read_matrix
+from bayes_ssi.foundations.named_arrays import read_arrays
+from bayes_ssi.structures.finite_elements.model_arguments import arrays_of, read_matrix
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, significant_digits
 from bayes_ssi.structures.solver_files.solver_text import from_triangle, read_number_lines
 
@@ -27,20 +28,19 @@ LABELS = "labels"
 
 def read_containers(source: Source) -> Matrices:
     """Stiffness and mass among the arrays of one file, or of two files with one each."""
-    keys = matrix_keys(source.path)
-    labels = None
-    if keys is None or source.mass is not None:
+    arrays, labels = arrays_of(source.path), None
+    if "" in arrays or source.mass is not None:
         source.refuse_keys()
-        places: list[tuple[Path, str | None]] = [(source.path, None), (source.needed_mass(), None)]
+        files = (source.path, source.needed_mass())
+        called, given = list(map(str, files)), list(map(read_matrix, files))
     else:
-        names = [key for key in keys if key != LABELS]
-        places = [(source.path, names[i]) for i in source.pair(names)]
-        if LABELS in keys:
-            labels = [str(each) for each in np.ravel(read_matrix(source.path, LABELS))]
-    called = [str(file) if key is None else f"{file}: {key}" for file, key in places]
-    stated = [
-        _sparse(read_matrix(*place), name) for place, name in zip(places, called, strict=True)
-    ]
+        names = [name for name in arrays if name != LABELS]
+        chosen = [names[i] for i in source.pair(names)]
+        called = [f"{source.path}: {name}" for name in chosen]
+        given = [arrays[name] for name in chosen]
+        if stated_labels := read_arrays(source.path, [LABELS]):
+            labels = [str(each) for each in np.ravel(stated_labels[LABELS])]
+    stated = list(map(_sparse, given, called))
     whole = [from_triangle(matrix) for matrix in stated]
     notes = tuple(
         f"{name} states one triangle, which is mirrored"
