@@ -27,6 +27,7 @@ from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, Upd
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.study import load_study
@@ -57,45 +58,45 @@ def multiplier(name, cov=0.3):
     return bs.Parameter(name, bs.LogNormal(median=1.0, cov=cov))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def frame():
     """The main structure, with one stiffness multiplier per storey."""
     stiffnesses = [STOREY_STIFFNESS * multiplier(f"k{i}") for i in (1, 2, 3)]
     return bs.ShearBuilding(masses=(1.0, 1.0, 1.0), stiffnesses=stiffnesses)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def infill():
     return bs.OutOfPlaneInfill(
         between=(1, 2), mass=0.15, frequency=SECOND_FREQUENCY, stiffness_factor=multiplier("ks")
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def rigid(frame, infill):
     """The incorrect model structure: the infill is mass only."""
     return frame.with_element(infill.as_mass())
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def augmented(frame, infill):
     """The correct model structure: the infill has a degree of freedom."""
     return frame.with_element(infill)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def case_c():
     """The four identified modes, with shapes at the floors."""
     modes = [bs.IdentifiedMode(label, f, np.array(s)) for label, (f, s) in IDENTIFIED.items()]
     return bs.ModalData(tuple(modes), band_hz=(0.0, 6.0), sensors=FLOORS)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def fixed_error():
     return bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def model_classes(rigid, augmented, case_c, fixed_error):
     """The study's four model classes by name."""
     choices = {
@@ -164,6 +165,16 @@ def tiny_ranking(tiny_study):
     return bs.rank(tiny_study, seed=7)
 
 
+@pytest.fixture(scope="session")
+def tiny_result(tiny_ranking, tmp_path_factory):
+    """The tiny ranking as it was saved, beside its study file; nothing may change either."""
+    directory = tmp_path_factory.mktemp("tiny_result")
+    study = directory / "tiny.py"
+    study.write_text(TINY_STUDY, encoding="utf-8")
+    command = "bayes-ssi rank tiny.py --seed 7"
+    return save_result(tiny_ranking, directory / "result", study_file=str(study), command=command)
+
+
 @pytest.fixture
 def make_posterior():
     """Builds a posterior of given evidence from draws of a standard normal, without sampling."""
@@ -212,7 +223,7 @@ def make_posterior():
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def bare(frame, case_c, fixed_error):
     """The numerical study's frame without the infill that produced the data."""
     return bs.ModelClass("bare", frame, case_c, fixed_error, pairing={"1": 1})
@@ -223,7 +234,8 @@ def fake_sampling(monkeypatch, make_posterior):
     """Replaces screening and sampling by given log evidences; returns the names screened, by level.
 
     Every hypothesis has draws of its own. ``install.sampled`` are the names sampled, round by
-    round; screening gives ``approximately``, by default the same evidences.
+    round; screening gives ``approximately``, by default the same evidences. Other fields of the
+    posteriors may be given.
     """
 
     # Levels and weights of appendages alone.
@@ -231,7 +243,7 @@ def fake_sampling(monkeypatch, make_posterior):
     # Posteriors that were not sampled have no modes to move in.
     monkeypatch.setattr("bayes_ssi.plots.moving_shapes.save_scenes", lambda *_: None)
 
-    def install(log_evidence, approximately=None):
+    def install(log_evidence, approximately=None, **changes):
         levels, install.sampled = [], []
 
         def screen_all(hypotheses, seed, run, effort=None):
@@ -263,6 +275,7 @@ def fake_sampling(monkeypatch, make_posterior):
                         draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
                         log_likelihoods=rng.standard_normal((4, 250)),
                         data_digest=candidate.data_digest,
+                        **changes,
                     )
                 )
             return posteriors

@@ -2,6 +2,9 @@
 
 from html.parser import HTMLParser
 
+from bayes_ssi.report.write import write_report
+from bayes_ssi.results.stored_result import save_result
+
 VOID = {"meta", "img", "br", "input", "link", "hr"}
 
 
@@ -10,6 +13,7 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
+        self.source = text
         self.open, self.ids, self.addresses, self.texts, self.rows = [], [], [], [], []
         self.feed(text)
         assert not self.open
@@ -42,3 +46,9 @@ class Page(HTMLParser):
     @property
     def text(self):
         return " ".join(" ".join(self.texts).split())
+
+
+def page_of(ranking, directory, **options):
+    """The report of a ranking, which is saved in a directory."""
+    save_result(ranking, directory, **options)
+    return Page(write_report(directory).read_text("utf-8"))

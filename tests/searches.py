@@ -23,6 +23,21 @@ PENDULUM_1, PENDULUM_3 = (PendulumPlace(bs.Candidate(str(i), i)) for i in (1, 3)
 INFILL_12, INFILL_01 = (InfillPlace(bs.Candidate(f"{i}-{i + 1}", i, to=i + 1)) for i in (1, 0))
 
 
+def exact_modes(structure, sensors, band_hz, n=None, values=None, **sizes):
+    """Data of the lowest ``n`` modes, without errors, at parameter values (n_parameters,).
+
+    Of all modes, at the medians of the priors, unless these are given; ``sizes`` are of errors.
+    """
+    values = structure.prior_medians() if values is None else np.array([values])
+    frequencies, shapes = structure.modes(values)
+    at_sensors = structure.sensor_matrix(sensors).apply(shapes)[0]
+    modes = [
+        bs.IdentifiedMode(str(j + 1), float(frequency), at_sensors[:, j], **sizes)
+        for j, frequency in enumerate(frequencies[0, :n])
+    ]
+    return bs.ModalData(tuple(modes), band_hz, tuple(sensors))
+
+
 def places_of_building(structure):
     """What a search tries on a structure with floors."""
     return places_of(structure.candidates(()))

@@ -6,10 +6,11 @@ import re
 from rich.console import Console
 
 
-def printed(table, width):
+def printed(table, width=80):
+    """The lines of a table on a terminal of this width, without spaces at their ends."""
     file = io.StringIO()
     Console(file=file, width=width).print(table)
-    return file.getvalue().splitlines()
+    return [line.rstrip() for line in file.getvalue().splitlines()]
 
 
 def assert_every_cell_is_whole(table, width):

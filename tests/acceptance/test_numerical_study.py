@@ -2,12 +2,16 @@
 
 import functools
 import math
+import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.results.predictions.posterior_draws import thinned_draws
+from bayes_ssi.results.predictions.predictions import Predictions
+from bayes_ssi.structures.response import Output, transfer_functions
 from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -37,23 +41,26 @@ def model_class(name):
     return selected
 
 
-def log_evidence_and_summary(name, seed):
-    """Only what the tests ask for is kept; draws would fill the memory."""
-    posterior = bs.sample(model_class(name), seed=seed)
-    return posterior.evidence, posterior.summary, posterior.failed_checks
+@pytest.fixture(scope="module")
+def ranking():
+    return bs.rank(study())
 
 
 @pytest.fixture(scope="module")
-def results():
-    """Log evidence and summary of a model class for a number of seeds, each sampled once."""
-    known = {}
+def results(ranking):
+    """Log evidence and summary of a model class for a number of seeds, each sampled once.
+
+    Only what the tests ask for is kept; draws would fill the memory.
+    """
+    known = {each.name: [(each.evidence, each.summary)] for each in ranking.posteriors}
 
     def sampled(name, n):
-        have = known.setdefault(name, [])
-        seeds = range(len(have), n)
-        have += [log_evidence_and_summary(name, seed) for seed in seeds]
-        assert [failed for _, _, failed in have] == [()] * len(have)
-        return [(evidence, summary) for evidence, summary, _ in have[:n]]
+        have = known[name]
+        for seed in range(len(have), n):
+            posterior = bs.sample(model_class(name), seed=seed)
+            assert posterior.failed_checks == ()
+            have.append((posterior.evidence, posterior.summary))
+        return have[:n]
 
     return sampled
 
@@ -115,8 +122,7 @@ def test_error_bars_are_those_of_the_scatter(results):
             assert 0.7 < claimed / np.std(values, ddof=1) < 1.5
 
 
-def test_the_correct_model_is_certain():
-    ranking = bs.rank(study())
+def test_the_correct_model_is_certain(ranking):
     assert ranking.comparison.best.name == "3"
     assert ranking.comparison.best.probability > 0.9999
     assert ranking.comparison.not_distinguishable == ()
@@ -159,3 +165,55 @@ def test_data_are_those_of_the_correct_model():
     )
     second = data.mode("2a").unit_shape
     np.testing.assert_allclose(np.abs(second), [0.67446666, 0.239743, 0.69829652], atol=5e-8)
+
+
+# The roof, around the second mode.
+ROOF = Output("acceleration", ("floor 3",))
+AROUND_MODE_2 = np.linspace(2.2, 3.4, 121)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    cases = runpy.run_path(str(ROOT / "model_classes" / "non_structural_elements.py"))
+    correct = cases["correct"]["c"]
+    return np.abs(transfer_functions(correct, np.empty((1, 0)), AROUND_MODE_2, ROOF, 0.02))[0, 0]
+
+
+def band_of(posterior):
+    """What a class predicts of the roof (n_frequencies,), in its band of 95 %."""
+    draws = thinned_draws(posterior, model_class(posterior.name))
+    predicted = Predictions(posterior.name, (draws,))
+    low, _, high = predicted.transfer_functions(AROUND_MODE_2, ROOF, 0.02).band(0.95)
+    return low[0], high[0]
+
+
+def test_the_roof_s_response_lies_in_the_band_of_class_3(ranking, truth):
+    low, high = band_of(ranking.posterior("3"))
+    assert ((low < truth) & (truth < high)).all()
+
+
+def test_the_roof_s_response_lies_outside_the_band_of_class_1_a(ranking, truth):
+    low, high = band_of(ranking.posterior("1-a"))
+    inside = (low < truth) & (truth < high)
+    # From the flank of mode 2a on; only where the two curves cross is it inside.
+    beyond = AROUND_MODE_2 > 2.65
+    assert inside[beyond].mean() < 0.1
+    at_2b = np.abs(AROUND_MODE_2 - 3.005).argmin()
+    assert truth[at_2b] > 2.0 * high[at_2b]
+    dip = np.abs(AROUND_MODE_2 - 2.8).argmin()
+    assert truth[dip] < 0.5 * low[dip]
+
+
+def test_over_all_pairings_the_pairing_is_found():
+    """Of the mass-only structure and of the augmented one."""
+    ranking = bs.rank(study().with_any_pairing())
+    assert ranking.comparison.failed_checks == ()
+    log_evidences = {row.name: row.log_evidence for row in ranking.comparison.classes}
+    assert log_evidences == pytest.approx({"1-a or 1-b or 2": 0.249, "3": 16.069}, abs=0.02)
+    for name, pairing in (
+        ("1-a or 1-b or 2", {"1": 1, "2a": 2, "3": 3}),
+        ("3", {"1": 1, "2a": 2, "2b": 3, "3": 4}),
+    ):
+        (modes,) = ranking.posterior(name).configurations
+        assert modes.pairing == pairing == modes.inferred_pairing.best
+        assert modes.inferred_pairing.pairings[0].probability > 0.99

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.results.search_answer import search_sentences
@@ -38,13 +39,7 @@ def baseline(main_structure):
     """Data of a pendulum of a hundredth of a floor in resonance with the first mode."""
     tuned = main_structure[0][0]
     carrying = frame(1.0).with_element(bs.Pendulum(on=FLOOR, mass=MASS, frequency=tuned))
-    found = carrying.modes(np.empty((1, 0)))
-    rows = carrying.sensor_matrix(SENSORS).apply(found.shapes)[0]
-    modes = [
-        bs.IdentifiedMode(str(i + 1), f, rows[:, i])
-        for i, f in enumerate(found.frequencies_hz[0, :4])
-    ]
-    data = bs.ModalData(tuple(modes), (0.0, 9.0), SENSORS)
+    data = exact_modes(carrying, SENSORS, (0.0, 9.0), 4)
     error = bs.ErrorModel(frequency_cov=0.003, shape_sd=0.02)
     factor = bs.Parameter("factor", bs.LogNormal(1.0, 0.1))
     return bs.ModelClass("frame", frame(factor), data, error, pairing="any")

@@ -3,10 +3,11 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from searches import COARSE, INFILL_12, ONE, PENDULUM_1, screened
+from searches import COARSE, INFILL_12, PENDULUM_1, exact_modes, screened
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
@@ -19,6 +20,8 @@ from bayes_ssi.studies.search.approximate_evidence import (
     QUICK,
     SCAN,
     WANTED_ERROR,
+    Screened,
+    ToScreen,
     screen,
     screen_all,
     with_more_draws,
@@ -61,16 +64,43 @@ def test_others_may_be_as_much_too_low_as_the_worst_of_those_sampled():
     assert most_probability_unsampled(approximate, low | {"c": -4.0}) == 0.0
 
 
-@pytest.mark.parametrize("place", [(), (INFILL_12,), (PENDULUM_1,)])
-def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
+@pytest.fixture(scope="module")
+def none(bare):
+    """The class without appendages, screened."""
+    return screen((hypothesis(bare, ()), None), 0)
+
+
+class Screenings(NamedTuple):
+    """A hypothesis of one appendage, screened with much effort and with little."""
+
+    candidate: ToScreen
+    full: Screened
+    quick: Screened
+
+
+@pytest.fixture(scope="module", params=[INFILL_12, PENDULUM_1], ids=lambda place: place.name)
+def screenings(bare, none, request):
+    candidate = hypothesis(bare, (request.param,)), none
+    return Screenings(candidate, *(screen(candidate, 1, effort) for effort in (FULL, QUICK)))
+
+
+def test_screening_agrees_with_sampling_where_another_hypothesis_is_better(bare, none):
+    """Of a pendulum on floor 1, which was sampled in full twice, to 0.005 nats."""
+    candidate = hypothesis(bare, [replace(PENDULUM_1, in_model=None)])
+    result = screen((candidate, none), 5)
+    assert result.log_evidence == pytest.approx(2.858, abs=0.3)
+    assert result.laplace == pytest.approx(result.log_evidence, abs=1.0)
+    means = (0.987, 0.921, 1.029, 0.030, 2.775, 0.468)
+    assert result.weights @ candidate.values(result.z) == pytest.approx(means, abs=0.25)
+
+
+@pytest.mark.parametrize("place", [(), (INFILL_12,)])
+def test_screening_agrees_with_sampling(bare, none, found_in_case_c, place):
     """Within the few tenths of a nat that decide what is sampled; sampling is right to 0.1."""
-    simpler = None
-    if place:
-        simpler = screen((hypothesis(bare, ()), None), 5)
     candidate = hypothesis(bare, [replace(each, in_model=None) for each in place])
-    result = screen((candidate, simpler), 5)
+    result = screen((candidate, none), 5) if place else none
     sampled = {each.name: each for each in found_in_case_c.ranking.posteriors}
-    posterior = sampled.get(candidate.name) or bs.sample(candidate, settings=COARSE)
+    posterior = sampled[candidate.name]
     assert result.log_evidence == pytest.approx(posterior.evidence.log_evidence, abs=0.3)
     assert result.laplace == pytest.approx(result.log_evidence, abs=1.0)
     sampled = posterior.values.mean(axis=0)
@@ -78,18 +108,17 @@ def test_screening_agrees_with_sampling(bare, found_in_case_c, place):
     assert result.weights @ values == pytest.approx(sampled, abs=3.0 * posterior.values.std() / 10)
 
 
-def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare):
+def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare, none):
     """The scan leaves out no part of the band: the same evidence with other draws."""
-    parent = screen((hypothesis(bare, ()), None), 0)
     candidate = hypothesis(bare, (INFILL_12,))
-    evidences = [screen((candidate, parent), seed).log_evidence for seed in range(4)]
+    evidences = [screen((candidate, none), seed).log_evidence for seed in range(4)]
     assert np.ptp(evidences) < 0.3
 
 
 def test_workers_do_not_change_screening(bare, copied_workers):
     items = [(hypothesis(bare, places), None) for places in ((), (INFILL_12,))]
-    here = screen_all(items, 3, bs.Run())
-    there = screen_all(items, 3, bs.Run(copied_workers))
+    here = screen_all(items, 3, bs.Run(), QUICK)
+    there = screen_all(items, 3, bs.Run(copied_workers), QUICK)
     for one, other in zip(here, there, strict=True):
         assert one.log_evidence == other.log_evidence
         assert one.z.tobytes() == other.z.tobytes()
@@ -122,12 +151,6 @@ def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
     assert fake_sampling.sampled == [["no appendage", "pendulum 1"], ["pendulum 2"]]
 
 
-def test_all_are_sampled_on_request(bare, fake_sampling):
-    fake_sampling(by_name(pendulum_1=5.0))
-    assert search(bare, ONE).record.n_unsampled == 0
-    assert len(fake_sampling.sampled[0]) == 7
-
-
 @pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
 def test_a_share_that_is_no_probability_is_refused(share):
     with pytest.raises(ValueError, match="most_unsampled must be at least 0 and below 1"):
@@ -149,20 +172,15 @@ def storeys_by_matrices(baseline):
 
 
 @pytest.mark.usefixtures("no_motions")
-def test_a_search_by_matrices_is_that_of_the_building(bare):
+def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
     """The same hypotheses, named by the same candidates: the evidences agree."""
     made = storeys_by_matrices(bare)
     first, second, _ = made.data.sensors
     candidates = [bs.Candidate("1", first), bs.Candidate("1-2", first, to=second)]
     settings = SearchSettings(mass=(0.001, 0.5), number_weights=(1.0, 1.0), most_sampled=1)
-    coarse = bs.SamplingSettings(log_evidence_error=0.2)
-    record = search(made, settings, settings=coarse, candidates=candidates).record
-    places = [(), *((replace(each, in_model=None),) for each in (PENDULUM_1, INFILL_12))]
-    expected = {
-        each.name: screen((each, None), 0).log_evidence
-        for each in (hypothesis(bare, own) for own in places)
-    }
-    assert {row.name for row in record.hypotheses} == expected.keys()
+    record = search(made, settings, settings=COARSE, candidates=candidates).record
+    expected = {row.name: row.screened for row in found_in_case_c.record.hypotheses}
+    assert {row.name for row in record.hypotheses} == {"no appendage", "pendulum 1", "infill 1-2"}
     for row in record.hypotheses:
         assert row.screened == pytest.approx(expected[row.name], abs=0.4)
         assert row.log_evidence == pytest.approx(row.screened, abs=0.4)
@@ -173,73 +191,86 @@ def test_a_search_by_matrices_is_that_of_the_building(bare):
     assert best.features[0].amounts["mass"] == pytest.approx((0.046, 0.071, 0.098), rel=0.2)
 
 
-def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(monkeypatch):
-    """Of forty, one has 0.95 of what all have, one 0.05 and the others a millionth."""
+@pytest.fixture
+def screened_alone(monkeypatch):
+    """Screening has known results; the efforts with their numbers of hypotheses are listed."""
     calls = []
 
     def screen_all(hypotheses, seed, run, effort):
         del seed, run
         calls.append((effort, len(hypotheses)))
-        return [screened(each, each.parameter_names[0]) for each in hypotheses]
+        return [screened(each, each.height, 0.0 if effort.is_full else each.error)
+                for each, _ in hypotheses]  # fmt: skip
 
     monkeypatch.setattr("bayes_ssi.studies.search.ladder.screen_all", screen_all)
     monkeypatch.setattr("bayes_ssi.studies.search.ladder.looks_at", lambda *_: {})
+    return calls
+
+
+def of_heights(*heights, error=0.0):
+    """Hypotheses that have these log evidences."""
+    return [
+        (SimpleNamespace(parameter_names=(str(i),), height=height, error=error), None)
+        for i, height in enumerate(heights)
+    ]
+
+
+def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(screened_alone):
+    """Of forty, one has 0.95 of what all have, one 0.05 and the others a millionth."""
     heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]
-    hypotheses = [SimpleNamespace(parameter_names=(height,)) for height in heights]
-    results = screen_best(hypotheses, [1.0] * 40, 1, 0, bs.Run())
+    results = screen_best(of_heights(*heights), [1.0] * 40, 1, 0, bs.Run())
     assert [each.log_evidence for each in results] == heights
-    assert calls == [(QUICK, 40), (FULL, 2)]
-    calls.clear()
-    screen_best(10 * hypotheses, [1.0] * 400, 2, 0, bs.Run())
-    assert calls == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
-    calls.clear()
-    screen_best(hypotheses[:30], [1.0] * 30, 1, 0, bs.Run())
-    assert calls == [(FULL, 30)]
+    assert screened_alone == [(QUICK, 40), (FULL, 2)]
+    screened_alone.clear()
+    screen_best(10 * of_heights(*heights), [1.0] * 400, 2, 0, bs.Run())
+    assert screened_alone == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
+    screened_alone.clear()
+    screen_best(of_heights(*heights[:30]), [1.0] * 30, 1, 0, bs.Run())
+    assert screened_alone == [(FULL, 30)]
 
 
-@pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
-def test_quick_screening_agrees_with_full_screening(bare, place):
-    parent = screen((hypothesis(bare, ()), None), 0)
-    candidate = (hypothesis(bare, (place,)), parent)
-    full, quick = (screen(candidate, 1, effort) for effort in (FULL, QUICK))
+@pytest.mark.usefixtures("screened_alone")
+@pytest.mark.parametrize(("height", "n_screened"), [(0.0, 3), (-20.0, 2)])
+def test_what_a_look_leaves_out_is_out_of_reach(monkeypatch, height, n_screened):
+    """Greatest likelihoods are 5 nats above evidences; two hypotheses are screened at once."""
+    hypotheses = of_heights(0.0, height, height)
+    looks = {i: replace(screened(each, each.height + 5.0), laplace=math.nan)
+             for i, (each, _) in enumerate(hypotheses)}  # fmt: skip
+    monkeypatch.setattr("bayes_ssi.studies.search.ladder.looks_at", lambda *_: looks)
+    results = screen_best(hypotheses, [1.0] * 3, 1, 0, bs.Run(), most_full=2)
+    assert sum(not math.isnan(each.laplace) for each in results) == n_screened
+    assert [each.log_evidence for each in results] == pytest.approx([0.0, height, height])
+
+
+def test_quick_screening_agrees_with_full_screening(screenings):
+    _, full, quick = screenings
     assert quick.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
     assert quick.n_evaluations < 0.3 * full.n_evaluations
 
 
-def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeypatch):
+def test_those_that_matter_together_are_drawn_until_their_error_is_small(
+    monkeypatch, screened_alone
+):
     """Of forty rough ones, those with a thousandth each and not those with a millionth."""
-    names, drawn = [str(i) for i in range(40)], []
-
-    def screen_all(hypotheses, seed, run, effort):
-        del seed, run
-        error = 0.0 if effort.is_full else 0.3
-        return [screened(each, each.height, error) for each, _ in hypotheses]
+    drawn = []
 
     def with_more_draws(item, seed):
         del seed
         drawn.append(item[0].parameter_names)
         return replace(item[1], log_evidence=item[1].log_evidence - 0.1, error=0.05)
 
-    monkeypatch.setattr("bayes_ssi.studies.search.ladder.screen_all", screen_all)
-    monkeypatch.setattr("bayes_ssi.studies.search.ladder.looks_at", lambda *_: {})
     monkeypatch.setattr("bayes_ssi.studies.search.ladder.with_more_draws", with_more_draws)
     heights = [0.0, *[math.log(1e-3)] * 5, *[math.log(1e-6)] * 34]
-    hypotheses = [
-        (SimpleNamespace(parameter_names=(name,), height=height), None)
-        for name, height in zip(names, heights, strict=True)
-    ]
-    results = screen_best(hypotheses, [1.0] * 40, 2, 0, bs.Run())
-    assert drawn == [(name,) for name in names[:6]]
+    results = screen_best(of_heights(*heights, error=0.3), [1.0] * 40, 2, 0, bs.Run())
+    assert screened_alone == [(QUICK, 40), (FULL, 1)]
+    assert drawn == [(str(i),) for i in range(6)]
     assert [each.error for each in results] == [0.0, *[0.05] * 5, *[0.3] * 34]
     lower = [height - 0.1 for height in heights[1:6]]
     assert [each.log_evidence for each in results] == [0.0, *lower, *heights[6:]]
 
 
-@pytest.mark.parametrize("place", [INFILL_12, PENDULUM_1])
-def test_more_draws_make_a_rough_evidence_accurate(bare, place):
-    parent = screen((hypothesis(bare, ()), None), 0)
-    candidate = hypothesis(bare, (place,))
-    full, quick = (screen((candidate, parent), 1, effort) for effort in (FULL, QUICK))
+def test_more_draws_make_a_rough_evidence_accurate(screenings):
+    (candidate, _), full, quick = screenings
     better = with_more_draws((candidate, replace(quick, log_evidence=-99.0, error=1.0)), 2)
     assert better.error <= WANTED_ERROR
     assert abs(better.log_evidence - full.log_evidence) < 3.0 * math.hypot(better.error, full.error)
@@ -250,14 +281,8 @@ def test_more_draws_make_a_rough_evidence_accurate(bare, place):
 
 def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
     """The modes of the building itself: the new appendage's posterior is nearly its prior."""
-    modes = bare.structure.modes(np.ones((1, 3)))
-    identified = tuple(
-        bs.IdentifiedMode(str(j), float(modes.frequencies_hz[0, j]), modes.shapes[0, :, j])
-        for j in range(3)
-    )
-    made = replace(
-        bare, data=bs.ModalData(identified, (0.0, 6.0), bare.data.sensors), pairing="any"
-    )
+    data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
+    made = replace(bare, data=data, pairing="any")
     parent = screen((hypothesis(made, ()), None), 0)
     candidate = (hypothesis(made, (PENDULUM_1,)), parent)
     full, scan = (screen(candidate, 1, effort) for effort in (FULL, SCAN))

@@ -28,14 +28,6 @@ from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace, SearchSettings
 from bayes_ssi.studies.questions import search
 
-
-def test_places_are_floors_and_storeys(augmented):
-    """The appendages already present."""
-    assert [place.name for place in places_of_building(augmented)] == [
-        "pendulum 1", "pendulum 2", "pendulum 3", "infill 0-1", "infill 1-2", "infill 2-3",
-    ]  # fmt: skip
-
-
 WEIGHTS, PRIOR = "number_weights must be two or more positive numbers", "must be a prior, got"
 
 
@@ -54,27 +46,18 @@ def test_bad_settings_are_refused(option, value, error, message):
         SearchSettings(**{option: value})
 
 
-class Plate(Structure):
+class Wall(Structure):
     """A structure without floors."""
 
     parameters = (bs.Parameter("k", bs.Uniform(1.0, 2.0)),)
-    degrees_of_freedom = ("x",)
+    degrees_of_freedom = ("floor 1", "floor 2", "floor 3")
     n_modes = 1
 
     def modes(self, values):
         return Modes(values[:, :1], np.ones((len(values), 1, 1)))
 
 
-def test_a_structure_without_floors_is_refused():
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
-    with pytest.raises(ValueError, match=r"^model class 'p': a search needs .* got Plate$"):
-        search(bs.ModelClass("p", Plate(), data, pairing={}))
-
-
 def test_classes_without_floors_are_left_out(bare, fake_sampling):
-    class Wall(Plate):
-        degrees_of_freedom = bare.data.sensors
-
     plate = bs.ModelClass("plate", Wall(), bare.data, pairing={})
     fake_sampling(by_count(0.0, 1.0))
     study = bs.Study("s", [plate, bare])
@@ -84,8 +67,9 @@ def test_classes_without_floors_are_left_out(bare, fake_sampling):
         "plate": "model class 'plate': a search needs a structure that carries elements, such as a "
         "ShearBuilding or MatrixStructure, got Wall"
     }
-    with pytest.raises(ValueError, match="needs a structure that carries elements"):
-        search(study, ONE, baselines=["plate"])
+    for given, names in ((plate, None), (study, ["plate"])):
+        with pytest.raises(ValueError, match=r"^model class 'plate': a search needs .* got Wall$"):
+            search(given, ONE, baselines=names)
     with pytest.raises(ValueError, match="no model class 'tower'"):
         search(study, ONE, baselines=["tower"])
 
@@ -100,66 +84,52 @@ def test_classes_that_differ_in_their_pairing_are_one_baseline(bare, fake_sampli
     assert baseline.prior_probability == pytest.approx(1.0)
 
 
-def test_only_no_appendage_may_matter(bare, fake_sampling):
-    """A single class is sampled, and its parameters are the average."""
-    fake_sampling(by_count(20.0, 0.0))
-    result = search(bare, SearchSettings(number_weights=(1.0, 1.0)))
-    assert len(result.ranking.posteriors) == 1
-    for row in result.record.averaged_parameters:
-        assert (row.mean, row.sd) == pytest.approx((row.naive_mean, row.naive_sd))
-
-
 # Hypotheses
 
 
 @pytest.mark.parametrize(
-    ("place", "element"),
+    ("places", "elements"),
     [
-        (PENDULUM_1, bs.Pendulum(1, 0.2, 2.5)),
-        (PENDULUM_3, bs.Pendulum(3, 0.2, 2.5)),
-        (INFILL_12, bs.OutOfPlaneInfill((1, 2), 0.4, 2.5)),
-        (INFILL_01, bs.OutOfPlaneInfill((0, 1), 0.4, 2.5)),
+        ((), ()),
+        ((PENDULUM_3,), (bs.Pendulum(3, 0.2, 2.5),)),
+        ((INFILL_01,), (bs.OutOfPlaneInfill((0, 1), 0.4, 2.5),)),
+        (
+            (PENDULUM_1, INFILL_12),
+            (bs.Pendulum(1, 0.2, 2.5), bs.OutOfPlaneInfill((1, 2), 0.4, 2.5)),
+        ),
     ],
 )
-def test_a_hypothesis_is_the_structure_with_the_element_on_it(frame, bare, place, element):
+def test_a_hypothesis_is_the_structure_with_the_elements_on_it(frame, bare, places, elements):
     """A mass ratio of 0.1 and a mean floor mass of 2 are a vibrating mass of 0.2."""
     frame = replace(frame, masses=(1.0, 2.0, 3.0))
-    made = hypothesis(replace(bare, structure=frame), (place,))
-    assert made.name == place.name
-    values = {"k1": 1.1, "k2": 0.9, "k3": 1.2,
-              f"mass ratio, {place.name}": 0.1, f"frequency, {place.name}": 2.5}  # fmt: skip
+    made = hypothesis(replace(bare, structure=frame), places)
+    assert made.name == (" + ".join(place.name for place in places) or "no appendage")
+    values = {"k1": 1.1, "k2": 0.9, "k3": 1.2}
+    for place in places:
+        values |= {f"mass ratio, {place.name}": 0.1, f"frequency, {place.name}": 2.5}
     assert set(made.parameter_names) == set(values)
     modes = made.structure.modes(np.array([[values[name] for name in made.parameter_names]]))
-    expected = frame.with_element(element).modes(np.array([[1.1, 0.9, 1.2]]))
+    for element in elements:
+        frame = frame.with_element(element)
+    expected = frame.modes(np.array([[1.1, 0.9, 1.2]]))
     np.testing.assert_allclose(modes.frequencies_hz, expected.frequencies_hz, rtol=1e-11)
 
 
-def test_a_hypothesis_with_two_appendages(bare):
-    made = hypothesis(bare, (PENDULUM_1, INFILL_12))
-    assert made.name == "pendulum 1 + infill 1-2"
-    assert made.structure.n_modes == 5
-    assert len(made.parameters) == 7
-
-
-def test_no_appendage_is_the_baseline(bare):
-    made = hypothesis(bare, ())
-    assert (made.name, made.structure) == ("no appendage", bare.structure)
-
-
-def prior_of(model_class, name):
-    return next(p.prior for p in model_class.parameters if p.name == name)
-
-
-def test_frequencies_reach_from_half_the_lowest_identified_to_the_end_of_the_band(bare):
-    made = hypothesis(bare, (PENDULUM_1,))
-    assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(0.5 * 0.98275928, 6.0)
-
-
-def test_priors_of_the_user_are_used(bare):
-    settings = SearchSettings(mass_ratio=bs.Uniform(0.01, 0.2), frequency=bs.LogUniform(2.0, 3.0))
+@pytest.mark.parametrize(
+    ("given", "frequency"),
+    [
+        # From half the lowest identified frequency to the end of the band.
+        ({}, bs.LogUniform(0.5 * 0.98275928, 6.0)),
+        ({"mass_ratio": bs.Uniform(0.01, 0.2), "frequency": bs.LogUniform(2.0, 3.0)},
+         bs.LogUniform(2.0, 3.0)),
+    ],
+)  # fmt: skip
+def test_priors_are_those_of_the_band_or_of_the_user(bare, given, frequency):
+    settings = SearchSettings(**given)
     made = hypothesis(bare, (PENDULUM_1,), settings)
-    assert prior_of(made, "frequency, pendulum 1") == bs.LogUniform(2.0, 3.0)
-    assert prior_of(made, "mass ratio, pendulum 1") == bs.Uniform(0.01, 0.2)
+    priors = {parameter.name: parameter.prior for parameter in made.parameters}
+    assert priors["frequency, pendulum 1"] == frequency
+    assert priors["mass ratio, pendulum 1"] == settings.mass_ratio
 
 
 @pytest.mark.parametrize("frequency", [bs.LogUniform(8.0, 20.0), bs.Normal(9.0, 1.0)])
@@ -172,8 +142,7 @@ def test_a_frequency_outside_the_band_is_refused(bare, fake_sampling, frequency)
 
 def test_every_hypothesis_is_scored_over_all_pairings(bare, fake_sampling):
     fake_sampling(by_count(0.0, 0.0))
-    result = search(bare, ONE)
-    assert {candidate.pairing for candidate in result.ranking.study.model_classes} == {"any"}
+    assert {made.pairing for made in search(bare, ONE).ranking.study.model_classes} == {"any"}
 
 
 def test_the_scale_of_masses_is_the_mean_floor_mass(case_c, fixed_error, fake_sampling):
@@ -225,39 +194,38 @@ def places_of_hypotheses(result):
     return {h.name: [each.place for each in h.features] for h in result.record.hypotheses}
 
 
-def test_one_appendage_at_most(bare, fake_sampling):
-    levels = fake_sampling(by_count(0.0, 9.0, 20.0))
-    search(bare, ONE)
-    assert [len(level) for level in levels] == [1, 6]
+@pytest.mark.parametrize(
+    ("log_evidences", "settings", "n_tried"),
+    [
+        ((0.0, 9.0, 20.0), ONE, [1, 6]),
+        # Two are not tried where one does not help, nor three where two do not.
+        ((1.0, 0.0, 50.0), SearchSettings(), [1, 6]),
+        ((0.0, 9.0, 8.0, 50.0), SearchSettings(number_weights=(1.0,) * 4), [1, 6, 15]),
+    ],
+)
+def test_levels_end_where_more_appendages_do_not_help(
+    bare, fake_sampling, log_evidences, settings, n_tried
+):
+    levels = fake_sampling(by_count(*log_evidences))
+    search(bare, settings)
+    assert [len(level) for level in levels] == n_tried
 
 
-def test_two_are_tried_on_the_best_ones(bare, fake_sampling):
-    heights = {"no appendage": 0.0, "infill 1-2": 5.0, "pendulum 3": 4.0}
+@pytest.mark.parametrize(
+    ("heights", "branches", "n_tried"),
+    [
+        ({"infill 1-2": 5.0}, 1, 5),
+        # Five further places for each of the two best, their common pair counted once.
+        ({"infill 1-2": 5.0, "pendulum 3": 4.0, "no appendage": 0.0}, 2, 9),
+    ],
+)
+def test_two_are_tried_on_the_best_ones(bare, fake_sampling, heights, branches, n_tried):
     levels = fake_sampling(lambda made: heights.get(made.name, -1.0))
-    search(bare)
+    search(bare, SearchSettings(branches=branches))
     assert len(levels) == 3
-    # Five further places for each of the two best, their common pair counted once.
-    assert len(set(levels[2])) == len(levels[2]) == 9
-    assert all("infill 1-2" in name or "pendulum 3" in name for name in levels[2])
+    assert len(set(levels[2])) == len(levels[2]) == n_tried
+    assert all(any(best in name for best in heights) for name in levels[2])
     assert "pendulum 3 + infill 1-2" in levels[2]
-
-
-def test_one_branch_extends_only_the_best(bare, fake_sampling):
-    levels = fake_sampling(lambda made: {"infill 1-2": 5.0}.get(made.name, -1.0))
-    search(bare, SearchSettings(branches=1))
-    assert len(levels[2]) == 5
-
-
-def test_two_are_not_tried_where_one_does_not_help(bare, fake_sampling):
-    levels = fake_sampling(by_count(1.0, 0.0, 50.0))
-    search(bare)
-    assert [len(level) for level in levels] == [1, 6]
-
-
-def test_three_are_not_tried_where_two_do_not_help(bare, fake_sampling):
-    levels = fake_sampling(by_count(0.0, 9.0, 8.0, 50.0))
-    search(bare, SearchSettings(number_weights=(1.0, 1.0, 1.0, 1.0)))
-    assert [len(level) for level in levels] == [1, 6, 15]
 
 
 def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
@@ -267,16 +235,6 @@ def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
     )
     assert [len(level) for level in levels] == [1, 4, 6, 4, 1]
     assert max(map(len, places_of_hypotheses(result).values())) == 4
-
-
-def test_a_number_shares_its_weight_among_all_placements(bare, fake_sampling):
-    fake_sampling(by_count(0.0, 1.0, 2.0))
-    result = search(bare, SearchSettings(number_weights=(2.0, 3.0, 0.5), most_unsampled=0.0))
-    numbers = {name: len(places) for name, places in places_of_hypotheses(result).items()}
-    assert result.ranking.study.prior_weights == pytest.approx(
-        {name: (2.0, 3.0, 0.5)[n] / math.comb(6, n) for name, n in numbers.items()}
-    )
-    assert list(numbers.values()).count(1) == 6
 
 
 def shares(result, log_evidence):
@@ -324,32 +282,6 @@ def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampli
         assert (row.quantile_05, row.quantile_95) == pytest.approx(tuple(quantiles), rel=1e-3)
         assert row.naive_mean == pytest.approx(naive[row.name].mean())
         assert row.naive_sd == pytest.approx(naive[row.name].std())
-
-
-def test_appendages_are_medians_and_intervals_in_units_of_the_structure(bare, fake_sampling):
-    fake_sampling(by_count(0.0, 1.0, 2.0))
-    result = search(bare, ALL)
-    name = next(name for name, places in places_of_hypotheses(result).items() if len(places) == 2)
-    posterior = next(p for p in result.ranking.posteriors if p.name == name)
-    for summary in result.record.hypothesis(name).features:
-        place = summary.place
-        assert place.name in name
-        for quantity, quantiles in (("mass ratio", summary.amounts["mass"]),
-                                      ("frequency", summary.amounts["frequency_hz"])):  # fmt: skip
-            column = posterior.parameter_names.index(f"{quantity}, {place.name}")
-            expected = np.quantile(
-                posterior.values[:, column], [0.05, 0.5, 0.95], method="inverted_cdf"
-            )
-            assert quantiles == pytest.approx(tuple(expected))
-    assert result.record.hypothesis("no appendage").features == ()
-
-
-def test_the_record_is_json(bare, fake_sampling):
-    fake_sampling(by_count(0.0, 1.0, 2.0))
-    record = search(bare).record
-    assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
-    assert sum(row.probability for row in record.hypotheses) == pytest.approx(1.0)
-    assert [row.name for row in record.averaged_parameters] == ["k1", "k2", "k3"]
 
 
 @pytest.mark.usefixtures("quick_screening")

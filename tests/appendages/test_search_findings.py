@@ -1,10 +1,8 @@
 """What a search finds, sampled coarsely."""
 
-import math
-
 import numpy as np
 import pytest
-from searches import COARSE, INFILL_12, ONE
+from searches import COARSE, INFILL_12, ONE, exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.candidates import SearchSettings
@@ -35,14 +33,8 @@ def test_the_pairing_of_the_best_hypothesis_is_the_right_one(found_in_case_c):
 
 @pytest.mark.usefixtures("quick_screening")
 def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
-    stiffness = (math.pi / math.sin(math.pi / 14.0)) ** 2
-    squares, shapes = np.linalg.eigh(
-        stiffness * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    )
-    frequencies = np.sqrt(squares) / (2.0 * math.pi)
-    np.testing.assert_allclose(frequencies, [1.0, 2.80193774, 4.04891734], atol=1e-8)
-    modes = [bs.IdentifiedMode(str(i), f, shapes[:, i]) for i, f in enumerate(frequencies)]
-    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
+    data = exact_modes(frame, frame.degrees_of_freedom, (0.0, 6.0))
+    np.testing.assert_allclose(data.frequencies_hz, [1.0, 2.80193774, 4.04891734], atol=1e-8)
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
     one = SearchSettings(number_weights=(1.0, 1.0))
     result = search(baseline, one, settings=COARSE)

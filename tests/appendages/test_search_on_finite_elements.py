@@ -13,9 +13,11 @@ STUDY = ROOT / "model_classes" / "finite_elements" / "footbridge.py"
 TRUE_PLACE, TRUE_MASS, TRUE_HZ = "pendulum bottom left 8 z", 607.7, 2.2648
 
 
-@pytest.mark.usefixtures("coarse_command")
-def test_the_pipe_on_the_footbridge(run, tmp_path):
+@pytest.mark.usefixtures("coarse_command", "no_motions")
+def test_the_pipe_on_the_footbridge(run, tmp_path, monkeypatch):
     """At one of three places that the sensors can tell apart."""
+    # Mistakes in the data are sought elsewhere.
+    monkeypatch.setattr("bayes_ssi.studies.ranking.checks.with_hints", lambda _, found, *__: found)
     candidates, out = tmp_path / "places.csv", tmp_path / "r"
     places = ("bottom left 8 z", "bottom right 4 z", "top right 4 y")
     rows = "".join(f"{place},{place}\n" for place in places)

@@ -1,19 +1,12 @@
-"""Tables, notes and figures of a search."""
+"""Tables and notes of a search."""
 
-import io
 from dataclasses import replace
 
-import matplotlib as mpl
 import pytest
-from rich.console import Console
-
-mpl.use("Agg")
-
-from matplotlib.figure import Figure
+from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
-from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.report.tables.search_tables import (
     appendage_place_table,
     averaged_table,
@@ -29,12 +22,6 @@ from bayes_ssi.studies.ranking.comparison import probability_text
 
 def table_of(found):
     return search_table(found.record, found.ranking.comparison, found.ranking.study.name)
-
-
-def lines(table, width=80):
-    file = io.StringIO()
-    Console(file=file, width=width).print(table)
-    return [line.rstrip() for line in file.getvalue().splitlines()]
 
 
 def test_improbable_hypotheses_are_not_on_the_first_screen(found_in_case_c):
@@ -68,13 +55,9 @@ def of_a_tall_building(fake_sampling):
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
     record = of_a_tall_building.record
     tables = [averaged_table(record), appendage_place_table(record), *several_table(record)]
-    tables.append(table_of(of_a_tall_building))
-    shown = [line for table in tables for line in lines(table)]
-    assert max(map(len, [*shown, *search_notes(of_a_tall_building.record)])) <= 80
-    text = "\n".join(shown)
-    assert "pendulum 20" in text
-    assert "infill 19-20" in text
-    assert "…" not in text
+    for table in (*tables, table_of(of_a_tall_building)):
+        assert_every_cell_is_whole(table, 80)
+    assert max(map(len, search_notes(record))) <= 80
 
 
 def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
@@ -118,7 +101,7 @@ def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
 
 def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
     rows = [row for row in of_a_tall_building.record.hypotheses if len(row.features) > 1]
-    text = "\n".join(lines(next(several_table(of_a_tall_building.record))))
+    text = "\n".join(printed(next(several_table(of_a_tall_building.record))))
     assert quantity(*rows[0].features[1].amounts["mass"]) in text
 
 
@@ -133,17 +116,12 @@ def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
         assert probabilities[last] == probability_text(sum(rest))
 
 
-def test_the_table_always_shows_no_appendage(of_a_tall_building):
-    assert "no appendage" not in [row.name for row in of_a_tall_building.record.hypotheses[:8]]
-    assert "-5.00" in "\n".join(lines(table_of(of_a_tall_building)))
-
-
-def test_hypotheses_that_no_table_row_shows_are_counted(of_a_tall_building):
+def test_the_table_always_shows_no_appendage_and_counts_what_it_leaves_out(of_a_tall_building):
     """Eight by probability, and no appendage in addition."""
-    n = len(of_a_tall_building.record.hypotheses)
     rows = of_a_tall_building.record.hypotheses
     assert "no appendage" not in [row.name for row in rows[:8]]
-    note = f"{n - 9} less probable hypotheses are in the saved result."
+    assert "-5.00" in "\n".join(printed(table_of(of_a_tall_building)))
+    note = f"{len(rows) - 9} less probable hypotheses are in the saved result."
     assert note in search_notes(of_a_tall_building.record)
 
 
@@ -159,17 +137,3 @@ def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
     n, n_all = len(record.hypotheses) - len(sampled), len(record.hypotheses)
     (note,) = [note for note in search_notes(of_a_tall_building.record) if "not sampled" in note]
     assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
-
-
-def test_a_note_says_which_mass_the_prior_refers_to(of_a_tall_building):
-    assert search_notes(of_a_tall_building.record)[0] == (
-        "Priors of masses are relative to the mean floor mass, 3.2e+05 kg."
-    )
-
-
-def test_the_figure_has_a_bar_for_every_place(found_in_case_c):
-    ax = plot_places(found_in_case_c.record, Figure().subplots())
-    places = {each.place.name: each.probability for each in found_in_case_c.record.places}
-    names = [label.get_text() for label in ax.get_yticklabels()]
-    assert dict(zip(names, [bar.get_width() for bar in ax.patches], strict=True)) == places
-    assert names[0] == "infill 1-2"

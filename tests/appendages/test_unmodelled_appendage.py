@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
@@ -121,23 +122,13 @@ def test_the_warning_comes_first_and_fails(tmp_path):
     assert "ask with a search" in stored.unmodelled_appendage
 
 
-@pytest.fixture(scope="module")
-def spurious():
+def test_a_spurious_mode_is_no_appendage():
     """A bare building's own modes, and one that has nothing to do with it."""
     (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
-    structure = bare.structure
-    frequencies, shapes = structure.modes(structure.prior_medians())
-    own = [
-        bs.IdentifiedMode(str(i), float(f), shape)
-        for i, (f, shape) in enumerate(zip(frequencies[0], shapes[0].T, strict=True), 1)
-    ]
+    data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
     odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
-    data = bs.ModalData((own[0], odd, *own[1:]), (0.0, 6.0), bare.data.sensors)
-    return bs.Study("one spurious mode", [replace(bare, data=data)])
-
-
-def test_a_spurious_mode_is_no_appendage(spurious):
-    ranking = bs.rank(spurious, settings=QUICK)
+    data = replace(data, modes=(data.modes[0], odd, *data.modes[1:]))
+    ranking = bs.rank(bs.Study("one", [replace(bare, data=data)]), settings=QUICK)
     assert set(ranking.posteriors[0].configurations[0].pairing) == {"1", "2", "3"}
     assert not ranking.comparison.unmodelled_appendage
 

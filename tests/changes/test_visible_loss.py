@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_changes import BUILDING, ERROR, model_class
+from searches import exact_modes
+from test_changes import BUILDING, ERROR, NAMES, PRIOR, SENSORS, K, model_class
 
 import bayes_ssi as bs
 from bayes_ssi.studies.changes.changes_family import choose_changes
@@ -15,6 +16,9 @@ from bayes_ssi.studies.changes.visible_loss import (
     smallest_losses,
 )
 from bayes_ssi.studies.search.family_search import screened_hypotheses
+
+# At the prior medians, in a band that holds the modes with large errors.
+MODES = exact_modes(BUILDING, SENSORS, (0.0, 9.0), frequency_cov=0.002, shape_sd=0.01)
 
 
 def test_nine_in_ten_are_above_where_the_normal_distribution_has_them():
@@ -35,7 +39,7 @@ def test_a_loss_that_no_test_would_show_has_no_smallest():
 
 def test_simulated_tests_share_the_errors_that_the_class_says():
     """Frequencies of 10 % error, of which 96 % is shared: 2 % differences times the root of two."""
-    same = model_class(a=_modes(), b=_modes())
+    same = model_class(a=MODES, b=MODES)
     error = replace(ERROR, frequency_cov=0.1, shape_sd=0.1, between_tests=0.96)
     same = replace(same, error=error)
     z, rng = np.zeros(3), np.random.default_rng(1)
@@ -53,24 +57,18 @@ def test_simulated_tests_share_the_errors_that_the_class_says():
     assert np.diff(shapes, axis=1).std() == pytest.approx(of_shapes, rel=0.1)
 
 
-def _modes():
-    """The building's modes at the prior medians, in a band that holds them with large errors."""
-    modes = BUILDING.modes(np.ones((1, 3)))
-    return bs.ModalData(
-        tuple(
-            bs.IdentifiedMode(
-                str(j + 1), float(hz), modes.shapes[0, :, j], frequency_cov=0.002, shape_sd=0.01
-            )
-            for j, hz in enumerate(modes.frequencies_hz[0])
-        ),
-        (0.0, 9.0),
-        BUILDING.degrees_of_freedom,
-    )
-
-
 def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     """As 60 more tests of each loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
-    tests = model_class(a=_modes(), b=_modes())
+    building = bs.ShearBuilding((1.0,) * 2, [K * bs.Parameter(name, PRIOR) for name in NAMES[:2]])
+    sizes = {"frequency_cov": 0.002, "shape_sd": 0.01}
+    data = exact_modes(building, SENSORS[:2], (0.0, 9.0), **sizes)
+    tests = bs.ModelClass(
+        "building",
+        error=bs.ErrorModel(0.01, 0.01, between_tests=0.9),
+        configurations=[
+            bs.Configuration(name, building, data, pairing={"1": 1, "2": 2}) for name in "ab"
+        ],
+    )
     losses = bs.ChangeSettings(losses_only=True)
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], losses)
     family.features["building"] = family.features["building"][:1]

@@ -63,6 +63,8 @@ def test_rank(run, tiny_study_file, tmp_path):
     assert stored.record.study_file == str(tiny_study_file)
     assert f"{stored.comparison.best.log_evidence:.3f}" in result.stdout
     assert [p.name for p in (out / "figures").iterdir()] == ["moving_shapes.json"]
+    # No parameter is inferred by two classes.
+    assert (out / "averaged_parameters.json").read_text("utf-8").strip() == "[]"
 
 
 def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, tmp_path):
@@ -156,15 +158,6 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")
     assert chosen == [2, 3]
-
-
-@pytest.mark.usefixtures("coarse_command")
-def test_long_names_become_short_file_names(run, study_file, tmp_path):
-    first, second = ("k" * 300 + end for end in "ab")
-    study = study_file(('"one k"', repr(first)), ('"each k"', repr(second)))
-    result = run("rank", study, "--accept-failed-checks", "--out", tmp_path / "r")
-    assert result.exit_code == 0, result.output
-    assert {row.name for row in load_result(tmp_path / "r").comparison.classes} == {first, second}
 
 
 def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_file):
@@ -329,6 +322,9 @@ def test_help_and_version(run):
     assert "rank" in run("--help").stdout
     assert "calibrate" in run("-h").stdout
     assert version("bayes_ssi") in run("--version").stdout
+    command = [sys.executable, "-m", "bayes_ssi", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"bayes-ssi, version {version('bayes_ssi')}\n"
 
 
 LARGE_STUDY = """
@@ -367,12 +363,6 @@ def test_check_says_what_to_do_with_a_study_or_a_result(run, tiny_study_file, tm
     assert_one_line_error(result, "a directory; check reads files of modes", "bayes-ssi report")
 
 
-def test_the_module_is_the_command():
-    command = [sys.executable, "-m", "bayes_ssi", "--version"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("bayes-ssi, version ")
-
-
 def test_help_lists_commands_whole_and_in_the_order_of_work(run):
     lines = run("--help").stdout.split("Commands:")[1]
     assert "…" not in lines
@@ -381,14 +371,12 @@ def test_help_lists_commands_whole_and_in_the_order_of_work(run):
     assert names[:3] == ["new", "import", "identify"]
 
 
-def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_study_file, tmp_path):
-    assert run("rank", tiny_study_file, "--seed", 7, "--out", tmp_path / "r").exit_code == 0
-    result = run("export", tmp_path / "r")
+def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_result, tmp_path):
+    result = run("export", tiny_result.directory, "--out", tmp_path / "updated")
     assert result.exit_code == 0
     assert "No modes at nodes are written: no degree of freedom is labelled" in result.stdout
-    written = tmp_path / "r" / "updated"
-    assert [path.name for path in written.iterdir()] == ["parameters.csv"]
-    assert (written / "parameters.csv").read_text("utf-8").startswith("name,most_probable,mean")
+    (written,) = (tmp_path / "updated").iterdir()
+    assert written.read_text("utf-8").startswith("name,most_probable,mean")
 
 
 def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):

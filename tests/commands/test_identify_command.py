@@ -12,10 +12,28 @@ from simulated_records import simulated_record, with_infill
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.measurements.modes.identification_summary import Peak
+from bayes_ssi.measurements.records import modal_identification
 from bayes_ssi.results.identification_answer import identification_answer
 
+pytestmark = pytest.mark.usefixtures("once")
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = ["--band", "0.6", "4.6"]
+
+
+@pytest.fixture(scope="module")
+def once():
+    """The same sensors are identified once for a band and modes, whatever is then asked for."""
+    known, identify = {}, modal_identification.identify
+
+    def remembered(record, band, **options):
+        key = repr((record.sensors, band, options))
+        if key not in known:
+            known[key] = identify(record, band, **options)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(modal_identification, "identify", remembered)
+        yield
 
 
 def test_the_ground_is_no_sensor_of_the_modes(tmp_path):

@@ -1,4 +1,7 @@
-"""``bayes-ssi import``: a study from exports, whole or not at all."""
+"""``bayes-ssi import``: a study from exports of any format, whole or not at all.
+
+Of the formats that need no other package, each from files as the program lays them out.
+"""
 
 import lzma
 import shutil
@@ -6,8 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 import scipy.linalg
+import scipy.sparse as sp
 from click.testing import CliRunner
+from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
@@ -15,6 +21,66 @@ from bayes_ssi.studies.ranking.study import load_study
 
 DATA = Path(__file__).parent.parent / "solver_files" / "data"
 SENSORS = ("100 x", "200 x", "340 x", "340 y")
+FACTORS = {"frame": (1.0, 1.0), "lower": (1.2, 1.0), "upper": (1.0, 0.8), "both": (0.9, 1.3)}
+M = np.diag([5e3, 4e3])
+
+
+def stiffness(lower, upper):
+    return np.array([[9e5 * lower + 7e5 * upper, -7e5 * upper], [-7e5 * upper, 7e5 * upper]])
+
+
+def entries(matrix, line):
+    return "".join(line.format(i + 1, j + 1, matrix[i, j]) for i in range(2) for j in range(2))
+
+
+def abaqus(name, k):
+    """``*MATRIX OUTPUT``: node, degree of freedom, node, degree of freedom, entry."""
+    for kind, matrix in (("STIF", k), ("MASS", M)):
+        Path(f"{name}_{kind}1.mtx").write_text(entries(matrix, "{0},1, {1},1, {2: .15e}\n"))
+    return f"{name}_STIF1.mtx"
+
+
+def abaqus_coordinate(name, k):
+    """FORMAT=COORDINATE: row, column and entry between blanks."""
+    for kind, matrix in (("STIF", k), ("MASS", M)):
+        Path(f"{name}_{kind}1.mtx").write_text(entries(matrix, "{0} {1} {2: .15e}\n"))
+    return f"{name}_STIF1.mtx"
+
+
+def calculix(name, k):
+    Path(f"{name}.dof").write_text("1.1\n2.1\n")
+    for ending, matrix in (("sti", k), ("mas", M)):
+        upper = "".join(
+            f"{i + 1} {j + 1} {float(matrix[i, j])!r}\n" for i, j in ((0, 0), (0, 1), (1, 1))
+        )
+        Path(f"{name}.{ending}").write_text(upper)
+    return f"{name}.sti"
+
+
+def matrix_market(name, k):
+    """ANSYS ``*EXPORT, …, MMF``."""
+    for kind, matrix in (("K", k), ("M", M)):
+        with Path(f"{name}{kind}.mmf").open("wb") as file:
+            scipy.io.mmwrite(file, sp.coo_array(np.tril(matrix)), precision=16)
+    return f"{name}K.mmf+{name}M.mmf"
+
+
+def opensees(name, k):
+    """``printA -file``: a row a line."""
+    for kind, matrix in (("K", k), ("M", M)):
+        rows = [" ".join(f"{value:.15g}" for value in row) for row in matrix]
+        Path(f"{name}{kind}.out").write_text("\n".join([*rows, ""]))
+    return f"{name}K.out+{name}M.out"
+
+
+def matlab(name, k):
+    scipy.io.savemat(f"{name}.mat", {"Kff": k, "Mff": M, "Kother": np.eye(3), "Mother": np.eye(3)})
+    return f"{name}.mat"
+
+
+def npz(name, k):
+    np.savez(f"{name}.npz", K=k, M=M)
+    return f"{name}.npz"
 
 
 @pytest.fixture
@@ -31,11 +97,7 @@ def tower(tmp_path, monkeypatch):
     structure = bs.MatrixStructure(
         altered.stiffness, altered.mass, labels=altered.labels, sensors=list(SENSORS), n_modes=4
     )
-    frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
-    modes = tuple(
-        bs.IdentifiedMode(str(i + 1), float(frequencies[i]), shapes[:, i]) for i in range(4)
-    )
-    bs.write_modal_data(bs.ModalData(modes, (0.0, 18.0), sensors=SENSORS), "modes.csv")
+    bs.write_modal_data(exact_modes(structure, SENSORS, (0.0, 18.0)), "modes.csv")
 
 
 FRAME = (
@@ -45,17 +107,12 @@ FRAME = (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Exports of two storeys, whose stiffnesses are the properties."""
+    """Exports of two storeys by CalculiX, whose stiffnesses are the properties, and modes."""
     monkeypatch.chdir(tmp_path)
-    factors = {"frame": (1.0, 1.0), "lower": (1.2, 1.0), "upper": (1.0, 0.8), "both": (0.9, 1.3)}
-    for name, (lower, upper) in factors.items():
-        Path(f"{name}.dof").write_text("1.1\n2.1\n")
-        entries = (900.0 * lower + 700.0 * upper, -700.0 * upper, 700.0 * upper)
-        places = ("1 1", "1 2", "2 2")
-        text = "".join(f"{at} {each!r}\n" for at, each in zip(places, entries, strict=True))
-        Path(f"{name}.sti").write_text(text)
-        Path(f"{name}.mas").write_text("1 1 5e3\n1 2 0.0\n2 2 5e3\n")
-    Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,1 x\n1,1.9,1\n")
+    for name, factors in FACTORS.items():
+        calculix(name, stiffness(*factors))
+    Path("labels.txt").write_text("1 x\n2 UX\n")
+    Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,1 x\n1,1.3,1\n")
     return tmp_path
 
 
@@ -114,9 +171,8 @@ def test_several_tests_are_configurations(folder):
     assert (built.name, with_tank.name) == ("as built", "with a tank")
     assert built.structure.degrees_of_freedom == ("1 x",)
     assert with_tank.structure.degrees_of_freedom == ("roof",)
-    k = np.array([[1600.0, -700.0], [-700.0, 700.0]])
     for each, mass in ((built, 0.0), (with_tank, 2500.0)):
-        squares = scipy.linalg.eigvalsh(k, np.diag([5e3, 5e3 + mass]))
+        squares = scipy.linalg.eigvalsh(stiffness(1.0, 1.0), M + np.diag([0.0, mass]))
         frequencies = each.structure.modes(np.array([[1.0]])).frequencies_hz[0]
         np.testing.assert_allclose(frequencies, np.sqrt(squares) / (2 * np.pi), rtol=1e-9)
 
@@ -266,12 +322,8 @@ def test_one_export_has_one_factor_and_names_are_checked_before_it_is_read():
     assert done.exit_code == 0, done.output
     assert "K = stiffness K_stiffness" in done.output
     (only,) = load_study(Path("one.py")).model_classes
-    (modes,) = (
-        each.structure.modes(np.array([[2.0]]))
-        for each in only.configurations
-    )  # fmt: skip
-    # Twice [[1600, -700], [-700, 700]], and masses of 5000.
-    squares = np.linalg.eigvalsh(2.0 * np.array([[1600.0, -700.0], [-700.0, 700.0]])) / 5e3
+    (modes,) = (each.structure.modes(np.array([[2.0]])) for each in only.configurations)
+    squares = scipy.linalg.eigvalsh(2.0 * stiffness(1.0, 1.0), M)
     np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / (2 * np.pi))
     Path("frame.sti").unlink()
     done = run("two", "--nominal", "frame.sti", "--data", "modes.csv", "--sensor", "roof=1 x")
@@ -315,3 +367,68 @@ def test_nine_digits_make_no_matrix_of_rounding(tmp_path, monkeypatch):
     done = run("one", "--nominal", "a.npz", "--changed", "E=1.1:b.npz", "--data", "modes.csv")
     assert done.exit_code == 0, done.output
     assert "K = E K_E" in done.output.splitlines()
+
+
+UNLABELLED = ("--labels", "labels.txt")
+FORMATS = {
+    abaqus: (), abaqus_coordinate: UNLABELLED, calculix: (),
+    matrix_market: UNLABELLED, opensees: UNLABELLED, npz: UNLABELLED,
+    matlab: ("--keys", "Kff,Mff", *UNLABELLED),
+}  # fmt: skip
+
+
+def options(files):
+    return (
+        "frame", "--nominal", files["frame"], "--changed", f"lower=1.2:{files['lower']}",
+        "--changed", f"upper=0.8:{files['upper']}", "--data", "modes.csv",
+        "--check", f"lower=0.9,upper=1.3:{files['both']}",
+    )  # fmt: skip
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("written", FORMATS, ids=lambda written: written.__name__)
+def test_a_format_by_one_command(written):
+    files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
+    done = run(*options(files), *FORMATS[written])
+    assert done.exit_code == 0, done.output
+    structure = load_study("frame.py").model_classes[-1].structure
+    assert {parameter.name for parameter in structure.parameters} == {"lower", "upper"}
+    values = {"lower": 1.3, "upper": 0.7}
+    at = np.array([[values[parameter.name] for parameter in structure.parameters]])
+    expected = np.sqrt(scipy.linalg.eigvalsh(stiffness(1.3, 0.7), M)) / (2.0 * np.pi)
+    np.testing.assert_allclose(structure.modes(at).frequencies_hz[0], expected, rtol=1e-7)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("written", "change", "words"),
+    [
+        (opensees, lambda each: each.split("+")[0], "frameK.out+MASS in commands, mass= in Python"),
+        (matlab, None, "as in --keys KAA,MAA"),
+    ],
+)
+def test_what_a_format_needs_is_said_as_the_command_takes_it(written, change, words):
+    files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
+    if change is not None:
+        files = {name: change(file) for name, file in files.items()}
+    done = run(*options(files))
+    assert done.exit_code == 2
+    assert words in " ".join(done.output.split())
+
+
+@pytest.mark.usefixtures("folder")
+def test_unlabelled_exports_need_labels():
+    files = {name: abaqus_coordinate(name, stiffness(*FACTORS[name])) for name in FACTORS}
+    done = run(*options(files))
+    assert done.exit_code == 2
+    words = " ".join(done.output.split())
+    assert "no labels, by which sensors are named: give them in a --labels file" in words
+    assert not Path("frame.py").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_keys_are_two():
+    files = {name: npz(name, stiffness(*factors)) for name, factors in FACTORS.items()}
+    done = run(*options(files), "--keys", "K")
+    assert done.exit_code == 2
+    assert "--keys: expected STIFFNESS,MASS, got 'K'" in done.output

@@ -19,12 +19,9 @@ mpl.use("Agg")
 AT2 = "a\nb\nACCELERATION IN UNITS OF G\nNPTS= 4, DT= .5 SEC\n0. .1 .2 -.1\n"
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory, tiny_ranking):
-    directory = tmp_path_factory.mktemp("saved")
-    (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
-    study_file = str(directory / "tiny.py")
-    return save_result(tiny_ranking, directory / "result", study_file=study_file).directory
+@pytest.fixture
+def saved(tiny_result):
+    return tiny_result.directory
 
 
 @pytest.fixture
@@ -77,11 +74,15 @@ def test_a_result_elsewhere_finds_its_study(run, tiny_study_file, tmp_path, monk
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_no_more_draws_than_are_stored(predict, saved):
+def test_modes_alone_of_no_more_draws_than_are_stored(predict, saved, tmp_path):
     n_stored = max(len(each.values) for each in load_result(saved).posteriors)
     result = predict("--draws", 10**8, "--class", "one k", "--transfer", "none")
     assert f"{n_stored} stored draws; nothing was sampled" in result.stdout
     assert f"(!) --draws 100000000: no more than {n_stored} draws are stored." in result.stdout
+    assert "Peak" not in result.stdout
+    assert sorted(path.stem for path in (tmp_path / "out").glob("*.csv")) == [
+        "frequencies", "mode_shapes",
+    ]  # fmt: skip
 
 
 def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
@@ -147,16 +148,6 @@ def test_all_options(predict, saved, tmp_path):
     assert at[0] == 0.5
     band = own.transfer_functions(at, output, (0.01, 0.03), force_at="floor 2").band(0.8)
     np.testing.assert_allclose([float(r["high"]) for r in transfer[:10]], band.high[0], rtol=1e-5)
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_modes_alone(predict, tmp_path):
-    done = predict("--transfer", "none")
-    assert done.exit_code == 0, done.output
-    assert "Peak" not in done.stdout
-    assert sorted(path.stem for path in (tmp_path / "out").glob("*.csv")) == [
-        "frequencies", "mode_shapes",
-    ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("no_figures")

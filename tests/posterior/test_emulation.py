@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import with_emulated_structures
 from bayes_ssi.inference.workers.run import Checkpoint
@@ -206,10 +204,3 @@ def test_workers_share_the_solutions_and_change_nothing(copied_workers):
     two = bs.sample(of_class(BlackBox), settings=ECONOMICAL, run=bs.Run(copied_workers))
     np.testing.assert_array_equal(one.draws, two.draws)
     assert one.evidence == two.evidence
-
-
-def test_from_the_command_line(tmp_path, tiny_study_file):
-    arguments = ["rank", str(tiny_study_file), "--economical", "--error", "0.05"]
-    invoked = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "r")])
-    assert invoked.exit_code == 0, invoked.output
-    assert load_result(tmp_path / "r").posteriors

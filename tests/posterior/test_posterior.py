@@ -170,23 +170,24 @@ def assert_of_noise(text, noise):
     assert 0.2 < share / (math.sqrt(2.0) * noise) < 4.0
 
 
-@pytest.mark.parametrize(("noise", "said"), [(1e-10, 0), (1e-4, 1), (3e-2, 2)])
-def test_a_model_that_answers_differently_when_asked_twice(noise, said):
+@pytest.mark.parametrize(
+    ("noise", "shared", "said"),
+    [(1e-10, False, 0), (1e-4, False, 1), (1e-4, True, 1), (3e-2, False, 2)],
+)
+def test_a_model_that_answers_differently_when_asked_twice(noise, shared, said, copied_workers):
     """What it remembers does not hide it: each answer of the function is remembered."""
     noisy = noisy_spring(noise)
     values = np.linspace(1.18, 1.24, 5)[:, None]
     model = at_draws(noisy, values)
-    found = _noise(noisy, values, model.log_likelihoods.sum(axis=1), model, None)
+    totals = model.log_likelihoods.sum(axis=1)
+    found = _noise(noisy, values, totals, model, copied_workers if shared else None)
     assert [len(each) for each in found] == [said == 1, said == 2]
     for text in (*found[0], *found[1]):
         assert_of_noise(text, noise)
 
 
-@pytest.mark.parametrize("shared", [False, True])
-def test_small_noise_is_said_once_and_fails_nothing(shared, copied_workers):
-    settings = bs.SamplingSettings(log_evidence_error=0.1)
-    run = bs.Run(copied_workers if shared else None)
-    posterior = bs.sample(noisy_spring(1e-4), settings=settings, run=run)
+def test_small_noise_is_said_once_and_fails_nothing():
+    posterior = bs.sample(noisy_spring(1e-4), settings=bs.SamplingSettings(log_evidence_error=0.1))
     assert posterior.failed_checks == ()
     assert len(posterior.regions) == 1
     (remark,) = posterior.remarks

@@ -1,5 +1,7 @@
 """What a posterior quotes: chains as emcee made them, or draws that are said to be none."""
 
+import warnings
+
 import numpy as np
 import pytest
 from targets import STIFFNESS, two_bumps
@@ -11,30 +13,21 @@ from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.target import Target
 
 
-@pytest.fixture(scope="module")
-def exchange():
+def test_draws_are_the_walkers_of_emcee_step_by_step(monkeypatch):
     """One frequency of two springs in series: either may be the soft one; two regions."""
+    run, ensembles = engine.run_ensembles, []
+
+    def recorded(*args, **kwargs):
+        ensembles.append(run(*args, **kwargs))
+        return ensembles[-1]
+
+    monkeypatch.setattr(engine, "run_ensembles", recorded)
     k1, k2 = (bs.Parameter(name, bs.LogNormal(1.0, 1.0)) for name in ("k1", "k2"))
     building = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k1, STIFFNESS * k2))
     modes = (bs.IdentifiedMode("1", 0.35), bs.IdentifiedMode("2", 1.6))
     data = bs.ModalData(modes, (0.0, 3.0))
-    return bs.ModelClass("exchange", building, data, bs.ErrorModel(0.01), pairing={"1": 1, "2": 2})
-
-
-@pytest.fixture
-def ensembles(monkeypatch):
-    """All ensembles that are run."""
-    run, made = engine.run_ensembles, []
-
-    def recorded(*args, **kwargs):
-        made.append(run(*args, **kwargs))
-        return made[-1]
-
-    monkeypatch.setattr(engine, "run_ensembles", recorded)
-    return made
-
-
-def test_draws_are_the_walkers_of_emcee_step_by_step(exchange, ensembles):
+    pairing = {"1": 1, "2": 2}
+    exchange = bs.ModelClass("exchange", building, data, bs.ErrorModel(0.01), pairing=pairing)
     posterior = bs.sample(exchange)
     assert len(posterior.regions) == 2
     assert posterior.failed_checks == posterior.remarks == ()
@@ -48,6 +41,16 @@ def test_draws_are_the_walkers_of_emcee_step_by_step(exchange, ensembles):
     assert moved.mean() == pytest.approx(posterior.acceptance_fraction, abs=0.02)
     first = exchange.log_likelihood(posterior.draws[3])
     np.testing.assert_allclose(posterior.log_likelihoods[3], first, atol=1e-9)
+    columns = np.moveaxis(posterior.draws, -1, 0)
+    r_hats = [float(arviz_functions().rhat(column)) for column in columns]
+    assert posterior.r_hat == pytest.approx(max(r_hats), rel=1e-9)
+
+
+def arviz_functions():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        import arviz
+    return arviz
 
 
 def test_draws_of_chains_that_do_not_mix_have_the_shares_of_the_regions():

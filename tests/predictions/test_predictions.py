@@ -65,14 +65,6 @@ def test_draws_are_thinned_evenly(classes, posteriors):
     np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))
 
 
-def test_the_band_of_known_draws():
-    prediction = Prediction(np.arange(101.0)[:, None] * [1.0, -2.0])
-    low, median, high = prediction.band(0.9)
-    np.testing.assert_allclose(low, [5.0, -190.0])
-    np.testing.assert_allclose(median, [50.0, -100.0])
-    np.testing.assert_allclose(high, [95.0, -10.0])
-
-
 def test_bands_of_many_points_and_of_one():
     draws = np.random.default_rng(0).standard_normal((5000, 3, 81))  # more than a part holds
     expected = np.quantile(draws, [0.1, 0.5, 0.9], axis=0)

@@ -7,15 +7,8 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
-from bayes_ssi.results.stored_result import save_result
 
 K = bs.LogNormal(1.0, 0.3)
-
-
-@pytest.fixture(scope="module")
-def stored(tiny_ranking, tmp_path_factory):
-    """A result without its study file."""
-    return save_result(tiny_ranking, tmp_path_factory.mktemp("what_if") / "r")
 
 
 def of(answer, name):
@@ -27,7 +20,7 @@ def changes(row):
 
 
 def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
-    stored, tiny_ranking, monkeypatch
+    tiny_result, tiny_ranking, monkeypatch
 ):
     def refuse(*_):
         raise AssertionError
@@ -35,16 +28,16 @@ def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
     monkeypatch.setattr("bayes_ssi.structures.lumped.ShearBuilding.modes", refuse)
     settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
-    answer = bs.what_if(stored.directory, settings)
-    assert answer == bs.what_if(stored, settings) == bs.what_if(tiny_ranking, settings)
+    answer = bs.what_if(tiny_result.directory, settings)
+    assert answer == bs.what_if(tiny_result, settings) == bs.what_if(tiny_ranking, settings)
 
 
-def test_closed_forms(stored):
+def test_closed_forms(tiny_result):
     """Two modes detected, none spurious; twice the weight adds log 2 to a class's odds."""
     settings = bs.ChangedSettings(
         detection_probability=0.8, expected_spurious_modes=0.5, prior_weights={"each k": 2.0}
     )
-    answer = bs.what_if(stored, settings)
+    answer = bs.what_if(tiny_result, settings)
     for row in answer.classes:
         assert changes(row) == pytest.approx(2.0 * math.log(0.8 / 0.95) - 0.4, abs=1e-9)
         assert row.pareto_k == -math.inf
@@ -60,13 +53,13 @@ def test_closed_forms(stored):
     )
 
 
-def test_against_sampling_with_the_changed_settings(stored, tiny_study):
+def test_against_sampling_with_the_changed_settings(tiny_result, tiny_study):
     """Prior, error size and band at once; the prior concerns one class alone."""
     prior = bs.LogNormal(1.1, 0.2)
     settings = bs.ChangedSettings(
         priors={"k2": prior}, frequency_cov=0.025, bands_hz={"": (0.0, 2.0)}
     )
-    answer = bs.what_if(stored, settings)
+    answer = bs.what_if(tiny_result, settings)
     for candidate in tiny_study.model_classes:
         again = bs.ModelClass(
             candidate.name, candidate.structure, replace(candidate.data, band_hz=(0.0, 2.0)),
@@ -113,8 +106,8 @@ def test_the_misfit_is_that_of_the_class_with_the_changed_settings(tiny_study):
     assert f"MAC {math.cos(angle) ** 2:.3f} where {expected:.3f} was expected" in answer.misfit
 
 
-def test_no_probability_is_given_where_a_class_must_be_sampled_again(stored):
-    answer = bs.what_if(stored, bs.ChangedSettings(priors={"k": bs.LogNormal(5.0, 0.05)}))
+def test_no_probability_is_given_where_a_class_must_be_sampled_again(tiny_result):
+    answer = bs.what_if(tiny_result, bs.ChangedSettings(priors={"k": bs.LogNormal(5.0, 0.05)}))
     row = of(answer, "one k")
     assert "Pareto k is" in row.problem
     assert row.log_evidence_after is None
@@ -146,9 +139,9 @@ def test_a_class_too_improbable_to_matter_need_not_be_sampled_again(tiny_ranking
         ({"frequency_cov": -0.1}, "must be positive and finite"),
     ],
 )
-def test_settings_of_no_class_are_refused(stored, settings, words):
+def test_settings_of_no_class_are_refused(tiny_result, settings, words):
     with pytest.raises(ValueError, match=words):
-        bs.what_if(stored, bs.ChangedSettings(**settings))
+        bs.what_if(tiny_result, bs.ChangedSettings(**settings))
 
 
 def test_an_error_size_that_every_class_infers_is_refused(tiny_study):

@@ -3,13 +3,19 @@
 import math
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.posterior import known_at_draws
-from bayes_ssi.studies.ranking.variations import reweighted
+from bayes_ssi.studies.ranking.variations import (
+    reweighted,
+    with_missed,
+    with_spurious,
+    with_wider_priors,
+)
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +48,8 @@ def with_band(high):
 
 CHANGES = {
     "wider": with_prior(bs.LogNormal(1.0, 0.6)),
+    "twice as wide": partial(with_wider_priors, 2.0, {"k", "k1"}),
+    "half as wide": partial(with_wider_priors, 0.5, {"k", "k1"}),
     "moved": with_prior(bs.LogNormal(1.2, 0.1)),
     "another family": with_prior(bs.Normal(1.0, 0.2)),
     "bounded": with_prior(bs.Uniform(0.7, 1.02)),
@@ -105,3 +113,15 @@ def test_a_prior_that_reaches_beyond_the_sampled_one_is_refused_where_the_poster
     above = np.trapezoid(density[k >= 0.95], k[k >= 0.95]) / np.trapezoid(density, k)
     expected, estimate = math.log(2.0 * above), inside.log_ratio
     assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
+
+
+@pytest.mark.parametrize(
+    ("p", "factor", "expected"), [(0.95, 2.0, 0.90), (0.3, 2.0, 0.15), (0.9, 0.5, 0.95)]
+)
+def test_times_as_many_missed_or_spurious_modes(one_k, p, factor, expected):
+    """Twice a probability of 0.7 to be missed would be none: half of what is left is taken."""
+    changed = replace(one_k, identification=bs.IdentificationModel(p, 0.1))
+    for change in (with_missed, with_spurious):
+        changed = change(factor, changed)
+    assert changed.identification.detection_probability == pytest.approx(expected, rel=1e-12)
+    assert changed.identification.expected_spurious_modes == pytest.approx(0.1 * factor, rel=1e-12)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.studies.ranking import checks
 from bayes_ssi.studies.ranking.checks import BAND_MOVED
+from bayes_ssi.studies.ranking.class_sampling import sample_all
 
 COARSE = bs.SamplingSettings(log_evidence_error=0.03)
 ERROR = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
@@ -32,8 +34,19 @@ def building(n_storeys, factor, name="building", prior=None):
     return bs.ModelClass(name, structure, data, ERROR, pairing=pairing)
 
 
-def ranked(*classes, weights=None):
-    return bs.rank(bs.Study("s", classes, prior_weights=weights), settings=COARSE).comparison
+def ranked(*classes):
+    return bs.rank(bs.Study("s", classes), settings=COARSE).comparison
+
+
+def weighted(classes, odds):
+    """Comparisons of two classes, sampled once, whose posterior odds are these."""
+    posteriors = sample_all(classes, 0, COARSE)
+    one, other = (each.evidence.log_evidence for each in posteriors)
+    for each in odds:
+        weights = dict(zip([c.name for c in classes], (each * math.exp(other - one), 1.0),
+                           strict=True))  # fmt: skip
+        study = bs.Study("s", classes, prior_weights=weights)
+        yield checks.ranked(study, posteriors, 0, COARSE, bs.Run()).comparison
 
 
 def shift_by_quadrature(n_storeys, factor, moved):
@@ -72,9 +85,7 @@ def test_the_end_of_the_band_that_turns_a_ranking_fails():
     one = bs.ModelClass(
         "one mass", bs.ShearBuilding((1.0,), (K * k,)), two.data, ERROR, pairing={"1": 1}
     )
-    before = {row.name: row.log_evidence for row in ranked(two, one).classes}
-    weight = math.exp(before["two storeys"] - before["one mass"]) * 0.6 / 0.4
-    comparison = ranked(two, one, weights={"two storeys": 1.0, "one mass": weight})
+    (comparison,) = weighted([two, one], [0.4 / 0.6])
     assert comparison.best.name == "one mass"
     (failed,) = (text for text in comparison.failed_checks if "edge of the band" in text)
     end = (1.0 - BAND_MOVED) * two.data.band_hz[1]
@@ -157,9 +168,8 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
         bs.ModelClass("spurious", one, data, ERROR, pairing={"1": 1}),
         bs.ModelClass("pendulum", two, data, ERROR, pairing={"1": 1, "2": 2}),
     ]
-    before = {row.name: row.log_evidence for row in ranked(*classes).classes}
-    even = {"spurious": math.exp(before["pendulum"] - before["spurious"]), "pendulum": 1.0}
-    failed = [text for text in ranked(*classes, weights=even).failed_checks if "differ in" in text]
+    even, far = weighted(classes, (1.0, 0.1))
+    failed = [text for text in even.failed_checks if "differ in" in text]
     # Odds of 1/2 with half as many spurious modes expected; p_D, from 0.95 to 0.90 or 0.975, moves
     # them by 5 %.
     assert len(failed) == 1
@@ -167,6 +177,4 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
     before, after = map(float, re.search(r"goes from (\S+) to (\S+)", failed[0]).groups())
     assert before == pytest.approx(0.5, abs=0.03)
     assert abs(after - before) == pytest.approx(1.0 / 6.0, abs=0.03)
-    far = {"spurious": 0.1 * even["spurious"], "pendulum": 1.0}
-    remarks = [text for text in ranked(*classes, weights=far).remarks if "differ in" in text]
-    assert len(remarks) == 2
+    assert len([text for text in far.remarks if "differ in" in text]) == 2

@@ -10,15 +10,11 @@ from bayes_ssi.inference.workers.workers import evaluate
 from bayes_ssi.studies.ranking.study import load_study
 
 
-def test_loading_a_file(tiny_study_file):
+def test_loading_a_file_writes_none(tiny_study_file):
+    before = sys.dont_write_bytecode
     study = load_study(tiny_study_file)
     assert (study.name, study.names) == ("Two storeys", ("one k", "each k"))
     assert load_study(str(tiny_study_file)).names == study.names
-
-
-def test_loading_writes_no_files(tiny_study_file):
-    before = sys.dont_write_bytecode
-    load_study(tiny_study_file)
     assert list(tiny_study_file.parent.iterdir()) == [tiny_study_file]
     assert sys.dont_write_bytecode == before
 

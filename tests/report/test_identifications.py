@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from html_page import Page
+from html_page import page_of
 from identified_records import identified
 from matplotlib.figure import Figure
 
@@ -64,8 +64,7 @@ pytestmark = pytest.mark.usefixtures("no_drawings")
 
 
 def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking, tmp_path):
-    save_result(ranking(RECORD), tmp_path / "r")
-    page = Page(write_report(tmp_path / "r").read_text("utf-8"))
+    page = page_of(ranking(RECORD), tmp_path / "r")
     for words in (
         "<tower>.csv: acceleration (m/s2) at 2 sensors (x, y), 600 s at 50 Hz.",
         "The Bayesian FFT is quoted; its spectral model, with independent loads, explains the "
@@ -91,8 +90,7 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
     peaks = tuple(replace(peak, probability_of_two=None) for peak in RECORD.peaks)
     doubtful = replace(RECORD, whiteness=2.0, cycles_of_decay=0.5, peaks=peaks)
     other = replace(RECORD, whiteness=2.0, method="NExT-ERA")
-    save_result(ranking(RECORD, doubtful, other), tmp_path / "r")
-    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    shown = page_of(ranking(RECORD, doubtful, other), tmp_path / "r").text
     parts = shown.split("Modes were sought from 0 to 4 Hz.")[1:]
     for words in ("does not explain the record", "failed: damping and shape left out", "not known"):
         assert [words in part for part in parts] == [False, True, False], words
@@ -102,8 +100,7 @@ def test_what_one_method_leaves_open_is_said(ranking, tmp_path):
 def test_modes_that_are_not_identified_are_said_and_phases_with_the_peaks(ranking, tmp_path):
     peaks = (RECORD.peaks[0], replace(RECORD.peaks[1], probability_of_phases=0.25))
     seen = replace(RECORD, peaks=peaks, not_identified=((3.6, "its fit is not settled"),))
-    save_result(ranking(seen), tmp_path / "r")
-    page = Page(write_report(tmp_path / "r").read_text("utf-8"))
+    page = page_of(ranking(seen), tmp_path / "r")
     section = page.text[page.text.index("Identified modes with the standard") :]
     assert "3.6 Hz: its fit is not settled" in section
     rows = [[" ".join(cell.split()) for cell in row] for row in page.rows]
@@ -116,22 +113,17 @@ def test_modes_that_are_not_identified_are_said_and_phases_with_the_peaks(rankin
 
 
 def test_the_first_screen_says_what_failed_before_the_ranking(ranking, tmp_path):
-    stored = save_result(ranking(RECORD), tmp_path / "r")
+    failed, sound = ranking(RECORD), ranking(replace(RECORD, doubts=()))
     check = "identified from <tower>.csv: mode at 2.9 Hz: the methods differ"
-    assert stored.comparison.failed_checks == (check,)
-    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    assert failed.comparison.failed_checks == (check,)
+    assert check in failed.study.model_classes[0].data.warnings()
+    shown = page_of(failed, tmp_path / "r").text
     first_screen = shown[: shown.index("What these numbers mean")]
     assert "1 check of the identified modes failed: modes may be wrong or missing" in first_screen
     assert check in first_screen
     assert "All checks passed" not in shown
-    sound = save_result(ranking(replace(RECORD, doubts=())), tmp_path / "sound")
     assert sound.comparison.failed_checks == ()
-    assert "All checks passed" in Page(write_report(sound.directory).read_text("utf-8")).text
-
-
-def test_failed_checks_of_an_identification_are_warnings_of_its_modes(ranking):
-    data = ranking(RECORD).study.model_classes[0].data
-    assert "identified from <tower>.csv: mode at 2.9 Hz: the methods differ" in data.warnings()
+    assert "All checks passed" in page_of(sound, tmp_path / "sound").text
 
 
 def test_figures_are_copied_to_the_result(ranking, tmp_path):
@@ -151,7 +143,6 @@ def test_figures_are_copied_to_the_result(ranking, tmp_path):
 
 
 def test_modes_of_unknown_origin_have_no_such_section(ranking, tmp_path):
-    save_result(ranking(), tmp_path / "r")
-    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    shown = page_of(ranking(), tmp_path / "r").text
     assert "From records to modes" not in shown
     assert not list((tmp_path / "r").glob("*identification*"))

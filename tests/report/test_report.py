@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import assert_one_line_error
-from html_page import Page
+from html_page import Page, page_of
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
@@ -28,6 +28,7 @@ from bayes_ssi.report.write import write_report
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check
+from bayes_ssi.studies.ranking.study import Ranking
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +72,8 @@ def test_remarks_of_a_class(tiny_ranking, tmp_path):
     remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
     first, *others = tiny_ranking.posteriors
     posteriors = (replace(first, remarks=(remark,)), *others)
-    save_result(replace(tiny_ranking, posteriors=posteriors), tmp_path / "result")
-    written = write_report(tmp_path / "result")
-    assert f"{first.name}: {remark}." in Page(written.read_text("utf-8")).text
+    page = page_of(replace(tiny_ranking, posteriors=posteriors), tmp_path / "r")
+    assert f"{first.name}: {remark}." in page.text
 
 
 def test_the_page_holds_what_is_stored(page, tiny_ranking):
@@ -162,32 +162,27 @@ def two_classes(make_posterior, **changes):
         for i, each in enumerate(classes)
     ]  # fmt: skip
     study = bs.Study("A & B", classes, description="<i>which</i>?")
-    from bayes_ssi.studies.ranking.study import Ranking
-
     comparison = bs.compare(posteriors)
     return Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())
 
 
 @pytest.mark.usefixtures("no_drawings")
 def test_classes_that_are_not_distinguishable(make_posterior, tmp_path):
-    save_result(two_classes(make_posterior), tmp_path / "r")
-    text = write_report(tmp_path / "r").read_text("utf-8")
-    shown = Page(text).text
+    page = page_of(two_classes(make_posterior), tmp_path / "r")
+    shown = page.text
     assert "the data do not distinguish between class 'b*c_d' (probability 0.5498) and" in shown
     assert "2 counts as spurious" in shown
     assert "is the most probable" not in shown
     # Names are no markup.
-    assert "<script>alert" not in text
-    assert "<b>x</b>" not in text
-    assert "k<1>" in Page(text).text
+    assert "<script>alert" not in page.source
+    assert "<b>x</b>" not in page.source
+    assert "k<1>" in shown
 
 
 @pytest.mark.usefixtures("no_drawings")
 def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
     ranking = two_classes(make_posterior, failed_checks=("the ensembles differ",))
-    save_result(ranking, tmp_path / "r")
-    report = write_report(tmp_path / "r")
-    shown = Page(report.read_text("utf-8")).text
+    shown = page_of(ranking, tmp_path / "r").text
     assert "2 checks failed. Do not trust the ranking" in shown
     assert shown.index("'b*c_d': the ensembles differ") < shown.index("Ranking")
     assert "All checks passed" not in shown
@@ -200,8 +195,7 @@ def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
     remark = Check("setting", "the band's end hardly matters", fails=False)
     rows = (replace(first, checks=(remark,)), *others)
     comparison = replace(ranking.comparison, classes=rows)
-    save_result(replace(ranking, comparison=comparison), tmp_path / "r")
-    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    shown = page_of(replace(ranking, comparison=comparison), tmp_path / "r").text
     assert "All checks passed" in shown
     assert shown.index("What does not change the answer") > shown.index("Model classes")
     assert f"{first.name!r}: the band's end hardly matters" in shown
@@ -213,8 +207,7 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
         found_in_case_c.ranking, study=replace(found_in_case_c.ranking.study, mass_unit="kg")
     )
     record = replace(found_in_case_c.record, mass_unit="kg")
-    save_result(ranking, tmp_path / "r", extra={"search.json": record})
-    shown = Page(write_report(tmp_path / "r").read_text("utf-8")).text
+    shown = page_of(ranking, tmp_path / "r", extra={"search.json": record}).text
     assert "That there is an appendage is virtually certain: the probability of at least" in shown
     best = found_in_case_c.ranking.comparison.best
     (appendage,) = found_in_case_c.record.hypothesis(best.name).features
@@ -230,9 +223,8 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
         "bayes_ssi.report.report_figures._drawn_classes",
         lambda stored: [(stored.comparison.best.name, False)],
     )
-    save_result(found_in_case_c, tmp_path / "r")
-    html = write_report(tmp_path / "r").read_text("utf-8")
-    answer, rest = html.split('<nav aria-label="Sections">')
+    page = page_of(found_in_case_c, tmp_path / "r")
+    answer, rest = page.source.split('<nav aria-label="Sections">')
     assert 'aria-label="Probability of an appendage by place"' in answer
     assert 'data-tip="infill 1-2: probability' in answer
     assert "Probability of an appendage by place" not in rest

@@ -107,13 +107,6 @@ def test_many_parameters_are_summarised(stored):
     assert "The data say next to nothing about k3, k4, k5 and k6." in text
 
 
-def test_failed_checks_are_warnings(stored):
-    failed = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
-    ((sentence, items),) = answer(failed).warnings
-    assert sentence.startswith("2 checks failed. Do not trust the ranking until they are")
-    assert items == ("'A': they differ", "'B': they differ")
-
-
 def test_a_best_class_that_does_not_explain_the_data_comes_first(stored):
     result = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
     misfit = "the data are not explained: mode '2': 9 % off. Likely cause: wrong units"
@@ -130,8 +123,8 @@ def test_unequal_priors_are_stated(stored):
     assert "(0.2500 before the test)" in result.verdict
 
 
-def test_how_closely_a_class_explains_modes(tiny_ranking, tmp_path):
-    result = save_result(tiny_ranking, tmp_path / "r")
+def test_how_closely_a_class_explains_modes(tiny_result):
+    result = tiny_result
     posterior = result.ranked_posteriors[0]
     modes = posterior.configurations[0].updated.modes
     worst = max(
@@ -284,18 +277,18 @@ def test_correlations_are_not_called_sizes_of_errors(make_posterior):
         assert sum(each.startswith(words) for each in sentences) == 1
 
 
-def test_a_failed_check_of_any_kind_is_said(stored):
-    result = stored(("A", 0.0, 1.0, ""), ("B", -10.0, 1.0, ""))
+def test_failed_checks_of_any_kind_are_warnings(stored):
+    result = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
     best, other = result.comparison.classes
     best = replace(best, checks=(*best.checks, Check("anything", "the moon was full")))
     comparison = replace(
         result.comparison, classes=(best, other), common_checks=(Check("else", "it rained"),)
     )
-    vars(result)["comparison"] = comparison
-    (warning,) = answer(result).warnings
-    assert "2 checks failed" in str(warning)
-    assert "it rained" in str(warning)
-    assert "'A': the moon was full" in str(warning)
+    ((sentence, items),) = answer(replace(result, comparison=comparison)).warnings
+    assert sentence.startswith("4 checks failed. Do not trust the ranking until they are")
+    assert set(items) == {
+        "it rained", "'A': they differ", "'A': the moon was full", "'B': they differ",
+    }  # fmt: skip
 
 
 def test_kinds_of_appendages_that_no_candidate_fits_are_said(found_in_case_c):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -33,9 +34,8 @@ def changed(directory, name, **changes):
     np.savez(path, **{k: changes.get(k, lambda a: a)(values) for k, values in arrays.items()})
 
 
-def test_what_is_saved_gives_the_evidence_again(script, tiny_ranking, tmp_path, capsys):
-    save_result(tiny_ranking, tmp_path / "r")
-    again = rows(script, capsys, tmp_path / "r")
+def test_what_is_saved_gives_the_evidence_again(script, tiny_result, tiny_ranking, capsys):
+    again = rows(script, capsys, tiny_result.directory)
     assert list(again) == ["one k", "each k"]
     for posterior in tiny_ranking.posteriors:
         stored, _, value, error, mass, mass_error, apart = again[posterior.name]
@@ -46,13 +46,14 @@ def test_what_is_saved_gives_the_evidence_again(script, tiny_ranking, tmp_path, 
         assert apart < 0.01
 
 
-def test_one_parameter_s_evidence_is_that_of_a_quadrature(script, tiny_ranking, tmp_path):
-    save_result(tiny_ranking, tmp_path / "r")
+def test_one_parameter_s_evidence_is_that_of_a_quadrature(script, tiny_result, tiny_ranking):
     (model_class, _) = tiny_ranking.study.model_classes
     z = np.linspace(-8.0, 8.0, 20001)
     density = np.exp(model_class.log_likelihood(model_class.values(z[:, None])) - 0.5 * z**2)
     exact = np.log(np.trapezoid(density, z) / np.sqrt(2.0 * np.pi))
-    (value, error), _ = script.recomputed(np.load(tmp_path / "r" / "posteriors" / "one_k.npz"))
+    (value, error), _ = script.recomputed(
+        np.load(tiny_result.directory / "posteriors" / "one_k.npz")
+    )
     assert abs(value - exact) < 4.0 * error
 
 
@@ -64,9 +65,8 @@ def test_one_parameter_s_evidence_is_that_of_a_quadrature(script, tiny_ranking, 
         {"z": lambda a: a + 1.0},
     ],
 )
-def test_other_draws_give_another_evidence(script, tiny_ranking, tmp_path, capsys, fault):
-    save_result(tiny_ranking, tmp_path / "r")
-    changed(tmp_path / "r", "each_k", **fault)
+def test_other_draws_give_another_evidence(script, tiny_result, tmp_path, capsys, fault):
+    changed(shutil.copytree(tiny_result.directory, tmp_path / "r"), "each_k", **fault)
     assert rows(script, capsys, tmp_path / "r")["each k"][-1] > 3.0
 
 
@@ -89,10 +89,11 @@ def test_a_correction_by_exact_solutions_is_recomputed(script, tiny_ranking, tmp
     assert apart < 0.01
 
 
-def test_results_without_such_draws_are_read_but_not_recomputed(script, tiny_ranking, tmp_path):
+def test_results_without_such_draws_are_read_but_not_recomputed(
+    script, tiny_result, tiny_ranking, tmp_path
+):
     """As those that were saved before there were any."""
-    directory = tmp_path / "r"
-    save_result(tiny_ranking, directory)
+    directory = shutil.copytree(tiny_result.directory, tmp_path / "r")
     digests = json.loads((directory / "digests.json").read_text(encoding="utf-8"))
     for file in directory.glob("posteriors/*.npz"):
         file.unlink()

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 from dataclasses import fields, replace
 
 import numpy as np
@@ -17,8 +18,9 @@ from bayes_ssi.results.stored_what_if import recorded_class
 
 
 @pytest.fixture
-def saved(tiny_ranking, tmp_path):
-    return save_result(tiny_ranking, tmp_path / "result", study_file="tiny.py")
+def directory(tiny_result, tmp_path):
+    """A copy of a result."""
+    return shutil.copytree(tiny_result.directory, tmp_path / "result")
 
 
 def assert_equal_posteriors(a, b):
@@ -41,24 +43,31 @@ def public(one):
     return {name for name in dir(one) if not name.startswith("_")}
 
 
-def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_ranking, saved):
-    assert public(tiny_ranking) == public(saved) == public(load_result(saved.directory))
+def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_ranking, tiny_result):
+    saved = tiny_result
+    loaded = load_result(saved.directory)
+    assert public(tiny_ranking) == public(saved) == public(loaded)
     assert public(tiny_ranking.record) == public(saved.record)
-    for name in public(saved) - {"directory", "study", "record"}:
-        before, after = getattr(tiny_ranking, name), getattr(saved, name)
-        if name in ("posteriors", "ranked_posteriors"):
-            assert [each.name for each in before] == [each.name for each in after]
-        elif name == "posterior":
-            assert_equal_posteriors(before("one k"), after("one k"))
-        elif name == "to_frame":
-            assert before().equals(after())
-        elif name == "summary":
-            assert before() == after()
-        elif name in ("tests", "data"):
-            assert str(before) == str(after)
-        else:
-            assert before == after, name
-    only_saved = {"created", "study_file", "draws", "data"}
+    data = tiny_ranking.study.model_classes[0].data
+    for again in (saved, loaded):
+        for name in public(again) - {"directory", "study", "record"}:
+            before, after = getattr(tiny_ranking, name), getattr(again, name)
+            if name in ("posteriors", "ranked_posteriors"):
+                for a, b in zip(after, before, strict=True):
+                    assert_equal_posteriors(a, b)
+                    assert a.summary == b.summary
+            elif name == "posterior":
+                assert_equal_posteriors(before("one k"), after("one k"))
+            elif name == "to_frame":
+                assert before().equals(after())
+            elif name == "summary":
+                assert before() == after()
+            elif name in ("tests", "data"):
+                assert str(before) == str(after)
+            else:
+                assert before == after, name
+        assert (again.data.digest, again.data.source) == (data.digest, data.source)
+    only_saved = {"created", "command", "study_file", "draws", "data"}
     for item in fields(saved.record):
         if item.name not in only_saved:
             before, after = (getattr(each.record, item.name) for each in (tiny_ranking, saved))
@@ -70,28 +79,13 @@ def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_rank
             one.posterior("3")
 
 
-def test_round_trip(tiny_ranking, saved):
-    loaded = load_result(saved.directory)
-    for again in (saved, loaded):
-        assert again.comparison == tiny_ranking.comparison
-        for a, b in zip(again.posteriors, tiny_ranking.posteriors, strict=True):
-            assert_equal_posteriors(a, b)
-            assert a.summary == b.summary
-        data = tiny_ranking.study.model_classes[0].data
-        assert again.data.digest == data.digest
-        assert again.data.source == data.source
+def test_posteriors_by_rank(tiny_result):
+    ranked = [posterior.name for posterior in tiny_result.ranked_posteriors]
+    assert ranked == [row.name for row in tiny_result.comparison.classes]
 
 
-def test_posteriors_by_name_and_by_rank(saved):
-    assert saved.posterior("each k").parameter_names == ("k1", "k2")
-    ranked = [posterior.name for posterior in saved.ranked_posteriors]
-    assert ranked == [row.name for row in saved.comparison.classes]
-    with pytest.raises(ValueError, match="no model class '3'; choose from 'one k', 'each k'"):
-        saved.posterior("3")
-
-
-def test_what_a_directory_holds(saved):
-    files = {p.relative_to(saved.directory).as_posix() for p in saved.directory.rglob("*.*")}
+def test_what_a_directory_holds(directory):
+    files = {p.relative_to(directory).as_posix() for p in directory.rglob("*.*")}
     assert files == {
         "result.json", "data.csv", "comparison.json", "comparison.csv", "digests.json",
         "posteriors/one_k.nc", "posteriors/each_k.nc",
@@ -99,42 +93,39 @@ def test_what_a_directory_holds(saved):
     }  # fmt: skip
 
 
-def test_the_record_documents_how_the_result_was_made(saved):
-    record = json.loads((saved.directory / "result.json").read_text(encoding="utf-8"))
+def test_the_record_documents_how_the_result_was_made(tiny_result):
+    record = json.loads((tiny_result.directory / "result.json").read_text(encoding="utf-8"))
     assert record["study"] == "Two storeys"
-    assert record["study_file"] == "tiny.py"
+    assert record["study_file"] == str(tiny_result.directory.with_name("tiny.py"))
     assert record["seed"] == 7
     assert record["settings"]["log_evidence_error"] == 0.01
     assert record["versions"].keys() >= {"python", "numpy", "scipy", "emcee", "arviz"}
     assert record["versions"]["numpy"] == np.__version__
-    assert record["data_digest"] == saved.data.digest
+    assert record["data_digest"] == tiny_result.data.digest
     names = [entry["name"] for entry in record["model_classes"]]
     assert names == ["one k", "each k"]
     prior = record["model_classes"][0]["parameters"][0]["prior"]
     assert prior == {"distribution": "LogNormal", "median": 1.0, "cov": 0.3}
 
 
-def test_the_ranking_as_a_spreadsheet_reads_it(saved):
-    with (saved.directory / "comparison.csv").open(encoding="utf-8") as file:
+def test_the_ranking_as_a_spreadsheet_reads_it(tiny_result):
+    with (tiny_result.directory / "comparison.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [row["name"] for row in rows] == [row.name for row in saved.comparison.classes]
-    for row, expected in zip(rows, saved.comparison.classes, strict=True):
+    for row, expected in zip(rows, tiny_result.comparison.classes, strict=True):
+        assert row["name"] == expected.name
         assert float(row["log_evidence"]) == expected.log_evidence
         assert float(row["probability"]) == expected.probability
 
 
-def test_a_result_is_never_overwritten(tiny_ranking, saved):
-    before = (saved.directory / "result.json").read_bytes()
+def test_a_result_is_overwritten_on_request_alone(tiny_ranking, directory):
+    (directory / "figures").mkdir()
+    before = (directory / "result.json").read_bytes()
     with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
-        save_result(tiny_ranking, saved.directory)
-    assert (saved.directory / "result.json").read_bytes() == before
-
-
-def test_a_result_is_overwritten_on_request(tiny_ranking, saved):
-    (saved.directory / "figures").mkdir()
-    again = save_result(replace(tiny_ranking, seed=8), saved.directory, overwrite=True)
+        save_result(tiny_ranking, directory)
+    assert (directory / "result.json").read_bytes() == before
+    again = save_result(replace(tiny_ranking, seed=8), directory, overwrite=True)
     assert again.record.seed == 8
-    assert not (saved.directory / "figures").exists()
+    assert not (directory / "figures").exists()
 
 
 def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path):
@@ -147,10 +138,11 @@ def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monkeypatch, overwrite):
-    directory = tmp_path / "result"
-    if overwrite:
-        save_result(tiny_ranking, directory)
+def test_nothing_is_left_behind_when_writing_fails(
+    tiny_ranking, directory, tmp_path, monkeypatch, overwrite
+):
+    if not overwrite:
+        shutil.rmtree(directory)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()}
 
     def disk_full(*_):
@@ -164,11 +156,12 @@ def test_nothing_is_left_behind_when_writing_fails(tiny_ranking, tmp_path, monke
 
 
 def test_class_names_need_not_be_file_names():
-    names = ["a/b", "a:b", "A?B", "..", "θ", "a_b"]
+    names = ["a/b", "a:b", "A?B", "..", "θ", "a_b", 300 * "k" + "a", 300 * "k" + "b"]
     files = file_names(names, "nc")
     assert len({file.lower() for file in files.values()}) == len(names)
     for file in files.values():
         assert file.endswith(".nc")
+        assert len(file) < 255
         assert not set(file) & set('/\\:*?"<>|')
         assert not file.startswith("..")
 
@@ -250,34 +243,24 @@ EVIDENCE = ("posteriors", 0, "evidence")
         ("data.csv", removed, "data.csv: no such file; the result is incomplete"),
         ("data.csv", with_text("1.618", "1.619"), "data.csv: changed after"),
         ("digests.json", removed, "no digests.json"),
+        # Numbers that were edited, and are as good as any other.
+        (COMPARISON, edited("classes", 0, "probability", value=0.99), "comparison.json: changed"),
+        (COMPARISON, edited("classes", 0, "failed_checks", value=[]), "comparison.json: changed"),
+        (RESULT, edited(*EVIDENCE, "log_evidence", value=-1.0), "result.json: changed after"),
+        ("posteriors/one_k.nc", with_other_draws, "one_k.nc: changed after"),
     ],
 )  # fmt: skip
-def test_a_damaged_directory_is_refused_in_one_line(saved, file, damage, message):
-    damage(saved.directory / file)
-    with pytest.raises(ValueError, match=re.escape(str(saved.directory))) as caught:
-        load_result(saved.directory)
+def test_a_damaged_directory_is_refused_in_one_line(directory, file, damage, message):
+    damage(directory / file)
+    with pytest.raises(ValueError, match=re.escape(str(directory))) as caught:
+        load_result(directory)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("file", "change"),
-    [
-        (COMPARISON, edited("classes", 0, "probability", value=0.99)),
-        (COMPARISON, edited("classes", 0, "failed_checks", value=[])),
-        (RESULT, edited(*EVIDENCE, "log_evidence", value=-1.0)),
-        ("posteriors/one_k.nc", with_other_draws),
-    ],
-)
-def test_an_edited_number_is_recognised(saved, file, change):
-    change(saved.directory / file)
-    with pytest.raises(ValueError, match=f"{re.escape(file)}: changed after the result was saved"):
-        load_result(saved.directory)
-
-
-def test_files_added_to_a_result_do_no_harm(saved):
-    (saved.directory / "notes.txt").write_text("mine", "utf-8")
-    assert load_result(saved.directory).comparison == saved.comparison
+def test_files_added_to_a_result_do_no_harm(directory, tiny_result):
+    (directory / "notes.txt").write_text("mine", "utf-8")
+    assert load_result(directory).comparison == tiny_result.comparison
 
 
 def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranking):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from searches import COARSE
+from searches import COARSE, exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.mixture import StudentMixture
@@ -52,12 +52,7 @@ class Losses(Family[Storey]):
 @pytest.fixture(scope="module")
 def found():
     """Exact modes of a building whose second storey has 70 % of its stiffness left."""
-    modes = building((1.0, 0.7, 1.0)).modes(np.ones((1, 1)))
-    identified = tuple(
-        bs.IdentifiedMode(str(j + 1), float(modes.frequencies_hz[0, j]), modes.shapes[0, :, j])
-        for j in range(3)
-    )
-    data = bs.ModalData(identified, (0.0, 3.0), SENSORS)
+    data = exact_modes(building((1.0, 0.7, 1.0)), SENSORS, (0.0, 3.0))
     whole = bs.ModelClass("whole", building((1.0,) * 3), data, ERROR, pairing={})
     limits = SearchLimits(branches=1)
     losses = Losses(bs.Study("losses", [whole]), {"whole": tuple(map(Storey, (1, 2, 3)))}, limits)

@@ -31,7 +31,8 @@ NAMES = ("each storey, free errors", "one factor", "Geschossdeckenverbundtragwer
 def all_tables(make_posterior, found_in_case_c, model_classes, case_c):
     parameters = ("k storey 1 / 2", "frequency_cov", "a stiffness factor of all storeys")
     posteriors = [
-        make_posterior(name, -1234.5678 * i, names=parameters) for i, name in enumerate(NAMES)
+        make_posterior(name, -1234.5678 * i, names=parameters, failed_checks=("x",) * (i == 0))
+        for i, name in enumerate(NAMES)
     ]
     comparison = bs.compare(posteriors, dict(zip(NAMES, (1.0, 2.0, 3.0, 4.0), strict=True)))
     calibration = bs.calibrate(model_classes["3"])

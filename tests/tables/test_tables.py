@@ -1,13 +1,12 @@
 """Tables and notes for a terminal of 80 columns."""
 
-import io
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 from scipy.stats import norm
+from whole_tables import printed
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
@@ -31,15 +30,9 @@ from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.variations import ParameterSpread
 
 
-def lines(table, width=80):
-    file = io.StringIO()
-    Console(file=file, width=width).print(table)
-    return [line.rstrip() for line in file.getvalue().splitlines()]
-
-
 def cells(table, row):
     """The words of the row that begins with ``row``."""
-    (actual,) = [line.split() for line in lines(table) if line.split()[: len(row)] == row]
+    (actual,) = [line.split() for line in printed(table) if line.split()[: len(row)] == row]
     return actual[len(row) :]
 
 
@@ -48,7 +41,7 @@ def test_ranking(make_posterior):
     worse = make_posterior("1-a", 0.248, 0.003, adequacy=misfit)
     actual = bs.compare([worse, make_posterior("3", 16.067, 0.004)])
     table = ranking_table(actual, "Case (c)")
-    assert lines(table)[0] == "Case (c)"
+    assert printed(table)[0] == "Case (c)"
     assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "-"]
     expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "no", "(3.3", "sd)"]
     assert cells(table, ["1-a"]) == expected
@@ -57,7 +50,7 @@ def test_ranking(make_posterior):
 def test_a_failed_check_marks_its_class(make_posterior):
     doubtful = make_posterior("b", -1.0, failed_checks=("the ensembles differ",))
     actual = bs.compare([make_posterior("a"), doubtful])
-    assert [line for line in lines(ranking_table(actual)) if "b (!)" in line]
+    assert [line for line in printed(ranking_table(actual)) if "b (!)" in line]
     assert comparison_notes(actual)[-1].startswith("(!): a check failed")
 
 
@@ -66,7 +59,7 @@ def test_a_remark_marks_no_class(make_posterior):
     (row,) = comparison.classes
     remark = Check("setting", "the band's end", fails=False)
     noted = replace(comparison, classes=(replace(row, checks=(remark,)),))
-    assert not [line for line in lines(ranking_table(noted)) if "(!)" in line]
+    assert not [line for line in printed(ranking_table(noted)) if "(!)" in line]
     assert comparison_notes(noted)[-2:] == [
         "What does not change the answer:",
         "  'a': the band's end",
@@ -86,7 +79,7 @@ def test_prior_probabilities_have_a_column_where_they_differ(make_posterior):
     both = [make_posterior("a"), make_posterior("b")]
     table = ranking_table(bs.compare(both, {"a": 3.0, "b": 1.0}))
     assert cells(table, ["a"])[-3:] == ["0.7500", "0.7500", "-"]
-    assert "prior" not in "\n".join(lines(ranking_table(bs.compare(both))))
+    assert "prior" not in "\n".join(printed(ranking_table(bs.compare(both))))
 
 
 def test_evidence_and_its_checks(make_posterior):
@@ -100,7 +93,7 @@ def test_parameters(make_posterior):
     numbers = (row.mean, row.sd, row.quantile_05, row.median, row.quantile_95)
     expected = [f"{number:.4g}" for number in numbers]
     assert cells(parameter_table(posterior), ["k1"]) == [*expected, "0.25"]
-    assert lines(parameter_table(posterior))[0] == "Parameters of 'x'"
+    assert printed(parameter_table(posterior))[0] == "Parameters of 'x'"
 
 
 def test_the_shift_of_a_changed_mean_has_its_sign_and_its_unit():
@@ -140,7 +133,7 @@ def test_regions(make_posterior):
 def test_calibration(model_classes):
     actual = bs.calibrate(model_classes["1-a"], shape_weight=0.0)
     table = calibration_table(actual)
-    assert "'1-a'" in lines(table)[0]
+    assert "'1-a'" in printed(table)[0]
     assert cells(table, ["before"])[:3] == ["1", "1", "1"]
     assert cells(table, ["1"])[-2:] == ["0.000", "13.0"]
     modes = calibration_modes_table(actual)
@@ -154,7 +147,7 @@ def test_identified_modes(case_c):
     bare = replace(case_c.mode("3"), shape=None)
     part = replace(case_c.mode("2a"), shape=np.array([1.0, math.nan, 1.0j]))
     table = modes_table(replace(case_c, modes=(first, bare, part), source="test of May"))
-    assert lines(table)[0] == "test of May"
+    assert printed(table)[0] == "test of May"
     assert cells(table, ["1"]) == ["0.98276", "0.2", "1.5", "3", "of", "3", "-", "0.0"]
     assert cells(table, ["2a"]) == ["2.6043", "-", "-", "2", "of", "3", "-", "45.0"]
     assert cells(table, ["3"]) == ["3.9841", "-", "-", "-", "-", "-"]
@@ -171,16 +164,6 @@ def test_names_with_brackets_are_shown_literally(make_posterior, case_c, name):
         parameter_table(posterior),
         modes_table(replace(case_c, modes=(label,), source=name)),
     ):
-        shown = [line for line in lines(table) if name in line]
+        shown = [line for line in printed(table) if name in line]
         assert len(shown) >= 1
         assert all("\x1b" not in line for line in shown)
-
-
-def test_no_table_is_wider_than_80_columns(make_posterior):
-    names = [f"a model class with a long name, number {i}" for i in range(3)]
-    posteriors = [make_posterior(name, -1234.5678 * i) for i, name in enumerate(names)]
-    posteriors[0] = replace(posteriors[0], failed_checks=("x",))
-    for table in (ranking_table(bs.compare(posteriors), "t"), evidence_table(posteriors)):
-        text = lines(table)
-        assert max(map(len, text)) <= 80
-        assert not any("…" in line for line in text)
