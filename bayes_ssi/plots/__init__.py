@@ -6,6 +6,8 @@ for others.
 """
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner
+from bayes_ssi.plots.class_plots import plot_evidence as plot_evidence
+from bayes_ssi.plots.class_plots import plot_frequencies as plot_frequencies
 from bayes_ssi.plots.class_plots import plot_mac as plot_mac
 from bayes_ssi.plots.class_plots import plot_population as plot_population
 from bayes_ssi.plots.figure_style import style as style
@@ -15,8 +17,6 @@ from bayes_ssi.plots.place_plots import plot_layout as plot_layout
 from bayes_ssi.plots.place_plots import plot_places as plot_places
 from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_history
 from bayes_ssi.plots.prediction_plots import plot_transfer_functions as plot_transfer_functions
-from bayes_ssi.plots.ranking_plots import plot_evidence as plot_evidence
-from bayes_ssi.plots.ranking_plots import plot_frequencies as plot_frequencies
 from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
 from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
 from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation

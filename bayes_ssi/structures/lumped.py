@@ -75,7 +75,7 @@ class LumpedStructure(Structure):
 
     @property
     def n_floors(self) -> int:
-        return len(self.main_degrees_of_freedom())
+        return len(getattr(self, self._storey_fields[0]))
 
     @checked
     def with_element(self, element: Element) -> Self:

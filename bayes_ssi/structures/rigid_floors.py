@@ -1,7 +1,6 @@
 """Structures in space with rigid floors: each moves in x and y and turns about the vertical."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,11 +40,6 @@ class RigidFloors(LumpedStructure):
 
     # The direction in which an earthquake moves the ground, "x" or "y".
     ground_motion: str = field(default="x", kw_only=True)
-
-    @property
-    @abstractmethod
-    def n_floors(self) -> int:
-        """Number of floors."""
 
     def __post_init__(self) -> None:
         if self.ground_motion not in DIRECTIONS[:2]:
@@ -127,10 +121,6 @@ class ShearBuilding3D(RigidFloors):
         object.__setattr__(self, "eccentricities", centres)
         self._check_storeys("eccentricities")
         super().__post_init__()
-
-    @property
-    def n_floors(self) -> int:
-        return len(self.masses)
 
     def size_of_drawing(self) -> tuple[float, float, Sequence[float]]:
         """Of square floors with the largest radius of gyration, which need not be square."""

@@ -92,10 +92,6 @@ class SpaceFrame(RigidFloors):
         positive_product(self.elastic_modulus, "SpaceFrame: elastic_modulus")
         super().__post_init__()
 
-    @property
-    def n_floors(self) -> int:
-        return len(self.storey_heights)
-
     def size_of_drawing(self) -> tuple[float, float, Sequence[float]]:
         half_x, half_y = (max(map(abs, lines)) for lines in (self.x_lines, self.y_lines))
         return half_x, half_y, list(accumulate(self.storey_heights))

@@ -11,10 +11,9 @@ from searches import places_in_space, search_of
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
-from bayes_ssi.plots.class_plots import plot_corner
+from bayes_ssi.plots.class_plots import plot_corner, plot_evidence, plot_frequencies
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 from bayes_ssi.plots.shape_plots import (
     BEYOND,
     plot_identified_modes,

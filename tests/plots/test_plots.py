@@ -12,9 +12,8 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     UpdatedMode,
     UpdatedModes,
 )
-from bayes_ssi.plots.class_plots import plot_corner
+from bayes_ssi.plots.class_plots import plot_corner, plot_evidence, plot_frequencies
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure, style
-from bayes_ssi.plots.ranking_plots import plot_evidence, plot_frequencies
 
 pytestmark = pytest.mark.usefixtures("close_figures")
 

@@ -17,8 +17,8 @@ from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Pe
 from bayes_ssi.measurements.records import explained_band
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
+from bayes_ssi.measurements.records.modal_identification import peaks_without_mode, quoted_modes
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, next_era, tfie
-from bayes_ssi.measurements.records.quoted_modes import peaks_without_mode, quoted_modes
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -325,7 +325,7 @@ def test_a_climb_that_does_not_end_fails_a_check():
     record = simulated(2, duration_s=300.0)
     whole = bs.identify(record, BAND, at=TRUTH.frequencies_hz)
     band = whole.bands[0]
-    fitter = Fitter(band.fit.spectra, band.fit.one_source)
+    fitter = Fitter(band.fit.data, band.fit.one_source)
     start = whole.candidates.of_peaks.at([0]).in_directions(band.fit.data)
     stopped = replace(band, fit=fitter.fit(start, has_phases=False, most_steps=1))
     assert "the most probable modes were not reached" in stopped.doubt

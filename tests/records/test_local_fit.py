@@ -14,7 +14,6 @@ from bayes_ssi.measurements.records.local_model import (
     IndependentLoads,
     Model,
     OneSource,
-    band_spectra,
     basis,
     coordinates,
 )
@@ -35,7 +34,8 @@ def data_of(matrices, width=0.01):
     n = len(matrices)
     return LocalSpectra(
         frequencies, np.full(n, width), np.full(n, 5.0), matrices, np.full(r, 0.1), np.eye(r),
-        np.eye(r), np.zeros((n, 0, r), dtype=complex), np.zeros((r, 0)),
+        np.eye(r), np.zeros((n, 0, r), dtype=complex), np.zeros((r, 0)), Resonances.none(r),
+        np.zeros((n, 0), dtype=complex),
     )  # fmt: skip
 
 
@@ -63,14 +63,12 @@ def random_model(rng, drive_kind, m=2, p=1):
 def fitter_and_model(drive_kind, seed=0):
     rng = np.random.default_rng(seed)
     model, neighbour = random_model(rng, drive_kind)
-    plain = Fitter(
-        band_spectra(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), False
-    )
-    e = model.covariances(plain.spectra)
+    plain = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))).beside(neighbour), False)
+    e = model.covariances(plain.data)
     normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
     transforms = np.linalg.cholesky(e) @ normal
     drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
-    return Fitter(band_spectra(data_of(drawn), neighbour), drive_kind != "loads"), model
+    return Fitter(data_of(drawn).beside(neighbour), drive_kind != "loads"), model
 
 
 def test_a_block_sees_the_mean_response_over_its_width():
@@ -110,11 +108,11 @@ def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
         real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
         model = model._replace(modes=model.modes._replace(shapes=real.astype(complex)))
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
-    e = model.covariances(fitter.spectra)
+    e = model.covariances(fitter.data)
     steps = _Steps(fitter, model, e, has_phases, usual)
 
     def misfit(step):
-        return fitter.misfit(steps.moved(step).covariances(fitter.spectra))
+        return fitter.misfit(steps.moved(step).covariances(fitter.data))
 
     plain = slope_of_the_likelihood(steps, fitter)
     size = 1e-6 / np.sqrt(steps.information.diagonal().clip(1e-6))
@@ -128,7 +126,7 @@ def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
 def slope_of_the_likelihood(steps, fitter):
     slope = np.zeros(steps.size)
     smooth = 3 * R * R
-    for i, power in enumerate(fitter.spectra.powers):
+    for i, power in enumerate(fitter.data.powers):
         slope[i * R * R : (i + 1) * R * R] = power @ steps.slopes
     slope[smooth:] = np.einsum("kpa,ka->p", steps.derivatives, steps.slopes)
     return slope
@@ -137,9 +135,9 @@ def slope_of_the_likelihood(steps, fitter):
 @pytest.mark.parametrize("drive_kind", ["loads", "one source"])
 def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
     fitter, model = fitter_and_model(drive_kind)
-    e = model.covariances(fitter.spectra)
+    e = model.covariances(fitter.data)
     exact = data_of(e)._replace(floor=np.zeros(R))
-    fitter = Fitter(band_spectra(exact, fitter.spectra.neighbours), fitter.one_source)
+    fitter = Fitter(exact.beside(fitter.data.neighbours), fitter.one_source)
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
     steps = _Steps(fitter, model, e, True, usual)
     rng = np.random.default_rng(5)
@@ -147,7 +145,7 @@ def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
     least = fitter.misfit(e)
     for direction in rng.standard_normal((6, steps.size)) / scale:
         step = 0.003 * direction
-        both = (fitter.misfit(steps.moved(s).covariances(fitter.spectra)) for s in (step, -step))
+        both = (fitter.misfit(steps.moved(s).covariances(fitter.data)) for s in (step, -step))
         rise = sum(both) - 2.0 * least
         assert rise == pytest.approx(float(step @ steps.information @ step), rel=5e-3)
 
@@ -175,7 +173,7 @@ def test_modes_are_recovered_with_their_errors(coherence):
         transforms = np.linalg.cholesky(e - np.diag(plain.floor)) @ normal
         drawn = transforms @ transforms.conj().swapaxes(1, 2) / 20.0
         data = data_of(drawn)._replace(weights=np.full(K, 20.0))
-        fit = Fitter(band_spectra(data, neighbour), False).fit(modes, has_phases=False)
+        fit = Fitter(data.beside(neighbour), False).fit(modes, has_phases=False)
         assert fit.converged
         assert fit.are_modes.all()
         assert fit.whiteness < 1.3
@@ -197,15 +195,13 @@ def test_one_source_is_followed_where_spectra_are_all_but_singular():
     real = model.modes.shapes.real / np.linalg.norm(model.modes.shapes.real, axis=0)
     quiet = 1e-2 * model.backgrounds
     model = Model(quiet, model.modes._replace(shapes=real.astype(complex)), model.drive)
-    fitter = Fitter(
-        band_spectra(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))), neighbour), True
-    )
-    e = model.covariances(fitter.spectra)
+    fitter = Fitter(data_of(np.tile(np.eye(R, dtype=complex), (K, 1, 1))).beside(neighbour), True)
+    e = model.covariances(fitter.data)
     normal = rng.standard_normal((K, R, 5, 2)) @ [1.0, 1.0j] / np.sqrt(2.0)
     transforms = np.linalg.cholesky(e) @ normal
     drawn = transforms @ transforms.conj().swapaxes(1, 2) / 5.0
     data = data_of(drawn)._replace(floor=np.full(R, 1e-4))
-    fit = Fitter(band_spectra(data, neighbour), True).fit(model.modes, has_phases=False)
+    fit = Fitter(data.beside(neighbour), True).fit(model.modes, has_phases=False)
     assert fit.converged
     assert fit.whiteness < fit.allowed_whiteness
     off = np.log(fit.modes.frequencies_hz / model.modes.frequencies_hz)

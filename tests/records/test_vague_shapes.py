@@ -7,9 +7,9 @@ import pytest
 from random_structures import spectra_of, stationary
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records import quoted_modes
+from bayes_ssi.measurements.records import modal_identification
+from bayes_ssi.measurements.records.modal_identification import modes_to_quote, peaks_without_mode
 from bayes_ssi.measurements.records.mode_candidates import Prominence
-from bayes_ssi.measurements.records.quoted_modes import modes_to_quote, peaks_without_mode
 from bayes_ssi.measurements.records.spectra import Resonances
 
 BAND_HZ = (1.4, 2.9)
@@ -41,7 +41,7 @@ def test_a_broad_rest_of_the_spectrum_is_no_mode():
 
 
 def test_a_clear_peak_of_a_shape_that_is_not_known_is_said(monkeypatch):
-    monkeypatch.setattr(quoted_modes, "MOST_SHAPE_SD", 0.0)
+    monkeypatch.setattr(modal_identification, "MOST_SHAPE_SD", 0.0)
     said = r"no mode is identified .* the peak at 1\.99\d Hz: it stands out by 13 dB"
     with pytest.raises(ValueError, match=said):
         bs.identify(record_of_one_mode(), BAND_HZ)

@@ -24,9 +24,14 @@ from bayes_ssi.measurements.records.explained_band import (
     without_needless,
 )
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
-from bayes_ssi.measurements.records.local_model import BandSpectra, band_spectra
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transforms, local_spectra
+from bayes_ssi.measurements.records.spectra import (
+    DAMPING,
+    LocalSpectra,
+    Resonances,
+    Transforms,
+    local_spectra,
+)
 
 NATS_OF_PHASES = 5.0  # sensors are in step but for few records
 NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
@@ -82,9 +87,9 @@ class _Band:
     A fit is made once: of the same band it may be needed twice.
     """
 
-    def __init__(self, group: Group, at: BandSpectra) -> None:
+    def __init__(self, group: Group, at: LocalSpectra) -> None:
         self.group = group
-        self.start = group.modes.in_directions(at.data)
+        self.start = group.modes.in_directions(at)
         self.fitters = {one: Fitter(at, one_source=one) for one in (False, True)}
         self._fits: dict[bool, tuple[LocalFit, LocalFit]] = {}
 
@@ -115,10 +120,10 @@ def explain(
     one_source = is_driven or _is_one_source(first)
     one_source, bands = _explained_by_either(first, one_source, found, fixed)
     # Again, with the neighbours that are known now.
-    modes = _modes_of(bands, len(transforms.values))
+    modes = modes_of(bands, len(transforms.values))
     again = _bands(transforms, modes, band_hz)
     one_source, bands = _explained_by_either(again, one_source, found, fixed)
-    modes = _modes_of(bands, len(transforms.values))
+    modes = modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
@@ -161,7 +166,7 @@ def _bands(
     return [_Band(group, at) for group, at in spectra if at is not None]
 
 
-def _modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
+def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
     modes = Resonances.none(n_channels)
     for band in bands:
         modes = modes.joined(band.modes)
@@ -182,7 +187,7 @@ def _of_other_reach(
     at = spectra_of_group(transforms, same[0], modes)
     if at is None:
         return band
-    start = same[0].modes.in_directions(at.data)
+    start = same[0].modes.in_directions(at)
     fit = Fitter(at, band.fit.one_source).fit(start, band.fit.has_phases)
     moves = (
         np.log(fit.modes.frequencies_hz / f),
@@ -364,7 +369,9 @@ def _between(modes: Resonances, i: int, j: int) -> float:
     return float((f[i] * w[j] + f[j] * w[i]) / (w[i] + w[j]))
 
 
-def spectra_of_group(transforms: Transforms, group: Group, known: Resonances) -> BandSpectra | None:
+def spectra_of_group(
+    transforms: Transforms, group: Group, known: Resonances
+) -> LocalSpectra | None:
     """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
     neighbours = _neighbours(group, known)
     damping = min(float(np.median(group.modes.dampings)), MOST_DAMPING_OF_BLOCKS)
@@ -383,7 +390,7 @@ def spectra_of_group(transforms: Transforms, group: Group, known: Resonances) ->
         max(2, int(n_lines / LINES_OF_A_DIRECTION)),
     )
     data = local_spectra(spectra, n_directions)
-    return band_spectra(data, neighbours.in_directions(data))
+    return data.beside(neighbours.in_directions(data))
 
 
 def _neighbours(group: Group, known: Resonances) -> Resonances:

@@ -184,16 +184,15 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
         return np.zeros((0, m), dtype=complex), np.zeros(m)
     factors = np.linalg.inv(np.linalg.cholesky(fit.covariances)).conj().swapaxes(1, 2)
     factors = factors * np.sqrt(data.weights)[:, None, None]
-    at = fit.spectra
     h = fit.modes.responses(data)
-    motions = at.motions(fit.modes, h)
-    forces = fit.model.drive.forces(at, motions)
+    motions = data.motions(fit.modes, h)
+    forces = fit.model.drive.forces(data, motions)
     r = data.matrices.shape[1]
-    smooth = at.powers[:2].T[:, :, None, None] * np.eye(r)
+    smooth = data.powers[:2].T[:, :, None, None] * np.eye(r)
     rows = np.concatenate(
         [
             (h[:, None] * forces.conj()).swapaxes(1, 2),
-            fit.model.drive.crosses(at, motions),
+            fit.model.drive.crosses(data, motions),
             smooth.reshape(len(h), 2 * r, r),
         ],
         axis=1,
@@ -215,7 +214,7 @@ def complex_shapes(fit: LocalFit) -> tuple[FloatArray, ComplexArray, FloatArray]
         covariances (m, n, n) of their imaginary parts.
     """
     if not fit.has_phases:
-        fit = Fitter(fit.spectra, fit.one_source).fit(fit, has_phases=True)
+        fit = Fitter(fit.data, fit.one_source).fit(fit, has_phases=True)
     data = fit.data
     rest, variances = rest_of_shapes(fit)
     r, m = fit.modes.shapes.shape

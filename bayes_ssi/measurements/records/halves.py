@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.measurements.records.band_search import Group, spectra_of_group
+from bayes_ssi.measurements.records.band_search import Group, modes_of, spectra_of_group
 from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
@@ -30,9 +30,7 @@ def with_halves(
     """Bands with the fits of their modes in each half, of ``half_s`` seconds, of the record."""
     if min(half.share for half in halves) < LEAST_SHARE:
         return list(bands)
-    known = Resonances.none(len(halves[0].values))
-    for band in bands:
-        known = known.joined(band.modes)
+    known = modes_of(bands, len(halves[0].values))
     return [_with_halves(band, halves, half_s, known) for band in bands]
 
 
@@ -47,9 +45,7 @@ def _with_halves(
         at = spectra_of_group(transforms, Group(*band.band_hz, modes, True), known)
         if at is None:
             return band
-        fits.append(
-            Fitter(at, band.fit.one_source).fit(modes.in_directions(at.data), has_phases=True)
-        )
+        fits.append(Fitter(at, band.fit.one_source).fit(modes.in_directions(at), has_phases=True))
     return replace(band, halves=tuple(fits))
 
 

@@ -14,7 +14,6 @@ from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.local_model import (
-    BandSpectra,
     Model,
     OneSource,
     basis,
@@ -44,7 +43,7 @@ ARRIVED_GAIN = 0.5  # nats that Newton's step would gain where a climb has not a
 class LocalFit:
     """The most probable modes of a band."""
 
-    spectra: BandSpectra
+    data: LocalSpectra
     model: Model
     has_phases: bool
     # (2m + 2mr)², of (ln f, ln ζ, shapes' real parts, their imaginary parts), mode by mode in each.
@@ -55,10 +54,6 @@ class LocalFit:
     allowed_whiteness: float
     converged: bool
     covariances: ComplexArray  # (K, r, r), E of each block
-
-    @property
-    def data(self) -> LocalSpectra:
-        return self.spectra.data
 
     @property
     def modes(self) -> Resonances:
@@ -96,9 +91,9 @@ def allowed_whiteness(weights: FloatArray, sizes: FloatArray, n_degrees: float) 
 
 
 class Fitter:
-    def __init__(self, at: BandSpectra, one_source: bool) -> None:
-        self.spectra, self.data, self.one_source = at, at.data, one_source
-        self.matrices = at.data.matrices + np.diag(at.data.floor)
+    def __init__(self, data: LocalSpectra, one_source: bool) -> None:
+        self.data, self.one_source = data, one_source
+        self.matrices = data.matrices + np.diag(data.floor)
 
     @property
     def r(self) -> int:
@@ -127,10 +122,10 @@ class Fitter:
                 real = turned(modes.shapes).real
                 real = real / np.linalg.norm(real, axis=0)
                 modes = modes._replace(shapes=real.astype(complex))
-            model = started(self.spectra, modes, self.one_source)
+            model = started(self.data, modes, self.one_source)
         # Priors of forces stay as those at the start would have them.
         usual = self._sizes(model)
-        e = model.covariances(self.spectra)
+        e = model.covariances(self.data)
         steps = _Steps(self, model, e, has_phases, usual)
         damping = 1e-2
         for _ in range(most_steps):
@@ -141,7 +136,7 @@ class Fitter:
                 if gain < SETTLED_GAIN:
                     break
                 trial = steps.moved(step)
-                tried_e = trial.covariances(self.spectra)
+                tried_e = trial.covariances(self.data)
                 if self.misfit(tried_e) + self._energy(trial, steps.scales) < value:
                     moved = trial, tried_e
                     damping *= 0.1
@@ -162,7 +157,7 @@ class Fitter:
             The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the
             one that gains most where one source drives all.
         """
-        at, drive = self.spectra, fit.model.drive
+        at, drive = self.data, fit.model.drive
         steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, self._sizes(fit.model))
         left, right = drive.more(at, fit.model.motions(at), one)
         added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
@@ -223,7 +218,7 @@ class Fitter:
         whiteness = float(chi.sum()) / n_degrees
         left = 0.5 * float(steps.slope @ covariance @ steps.slope)
         return LocalFit(
-            self.spectra, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
+            self.data, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
             evidence, whiteness,
             allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
             left < ARRIVED_GAIN, e,
@@ -258,7 +253,7 @@ class _Steps:
     def __init__(
         self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, usual: FloatArray
     ) -> None:
-        at = fitter.spectra
+        at = fitter.data
         self.model, self.has_phases = model, has_phases
         self.scales = model.drive.scales(at, model.modes, usual)
         modes, data = model.modes, fitter.data
@@ -297,8 +292,8 @@ class _Steps:
 
     def _derivatives(self, fitter: Fitter) -> FloatArray:
         """Of E by all coordinates but backgrounds (K, P, r²)."""
-        at, modes, drive = fitter.spectra, self.model.modes, self.model.drive
-        h, by_f, by_z = modes.response_slopes(at.data)
+        at, modes, drive = fitter.data, self.model.modes, self.model.drive
+        h, by_f, by_z = modes.response_slopes(at)
         shapes = modes.shapes
         m = shapes.shape[1]
         tangents = [_tangent(shape, self.has_phases) for shape in shapes.T]

@@ -72,28 +72,6 @@ def information_of(inverse: ComplexArray) -> FloatArray:
     return coordinates((left @ inverse).reshape(k, r * r, r, r))
 
 
-class BandSpectra(NamedTuple):
-    """The spectra that a model explains, and modes beside their band."""
-
-    data: LocalSpectra
-    powers: FloatArray  # (3, K): 1, x, x² of the blocks
-    neighbours: Resonances
-    of_neighbours: ComplexArray  # (K, p), their responses
-
-    def motions(self, modes: Resonances, h: ComplexArray) -> ComplexArray:
-        """h φ of neighbours and modes (K, p + m, r)."""
-        of_neighbours = self.of_neighbours[:, None] * self.neighbours.shapes
-        both = np.concatenate([of_neighbours, h[:, None] * modes.shapes], axis=2)
-        return np.asarray(both.swapaxes(1, 2))
-
-
-def band_spectra(data: LocalSpectra, neighbours: Resonances) -> BandSpectra:
-    low, high = data.band_hz
-    x = (2.0 * data.frequencies_hz - low - high) / (high - low)
-    powers = np.stack([x**0, x, x**2])
-    return BandSpectra(data, powers, neighbours, neighbours.responses(data))
-
-
 # Left and right (K, 2c, r) of the derivatives of E by the real and imaginary parts of c values, in
 # turn: dE = left right* + its Hermitian transpose.
 Columns = tuple[ComplexArray, ComplexArray]
@@ -123,27 +101,27 @@ class IndependentLoads(NamedTuple):
         of_modes = self.of_modes + step[r * p :].reshape(-1, r).T
         return IndependentLoads(of_neighbours, of_modes * lengths.conj())
 
-    def matrices(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def matrices(self, _at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         """What the modes add to the background (K, r, r)."""
         forces = np.concatenate([self.of_neighbours, self.of_modes], axis=1)
         resonant = motions.swapaxes(1, 2) @ forces.conj().T
         return np.asarray(resonant + resonant.conj().swapaxes(1, 2))
 
-    def forces(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def forces(self, _at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         """a_i of each block (K, r, m)."""
         return np.broadcast_to(self.of_modes, (len(motions), *self.of_modes.shape))
 
-    def columns(self, _at: BandSpectra, motions: ComplexArray) -> Columns:
+    def columns(self, _at: LocalSpectra, motions: ComplexArray) -> Columns:
         n, r = motions.shape[1:]
         return _columns(
             np.repeat(motions, r, axis=1), np.tile(np.eye(r, dtype=complex), (n, 1)), -1j
         )
 
-    def more(self, at: BandSpectra, _motions: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: LocalSpectra, _motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with its shape."""
-        return self.columns(at, (one.responses(at.data)[:, None] * one.shapes).swapaxes(1, 2))
+        return self.columns(at, (one.responses(at)[:, None] * one.shapes).swapaxes(1, 2))
 
-    def crosses(self, _at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def crosses(self, _at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         """What else than shapes cross spectra with other directions are linear in (K, c, r)."""
         return motions.conj()
 
@@ -152,7 +130,7 @@ class IndependentLoads(NamedTuple):
         along = (modes.shapes.conj() * self.of_modes).sum(0).imag
         return np.asarray(4.0 * modes.dampings * along)
 
-    def scales(self, at: BandSpectra, modes: Resonances, usual: FloatArray) -> FloatArray:
+    def scales(self, at: LocalSpectra, modes: Resonances, usual: FloatArray) -> FloatArray:
         """Prior covariances (m, r, r) of forces coherent with all that moves at each mode.
 
         That is a background of unit power, and the other modes: S_ij of two modal forces gives
@@ -229,28 +207,28 @@ class OneSource(NamedTuple):
             direct, self.of_neighbours + step[n : n + p], (self.of_modes + step[n + p :]) * lengths
         )
 
-    def motion(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def motion(self, at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         """v (K, r)."""
         factors = np.concatenate([self.of_neighbours, self.of_modes])
         return np.asarray(at.powers.T @ self.direct + factors @ motions)
 
-    def matrices(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def matrices(self, at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         v = self.motion(at, motions)
         return np.asarray(v[:, :, None] * v[:, None].conj())
 
-    def forces(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def forces(self, at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         return self.motion(at, motions)[:, :, None] * self.of_modes.conj()
 
-    def columns(self, at: BandSpectra, motions: ComplexArray) -> Columns:
+    def columns(self, at: LocalSpectra, motions: ComplexArray) -> Columns:
         left = _of_one_source(at, motions)
         return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def more(self, at: BandSpectra, motions: ComplexArray, one: Resonances) -> Columns:
+    def more(self, at: LocalSpectra, motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
-        left = one.responses(at.data)[:, :, None] * np.eye(len(one.shapes))
+        left = one.responses(at)[:, :, None] * np.eye(len(one.shapes))
         return _columns(left, self.motion(at, motions)[:, None], 1j)
 
-    def crosses(self, at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+    def crosses(self, at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         factors = np.concatenate([at.powers.T, at.of_neighbours], axis=1)
         return np.asarray(factors[:, :, None] * self.motion(at, motions)[:, None].conj())
 
@@ -258,7 +236,7 @@ class OneSource(NamedTuple):
         """4 ζ s (m,), where s is about the part i φ of the forces."""
         return np.asarray(np.abs(self.of_modes) ** 2)
 
-    def scales(self, _at: BandSpectra, _modes: Resonances, usual: FloatArray) -> FloatArray:
+    def scales(self, _at: LocalSpectra, _modes: Resonances, usual: FloatArray) -> FloatArray:
         """Factors of modes may have any size."""
         return usual
 
@@ -285,7 +263,7 @@ class OneSource(NamedTuple):
         return np.diag(precisions) + np.outer(fixed, fixed), -precisions * as_reals(self.values)
 
 
-def _of_one_source(at: BandSpectra, motions: ComplexArray) -> ComplexArray:
+def _of_one_source(at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
     """Derivatives of v by the values of one source (K, c, r)."""
     r = motions.shape[2]
     direct = at.powers.T[:, :, None, None] * np.eye(r)
@@ -309,25 +287,24 @@ class Model(NamedTuple):
     modes: Resonances
     drive: Drive
 
-    def covariances(self, at: BandSpectra) -> ComplexArray:
+    def covariances(self, at: LocalSpectra) -> ComplexArray:
         """E (K, r, r)."""
         smooth = np.einsum("pk,pij->kij", at.powers, self.backgrounds)
         return np.asarray(smooth + self.drive.matrices(at, self.motions(at)))
 
-    def motions(self, at: BandSpectra) -> ComplexArray:
-        return at.motions(self.modes, self.modes.responses(at.data))
+    def motions(self, at: LocalSpectra) -> ComplexArray:
+        return at.motions(self.modes, self.modes.responses(at))
 
 
-def started(at: BandSpectra, modes: Resonances, one_source: bool) -> Model:
+def started(at: LocalSpectra, modes: Resonances, one_source: bool) -> Model:
     """A model with modes whose forces have about the size that the spectra show."""
     r, m = modes.shapes.shape
     p = len(at.neighbours.frequencies_hz)
-    data = at.data
     peak_powers = np.empty(m)
     for i, shape in enumerate(modes.shapes.T):
-        nearest = int(np.abs(data.frequencies_hz - modes.frequencies_hz[i]).argmin())
+        nearest = int(np.abs(at.frequencies_hz - modes.frequencies_hz[i]).argmin())
         near = slice(max(0, nearest - 2), nearest + 3)
-        power = float((shape.conj() @ data.matrices[near].mean(0) @ shape).real)
+        power = float((shape.conj() @ at.matrices[near].mean(0) @ shape).real)
         peak_powers[i] = max(power - 1.0, 0.1)
     backgrounds = np.zeros((3, r, r), dtype=complex)
     backgrounds[0] = np.eye(r)
@@ -335,9 +312,9 @@ def started(at: BandSpectra, modes: Resonances, one_source: bool) -> Model:
         forces = 0.7j * modes.dampings * peak_powers * modes.shapes
         return Model(backgrounds, modes, IndependentLoads(np.zeros((r, p), dtype=complex), forces))
     # The leading singular vectors give v but for the phase of each block, which a reference fixes.
-    values, vectors = np.linalg.eigh(data.matrices)
+    values, vectors = np.linalg.eigh(at.matrices)
     v = vectors[:, :, -1] * np.sqrt(values[:, -1:])
-    motions = at.motions(modes, modes.responses(data))
+    motions = at.motions(modes, modes.responses(at))
     source = OneSource(
         np.zeros((3, r), dtype=complex),
         np.zeros(p, dtype=complex),
@@ -348,7 +325,7 @@ def started(at: BandSpectra, modes: Resonances, one_source: bool) -> Model:
         fitted = source.motion(at, motions)
         overlap = (v.conj() * fitted).sum(1)
         turned = v * np.exp(1j * np.angle(overlap))[:, None]
-        weights = np.sqrt(data.weights)[:, None] / np.linalg.norm(v, axis=1)[:, None]
+        weights = np.sqrt(at.weights)[:, None] / np.linalg.norm(v, axis=1)[:, None]
         regressors = (left * weights[..., None]).reshape(-1, left.shape[2])
         products = regressors.conj().T @ regressors
         products += 1e-6 * np.diag(products.diagonal().real)

@@ -188,6 +188,8 @@ class LocalSpectra(NamedTuple):
     # (K, n - r, r), cross spectra of all other directions, of unit noise, with these.
     rest: ComplexArray
     rest_to_channels: FloatArray  # (n, n - r)
+    neighbours: "Resonances"  # p modes beside the band, in its directions
+    of_neighbours: ComplexArray  # (K, p), their responses
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -199,6 +201,23 @@ class LocalSpectra(NamedTuple):
     def line_hz(self) -> float:
         """Width in Hz of one independent transform."""
         return float(self.widths_hz.sum() / self.weights.sum())
+
+    @property
+    def powers(self) -> FloatArray:
+        """1, x, x² of the blocks (3, K), x from -1 to 1 over the band."""
+        low, high = self.band_hz
+        x = (2.0 * self.frequencies_hz - low - high) / (high - low)
+        return np.stack([x**0, x, x**2])
+
+    def beside(self, neighbours: "Resonances") -> "LocalSpectra":
+        """The same beside modes of its directions."""
+        return self._replace(neighbours=neighbours, of_neighbours=neighbours.responses(self))
+
+    def motions(self, modes: "Resonances", h: ComplexArray) -> ComplexArray:
+        """h φ of neighbours and modes (K, p + m, r)."""
+        of_neighbours = self.of_neighbours[:, None] * self.neighbours.shapes
+        both = np.concatenate([of_neighbours, h[:, None] * modes.shapes], axis=2)
+        return np.asarray(both.swapaxes(1, 2))
 
 
 def noise_scales(spectra: Spectra) -> FloatArray:
@@ -241,6 +260,8 @@ def local_spectra(spectra: Spectra, n_directions: int) -> LocalSpectra:
         from_scaled / scales,
         rest_from_scaled @ scaled @ from_scaled.T,
         scales[:, None] * (others * noise),
+        Resonances.none(r),
+        np.empty((len(powers), 0), dtype=complex),
     )
 
 
