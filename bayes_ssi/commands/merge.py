@@ -58,7 +58,7 @@ def _record(merged: MergedModes) -> dict[str, Any]:
     return columns(merged.data, ("source", "band_hz", "sensors")) | {
         "modes": [
             {
-                "label": row.label,
+                "label": mode.label,
                 "labels": dict(row.labels),
                 **columns(mode, MODE_FIELDS),
                 "frequency_scatter": row.frequency,

@@ -40,17 +40,6 @@ class Prior(ABC):
         low, high = self.from_normal(np.array([-np.inf, np.inf])).tolist()
         return low, high
 
-    def widened(self, factor: float) -> "Prior":
-        """This prior, ``factor`` times as wide in standard-normal coordinates.
-
-        The median and the support stay; every other quantile moves to where this prior has it
-        at ``factor`` times the standard-normal coordinate. A factor below one narrows.
-
-        Raises:
-            ValueError: ``factor`` is not positive and finite.
-        """
-        return Widened(self, factor)
-
     def quantile(self, probability: float) -> float:
         """The value below which the parameter lies with ``probability``."""
         return float(self.from_normal(ndtri(probability)))
@@ -67,7 +56,14 @@ class Prior(ABC):
 
 @dataclass(frozen=True)
 class Widened(Prior):
-    """Another prior, widened in standard-normal coordinates."""
+    """Another prior, widened in standard-normal coordinates.
+
+    The median and the support stay; every other quantile moves to where the prior has it at
+    ``factor`` times the standard-normal coordinate.
+
+    Raises:
+        ValueError: ``factor`` is not positive and finite.
+    """
 
     prior: Prior
     factor: float  # multiplies its standard-normal coordinates; below one, the prior is narrowed

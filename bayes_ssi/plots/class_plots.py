@@ -218,7 +218,8 @@ def plot_corner(
     for i, (name, draws) in enumerate(zip(names, values.T, strict=True)):
         low, median, high = np.quantile(draws, LEVELS)
         # In a panel of 1.5 in, a name may take 1.3 in.
-        label = look.wrapped(_with_unit(name, units), 1.3, look.SMALL_TEXT)
+        unit = f" ({units[name]})" if units and name in units else ""
+        label = look.wrapped(f"{name}{unit}", 1.3, look.SMALL_TEXT)
         title = f"{label}\n{median:.4g}\n({low:.4g} to {high:.4g})"
         panels[i, i].set_title(title, fontsize=look.SMALL_TEXT, loc="center", parse_math=False)
         panels[-1, i].set_xlabel(label, fontsize=look.SMALL_TEXT, parse_math=False)
@@ -233,10 +234,6 @@ def plot_corner(
     note = "median, 90 % interval" + ("; 1 and 2 sigma" if n > 1 else "")
     figure.suptitle(f"{posterior.name}\n{note}", fontsize=10, parse_math=False)
     return figure
-
-
-def _with_unit(name: str, units: Mapping[str, str] | None) -> str:
-    return f"{name} ({units[name]})" if units and name in units else name
 
 
 def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figure:

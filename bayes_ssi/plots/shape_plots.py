@@ -68,13 +68,6 @@ def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Refe
     return "identified", list(identified), scale * components
 
 
-def _mark_beyond(ax: Axes, median: float, y: float, reach: float) -> None:
-    """An arrow head within the axes, towards a component that lies beyond them."""
-    ax.plot(np.copysign(reach, median), y, "<" if median < 0 else ">", color=look.VERMILION,
-            markeredgecolor="black", markersize=7, linestyle="none", label=BEYOND,
-            zorder=3)  # fmt: skip
-
-
 def _write_below(
     ax: Axes, appendages: Sequence[str], places: Sequence[str], shape: Band, reach: float
 ) -> None:
@@ -136,8 +129,10 @@ def plot_shape_components(
         ax.errorbar(median, rows, xerr=[below, above], fmt="none", ecolor="black",
                     elinewidth=0.8, capsize=2)  # fmt: skip
         for row, component in zip(rows, median, strict=True):
-            if abs(component) >= reach:
-                _mark_beyond(ax, component, row, 0.9 * reach)
+            if abs(component) >= reach:  # an arrow head within the axes, towards it
+                ax.plot(np.copysign(0.9 * reach, component), row, "<" if component < 0 else ">",
+                        color=look.VERMILION, markeredgecolor="black", markersize=7,
+                        linestyle="none", label=BEYOND, zorder=3)  # fmt: skip
     if reference is not None:
         other, at, components = reference
         ax.plot(components, [y[place] for place in at], "x", color="black", markersize=6,

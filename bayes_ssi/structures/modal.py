@@ -195,7 +195,10 @@ def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if mass.ndim == 2:
             root = 1.0 / np.sqrt(mass)
-            eigenvalues, vectors = _eigh(_two_sided(stiffness, root))
+            scale = root[:, :, None] * root[:, None, :]
+            # In place where it can be, and not kept: fresh memory costs more than the product.
+            out = scale if len(scale) > 1 else None
+            eigenvalues, vectors = _eigh(np.multiply(stiffness, scale, out=out))
             shapes = np.asfortranarray(vectors)  # the rows of the batch next to each other
             shapes *= root[:, :, None]
             return eigenvalues, shapes
@@ -204,13 +207,6 @@ def _scaled_by_mass(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray
         transposed = inverse.transpose(0, 2, 1)
         eigenvalues, vectors = _eigh(inverse @ np.ascontiguousarray(stiffness) @ transposed)
         return eigenvalues, np.asfortranarray(transposed @ vectors)
-
-
-def _two_sided(stiffness: FloatArray, root: FloatArray) -> FloatArray:
-    """M^(-1/2) K M^(-1/2), with the diagonal M^(-1/2) (B, n)."""
-    scale = root[:, :, None] * root[:, None, :]
-    # In place where it can be, and not kept: fresh memory costs more than the product.
-    return np.multiply(stiffness, scale, out=scale if len(scale) > 1 else None)
 
 
 def lowest_eigenpairs(

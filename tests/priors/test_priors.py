@@ -187,19 +187,19 @@ def test_improper_priors_are_refused(build, message):
 def test_a_widened_prior_moves_quantiles_along_the_normal_coordinate(case, factor):
     prior, scipy_prior, _ = case
     probabilities = stats.norm.cdf(factor * stats.norm.ppf(PROBABILITIES[2:-2]))
-    quantiles = [prior.widened(factor).quantile(p) for p in PROBABILITIES[2:-2]]
+    quantiles = [Widened(prior, factor).quantile(p) for p in PROBABILITIES[2:-2]]
     np.testing.assert_allclose(quantiles, scipy_prior.ppf(probabilities), rtol=1e-7)
 
 
 def test_widened_priors_refuse_what_is_no_prior_or_factor():
     with pytest.raises(ValueError, match="Widened: factor must be positive"):
-        Normal(0.0, 1.0).widened(0.0)
+        Widened(Normal(0.0, 1.0), 0.0)
     with pytest.raises(TypeError, match="Widened: prior must be a prior"):
         Widened(1.0, 2.0)
 
 
 def test_every_family_is_tested_and_its_record_gives_it_again():
-    priors = [prior for prior, *_ in CASES.values()] + [LogNormal(2.0, 0.5).widened(3.0)]
+    priors = [prior for prior, *_ in CASES.values()] + [Widened(LogNormal(2.0, 0.5), 3.0)]
     assert {type(prior) for prior in priors} == set(Prior.__subclasses__())
     for prior in priors:
         assert from_record(Prior, to_record(prior)) == prior
@@ -216,12 +216,12 @@ def test_log_densities_are_those_of_scipy(case):
 def test_supports(case):
     prior, scipy_prior, _ = case
     np.testing.assert_allclose(prior.support, scipy_prior.support(), atol=1e-12)
-    np.testing.assert_allclose(prior.widened(2.0).support, scipy_prior.support(), atol=1e-12)
+    np.testing.assert_allclose(Widened(prior, 2.0).support, scipy_prior.support(), atol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.7])
 def test_the_density_of_a_widened_prior_is_the_slope_of_its_distribution_function(case, factor):
-    prior = case[0].widened(factor)
+    prior = Widened(case[0], factor)
     middle = np.array([prior.quantile(p) for p in (0.1, 0.4, 0.8)])
     step = 1e-5 * (prior.quantile(0.6) - prior.quantile(0.4))
     above, below = stats.norm.cdf(prior.to_normal([middle + step, middle - step]))

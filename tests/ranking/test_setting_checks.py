@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.parameters.priors import Widened
 from bayes_ssi.studies.ranking import checks
 from bayes_ssi.studies.ranking.checks import BAND_MOVED
 from bayes_ssi.studies.ranking.class_sampling import sample_all
@@ -138,7 +139,7 @@ def test_the_size_of_an_error_is_no_answer(monkeypatch):
     assert result.comparison.failed_checks == ()
     (remark,) = result.comparison.remarks
     assert "parameter 'size'" in remark
-    wider = bs.ChangedSettings(priors={"size": size.prior.widened(1.3)})
+    wider = bs.ChangedSettings(priors={"size": Widened(size.prior, 1.3)})
     (row,) = bs.what_if(result, wider).classes
     shifts = [(p.after.mean - p.before.mean) / p.before.sd for p in row.parameters]
     assert shifts[1] > 0.5 > abs(shifts[0])

@@ -45,8 +45,7 @@ class Scatter:
 class MergedMode:
     """One merged mode."""
 
-    label: str
-    labels: Mapping[str, str]
+    labels: Mapping[str, str]  # name of a test → the mode's label there
     frequency: Scatter | None  # scatter of the frequencies; None where one test has the mode
     shape: Scatter | None  # scatter of the shapes at shared sensors; None where they cannot differ
 
@@ -114,7 +113,7 @@ class _Merging:
         ):
             labels = {name: mode.label for name, mode in group.items()}
             scatters = _scatter_of_frequencies(group), self._scatter_of_shapes(group)
-            modes.append(MergedMode(label, labels, *scatters))
+            modes.append(MergedMode(labels, *scatters))
             remarks += self._remarks(label, float(np.exp(log_f)), group, kept)
             _, measured = self._joined_shape(kept)
             damping, damping_sd = _damping(list(kept.values()))

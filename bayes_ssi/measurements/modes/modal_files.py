@@ -36,7 +36,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -361,14 +361,23 @@ def _read_universal(path: Path, band_hz: Sequence[float]) -> ModalData:
         raise ValueError(f"{path}: no data set 55 with a normal or complex mode")
     modes = sorted((*_frequency_and_damping(s), i) for i, s in enumerate(sets))
     frequencies, dampings, order = (np.array(column) for column in zip(*modes, strict=True))
-    named = moving_sensors(sets)
-    components = [[_component_at(sets[i], *place) for i in order] for place in named.values()]
+    # Of each mode, node and direction → component; what no mode moves is no sensor.
+    motions = [
+        {
+            (int(node), direction): component
+            for direction, key in DATA_OF_AXES.items()
+            for node, component in zip(one["node_nums"], one[key], strict=True)
+        }
+        for one in sets
+    ]
+    moving = sorted({place for motion in motions for place, c in motion.items() if c != 0})
+    components = [[motions[i].get(place, np.nan) for i in order] for place in moving]
     try:
         return ModalData.from_arrays(
             frequencies,
-            np.reshape(components, (len(named), len(sets))),
+            np.reshape(components, (len(moving), len(sets))),
             band_hz,
-            tuple(named),
+            tuple(f"{node} {direction}" for node, direction in moving),
             path.name,
             damping=np.where((dampings > 0.0) & (dampings < 1.0), dampings, np.nan),
         )
@@ -381,20 +390,3 @@ def _frequency_and_damping(one: Mapping[str, Any]) -> tuple[float, float]:
         return float(one["freq"]), float(one.get("modal_damp_vis", 0.0))
     size = abs(one["eig"])
     return float(size / (2.0 * math.pi)), float(-np.real(one["eig"]) / size) if size else 0.0
-
-
-def moving_sensors(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[int, str]]:
-    """All nodes and directions in which some mode moves."""
-    moving = {
-        (int(node), direction)
-        for one in sets
-        for direction, key in DATA_OF_AXES.items()
-        for node in np.asarray(one["node_nums"])[np.asarray(one[key]) != 0]
-    }
-    return {f"{node} {direction}": (node, direction) for node, direction in sorted(moving)}
-
-
-def _component_at(one: Mapping[str, Any], node: int, direction: str) -> complex:
-    """The component of one mode; NaN where it was not measured."""
-    at = np.flatnonzero(np.asarray(one["node_nums"]) == node)
-    return one[DATA_OF_AXES[direction]][at[0]] if len(at) else np.nan

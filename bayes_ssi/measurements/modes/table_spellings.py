@@ -132,7 +132,8 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
         elif part and (sensor, OTHER_PART[kind]) in of_sensors:
             in_degrees = kind == "phase" and (part[3] or "").lower() != "rad"
             unstated += [j] if in_degrees and not part[3] else []
-            found.append((name, sensor, kind, _in_rad if in_degrees else np.real))
+            in_rad = (lambda phase: np.deg2rad(phase.real)) if in_degrees else np.real
+            found.append((name, sensor, kind, in_rad))
         else:
             found.append((name, name, "whole", complex))
     first, counts = found[0], [row.cells[0] == str(i) for i, row in enumerate(rows, 1)]
@@ -144,10 +145,6 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
         raise head.error(f"two columns are named {twice[0]!r}")
     _require_degrees(head, rows, unstated)
     return found
-
-
-def _in_rad(phase: complex) -> float:
-    return float(np.deg2rad(phase.real))
 
 
 def _require_degrees(head: Line, rows: Sequence[Line], columns: Sequence[int]) -> None:

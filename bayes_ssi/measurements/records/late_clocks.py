@@ -123,8 +123,14 @@ def delays_of(
         rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
         probability = float(softmax([_log_evidence(terms, rival) for rival in rivals])[0])
         if probability > SUSPECTED:
-            mean, deviation = _posterior(terms, [columns[g], *others])
-            found.append(Delay(g, DELAY_SD_S * mean, DELAY_SD_S * deviation, probability))
+            groups = [columns[g], *others]
+            likeliest = terms[int(np.argmax(_of_each_spread(terms, groups)))]
+            slope, precision = likeliest.part([place for group in groups for place in group])
+            covariance = np.linalg.inv(precision)
+            mean, deviation = covariance[0] @ slope, np.sqrt(covariance[0, 0])
+            found.append(
+                Delay(g, DELAY_SD_S * float(mean), DELAY_SD_S * float(deviation), probability)
+            )
     return found
 
 
@@ -175,15 +181,6 @@ def _of_each_spread(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) ->
 
 def _log_evidence(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> float:
     return float(logsumexp(_of_each_spread(terms, groups))) + PRIOR_NATS * len(groups)
-
-
-def _posterior(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> tuple[float, float]:
-    """Mean and standard deviation of the first column."""
-    slope, precision = terms[int(np.argmax(_of_each_spread(terms, groups)))].part(
-        [place for group in groups for place in group]
-    )
-    covariance = np.linalg.inv(precision)
-    return float(covariance[0] @ slope), float(np.sqrt(covariance[0, 0]))
 
 
 def _common_delays(squares: ComplexArray, omega: FloatArray) -> FloatArray:

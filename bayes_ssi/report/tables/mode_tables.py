@@ -70,7 +70,7 @@ def merged_table(merged: MergedModes) -> Table:
     headings = ["frequency Hz", "± %", "scatter/±", "shape ±", "scatter/±", "tests"]
     rows = [
         (
-            row.label,
+            mode.label,
             f"{mode.frequency_hz:.5g}",
             percent(mode.frequency_cov, ".2g"),
             number(row.frequency and row.frequency.ratio, ".2f"),

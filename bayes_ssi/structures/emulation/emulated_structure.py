@@ -158,7 +158,7 @@ class EmulatedStructure(ApproximateStructure):
         accurate = np.quantile(fit.spreads(x), CLAIMED_AT) <= allowed
         if accurate and is_open.mean() <= MOST_OPEN:
             return self if fit is self._fit else self._of_fit(fit)
-        if fit.n_solutions >= self.most_solutions:
+        if len(fit.x) + len(fit.failing.x) >= self.most_solutions:
             return self
         if accurate:  # only the boundary of the region that fails is missing
             values, x, allowed = values[is_open], x[is_open], 0.0
@@ -287,11 +287,6 @@ class EmulatorFit(NamedTuple):
         known = np.empty((0, x.shape[1])) if known is None else known
         spreads = self.process.spreads(x, np.concatenate([self.failing.x, known]))
         return np.where(self.failing.expected(x), 0.0, spreads)
-
-    @property
-    def n_solutions(self) -> int:
-        """Number of solutions, with those that failed."""
-        return len(self.x) + len(self.failing.x)
 
     def errors_per_spread(self, x: FloatArray) -> FloatArray:
         """Claimed errors (2,) of frequencies and shapes a unit of spread, by nearest solutions."""

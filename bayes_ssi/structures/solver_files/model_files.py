@@ -194,21 +194,14 @@ def mass_note(model: ExportedModel) -> str | None:
     if model.units == "N, m, kg":
         return f"mass that moves, in kg: {shown}"
     largest = max(totals.values())
-    kg = ", ".join(
-        f"{largest * _in_kg(name):.4g} kg in {name}" for name in ("N, m", "N, mm", "kN, m")
-    )
+    usual = [(name, *SYSTEMS[name]) for name in ("N, m", "N, mm", "kN, m")]
+    kg = ", ".join(f"{largest * f / length:.4g} kg in {name}" for name, f, length in usual)
     return f"mass that moves: {shown} (that is {kg}; state units= to have N, m, kg)"
 
 
 def _unit(label: str, length: float) -> float:
     """The unit of a degree of freedom in m, or in radians."""
     return length if direction_of(label) in TRANSLATIONS else 1.0
-
-
-def _in_kg(units: str) -> float:
-    """The unit of mass of a system."""
-    force, length = _system(units)
-    return force / length
 
 
 def _system(units: str) -> tuple[float, float]:

@@ -57,14 +57,13 @@ def read_punch(source: Source) -> Matrices:
     return Matrices(
         [_assembled(each, position, name) for each, name in zip(chosen, where, strict=True)],
         where,
-        labels=[_label(*place) for place in places],
+        labels=[
+            label(point, component) if 1 <= component <= len(DIRECTIONS) else str(point)
+            for point, component in places
+        ],
         geometry=Geometry(nodes) if nodes else None,
         notes=("restrained and condensed degrees of freedom have no rows", *notes),
     )
-
-
-def _label(point: int, component: int) -> str:
-    return label(point, component) if 1 <= component <= len(DIRECTIONS) else str(point)
 
 
 def _assembled(entries: _Entries, position: dict[Place, int], name: str) -> sp.csc_array:

@@ -6,7 +6,6 @@ and names that programs give directions.
 
 import re
 import warnings
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -99,21 +98,18 @@ def read_number_lines(
     """
     require_whole_lines(path)
     width = width or columns.count(",") + 1
-    load = partial(
-        np.loadtxt, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
-    )
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="loadtxt: input contained no data")
         try:
-            try:
-                numbers = load(path)
-            except ValueError:  # Fortran's exponents, as in 1.0D+06
-                with path.open(encoding="ascii") as file:
-                    numbers = load(line.replace("D", "E").replace("d", "e") for line in file)
+            numbers = np.loadtxt(
+                path, comments=comment or None, delimiter=delimiter, skiprows=skip, ndmin=2
+            )
         except ValueError:
             numbers = np.empty((0, 0))
     if numbers.shape[1] == width and np.isfinite(numbers).all():
         return numbers
+    # Fortran's exponents, as in 1.0D+06, or a line that is none of numbers.
+    rows = []
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.strip()
@@ -127,7 +123,10 @@ def read_number_lines(
             if len(row) != width or not np.isfinite(row).all():
                 shown = " ".join(" ".join(fields).split())
                 raise ValueError(f"{path}: line {number}: expected {columns}, got {shown:.60}")
-    raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
+            rows.append(row)
+    if not rows:
+        raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
+    return np.array(rows)
 
 
 def require_whole_lines(path: Path) -> None:

@@ -22,7 +22,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.inference.sampling.importance import PARETO_K_LIMIT
-from bayes_ssi.parameters.priors import Prior
+from bayes_ssi.parameters.priors import Prior, Widened
 
 # Weights of no more than this multiple of the mean have no tail to judge.
 UNTAILED_WEIGHT = 3.0
@@ -53,7 +53,7 @@ def with_spurious(factor: float, candidate: ModelClass) -> ModelClass:
 
 def with_wider_priors(factor: float, names: Collection[str], candidate: ModelClass) -> ModelClass:
     """The class with wider priors of some parameters."""
-    wider = {p.name: p.prior.widened(factor) for p in candidate.parameters if p.name in names}
+    wider = {p.name: Widened(p.prior, factor) for p in candidate.parameters if p.name in names}
     return with_priors(wider, candidate)
 
 
