@@ -13,6 +13,7 @@ from itertools import accumulate, chain
 
 import numpy as np
 
+from bayes_ssi.foundations.argument_types import require
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.parameters.parameters import (
     Parameter,
@@ -76,18 +77,20 @@ class SpaceFrame(RigidFloors):
 
     def __post_init__(self) -> None:
         for name in ("storey_heights", "x_lines", "y_lines"):
-            object.__setattr__(self, name, _numbers(getattr(self, name), name))
+            require(getattr(self, name), Sequence[float], f"SpaceFrame: {name}")
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         self._check_storeys("storey_heights")
-        if min(self.storey_heights) <= 0.0:
+        if not all(0.0 < height < math.inf for height in self.storey_heights):
             raise ValueError(
-                f"SpaceFrame: storey_heights must be positive, got {self.storey_heights!r}"
+                "SpaceFrame: storey_heights must be positive and finite, got "
+                f"{self.storey_heights!r}"
             )
         for name in ("x_lines", "y_lines"):
             lines = getattr(self, name)
-            if len(lines) < 2 or min(np.diff(lines)) <= 0.0:
+            if len(lines) < 2 or not (np.isfinite(lines).all() and min(np.diff(lines)) > 0.0):
                 raise ValueError(
-                    f"SpaceFrame: {name} must be two or more coordinates in ascending order, got "
-                    f"{lines!r}"
+                    f"SpaceFrame: {name} must be two or more finite coordinates in ascending "
+                    f"order, got {lines!r}"
                 )
         positive_product(self.elastic_modulus, "SpaceFrame: elastic_modulus")
         super().__post_init__()
@@ -202,13 +205,3 @@ def _column(height: float) -> FloatArray:
         [6.0 * h, 2.0 * h**2, -6.0 * h, 4.0 * h**2],
     ]
     return np.array(rows) / h**3
-
-
-def _numbers(values: Sequence[float], name: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(value) for value in values)
-    except (TypeError, ValueError):
-        raise TypeError(f"SpaceFrame: {name} must be numbers, got {values!r}") from None
-    if not all(math.isfinite(number) for number in numbers):
-        raise ValueError(f"SpaceFrame: {name} must be finite, got {numbers!r}")
-    return numbers

@@ -220,10 +220,10 @@ def refused(match, **changed):
 def test_bad_fields_are_refused():
     refused("one of each per storey, at least one, got 2 column", column_inertias_x=(1.0, 1.0))
     refused("storey_heights must be positive", storey_heights=(-2.0,))
-    refused("x_lines must be two or more coordinates in ascending order", x_lines=(1.0,))
+    refused("x_lines must be two or more finite coordinates in ascending order", x_lines=(1.0,))
     refused("y_lines must be two or more", y_lines=(1.0, 1.0))
-    refused("y_lines must be numbers", y_lines=("a", "b"))
-    refused("x_lines must be finite", x_lines=(0.0, math.inf))
+    refused("y_lines must be a sequence, each item a number", y_lines=("a", "b"))
+    refused("x_lines must be two or more finite coordinates", x_lines=(0.0, math.inf))
     refused("masses, number 1 from below, must be positive", masses=(0.0,))
     refused("elastic_modulus must be positive", elastic_modulus=-1.0)
     refused("beam_inertias_y, number 1 from below, must be a number", beam_inertias_y=("I",))
