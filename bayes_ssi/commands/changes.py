@@ -58,7 +58,6 @@ def changes(
     that the tests would have shown.
     """
     from bayes_ssi.parameters.priors import Uniform
-    from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
     from bayes_ssi.studies.changes.change_search import change_findings
     from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
 
@@ -66,7 +65,7 @@ def changes(
     settings = ChangeSettings(
         loss=Uniform(*loss),
         common_sd=common,
-        covariate=None if covariate is None else read_covariate(covariate)[1],
+        covariate=None if covariate is None else options.read_covariate(covariate)[1],
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
         shared=None if independent else ChangeSettings().shared,
         losses_only=losses_only,

@@ -55,12 +55,13 @@ def hierarchy(
     from bayes_ssi.results.hierarchy.hierarchy_record import MARKER, save_hierarchy
     from bayes_ssi.results.hierarchy.populations import PopulationPriors
     from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as rank_populations
-    from bayes_ssi.results.hierarchy.ranked_populations import read_covariate
     from bayes_ssi.results.result_files import require_new
 
     directory = out or RESULTS / "hierarchy"
     require_new(directory, marker=MARKER, overwrite=overwrite)
-    name, covariate = ("", None) if covariate_file is None else read_covariate(covariate_file)
+    name, covariate = (
+        ("", None) if covariate_file is None else options.read_covariate(covariate_file)
+    )
     if at is not None and covariate is None:
         raise ValueError("--next: there is no covariate; give one with --covariate FILE")
     tests = options.named_paths(results)
@@ -76,12 +77,7 @@ def hierarchy(
             run=Run(progress=progress),
         )
     save_hierarchy(
-        ranked,
-        directory,
-        covariate=at,
-        results={test: str(path) for test, path in tests.items()},
-        overwrite=overwrite,
-        command=terminal.command_line(),
+        ranked, directory, covariate=at, overwrite=overwrite, command=terminal.command_line()
     )
     with figures_for_files():
         save_figure(plot_population(ranked), directory / "population.png")

@@ -126,6 +126,38 @@ def listed_names(study: Study, texts: Sequence[str]) -> list[str]:
     return [name.strip() for part in parts for name in part if name.strip()]
 
 
+def read_covariate(path: Path) -> tuple[str, dict[str, float]]:
+    """Name and values of a covariate: name of a test → value.
+
+    The file has two columns, the tests and the covariate, and a heading for each; the second one
+    names the covariate::
+
+        test, temperature in °C
+        2026-01-14, -3.5
+        2026-04-02, 11
+    """
+    from bayes_ssi.foundations.text_files import read_table
+
+    try:
+        columns, rows = read_table(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
+    if len(columns) != 2 or not columns[1]:
+        got = columns or "nothing"
+        raise ValueError(f"{path}: the first line must be 'test, NAME OF THE COVARIATE', got {got}")
+    name, values = columns[1], {}
+    for where, row in rows:
+        if len(row) != 2 or not row[0]:
+            raise ValueError(f"{where}: expected a test and its {name}, got {','.join(row)!r}")
+        if row[0] in values:
+            raise ValueError(f"{where}: a second value for test {row[0]!r}")
+        try:
+            values[row[0]] = float(row[1])
+        except ValueError:
+            raise ValueError(f"{where}: {name} must be a number, got {row[1]!r}") from None
+    return name, values
+
+
 def applied(command: Command, *options: Decorator) -> Command:
     """The command with options, which the help lists in this order."""
     for option in reversed(options):

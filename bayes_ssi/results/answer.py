@@ -64,7 +64,7 @@ def answer(result: StoredResult) -> Answer:
         tuple(_warnings(result)),
         _verdict(result),
         tuple(_reasons(result)),
-        tuple(_further(result)),
+        (*further_sentences(result.search), *_runner_up(result)) if result.search else (),
         tuple(_commands(result)),
     )
 
@@ -173,15 +173,9 @@ def _reasons(result: StoredResult) -> Iterator[str]:
 
 def _runner_up(result: StoredResult) -> Iterator[str]:
     """The most probable class that the data tell from the best one, and why it loses."""
-    runner_up = _distinguishable(result)
-    if runner_up is not None:
-        yield _in_words(result, runner_up, result.posterior(result.comparison.best.name))
-
-
-def _further(result: StoredResult) -> Iterator[str]:
-    if result.search is not None:
-        yield from further_sentences(result.search)
-        yield from _runner_up(result)
+    best, *others = result.comparison.classes
+    for row in [row for row in others if row.distinguishable][:1]:
+        yield _in_words(result, row, result.posterior(best.name))
 
 
 def _common_claims(result: StoredResult, alike: Sequence[RankedClass]) -> Iterator[str]:
@@ -242,11 +236,6 @@ def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
         other = "other " if claims else ""
         sentences.append(f"On the {other}parameters that both infer it agrees.")
     return " ".join([*sentences, why_it_loses(row, result.comparison.best)])
-
-
-def _distinguishable(result: StoredResult) -> RankedClass | None:
-    """The first class that is distinguishable from the best."""
-    return next((row for row in result.comparison.classes[1:] if row.distinguishable), None)
 
 
 def _alike(result: StoredResult) -> list[RankedClass]:

@@ -46,9 +46,6 @@ def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[s
         yield from _appendage_sentences(record, comparison)
     elif isinstance(record, ChangeRecord):
         yield from _change_sentences(record)
-    else:
-        yield from _features(record)
-        yield from unsampled(record)
 
 
 def further_sentences(record: FamilyRecord) -> Iterator[str]:
@@ -57,22 +54,6 @@ def further_sentences(record: FamilyRecord) -> Iterator[str]:
         yield from _of_appendages_besides(record)
     elif isinstance(record, ChangeRecord):
         yield from _of_changes_besides(record)
-
-
-def _features(record: FamilyRecord) -> Iterator[str]:
-    """Which features there are most probably, and how much of each, of any family."""
-    if (best := record.best_with_features) is None:
-        return
-    items = []
-    for each in (record.place(feature.place.name) for feature in best.features):
-        amounts = (
-            f"{name} {quantity(record.scale * low, record.scale * middle, record.scale * high)}"
-            for name, (low, middle, high) in each.amounts.items()
-        )
-        probability = probability_in_words(each.probability)
-        items.append(f"{each.place.description} (probability {probability}), {listed(amounts)}")
-    if_any = "Most probably it is" if record.is_more_likely else "If there is any, it is"
-    yield f"{if_any} {listed(items)}: medians and 90 % intervals."
 
 
 def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:

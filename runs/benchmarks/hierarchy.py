@@ -29,15 +29,12 @@ from scipy.stats import chisquare, kstest
 from simulated import print_bands
 
 import bayes_ssi as bs
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.diagnostics import Estimate
+from bayes_ssi.parameters.parameters import values_at
+from bayes_ssi.results.hierarchy.likelihood_fit import LikelihoodFit, fit_likelihood
 from bayes_ssi.results.hierarchy.populations import (
     Population,
-    PopulationSampler,
-    SampledPopulation,
-    SingleTest,
-    failed_fits,
-    fit_tests,
+    RankedPopulation,
+    sample_population,
 )
 from bayes_ssi.results.hierarchy.ranked_populations import MOST_DRAWS
 
@@ -54,17 +51,6 @@ EVIDENCE_ERROR = 0.005
 MOST_DRAWS = MOST_DRAWS
 
 
-def single_test(
-    name: str, z: np.ndarray, log_likelihoods: np.ndarray, log_evidence: float, error: float
-) -> SingleTest:
-    """A test with one parameter of the structure and one of the errors, the columns of ``z``."""
-    parameters = tuple(
-        ParameterRecord(own, "", bs.Normal(0.0, 1.0), own == "error") for own in ("k", "error")
-    )
-    estimate = Estimate(log_evidence, error)
-    return SingleTest(name, parameters, z, log_likelihoods, estimate, name, (), ())
-
-
 def population(varies: bool, follows: bool) -> Population:
     name = ("same", "follows", "varies", "varies and follows")[2 * varies + follows]
     return Population(name, ("k",), varies, follows, PRIORS)
@@ -75,7 +61,7 @@ def standardised(x: np.ndarray) -> np.ndarray:
 
 
 def true_values(kind: Population, rng: np.random.Generator) -> np.ndarray:
-    return kind.values(rng.standard_normal((1, len(kind.parameters))))
+    return values_at(kind.parameters, rng.standard_normal((1, len(kind.parameters))))
 
 
 def parameters_of_tests(
@@ -85,11 +71,13 @@ def parameters_of_tests(
     return mean + slope * x + spread * rng.standard_normal(len(x))
 
 
-def sampler(
-    tests: list[SingleTest], x: np.ndarray, seed: int, settings: bs.SamplingSettings | None = None
-) -> PopulationSampler:
-    fits = fit_tests(tests, seed, lambda _: None)
-    return PopulationSampler(tests, fits, [0], x, seed, settings or bs.SamplingSettings())
+def sampled_kinds(
+    fits: list[LikelihoodFit], x: np.ndarray, seed: int, settings: bs.SamplingSettings | None = None
+) -> list[RankedPopulation]:
+    """All populations of the structure's parameter, the first of each test."""
+    fits, settings = [fit.within([0]) for fit in fits], settings or bs.SamplingSettings()
+    kinds = (population(*kind) for kind in KINDS)
+    return [sample_population(kind, fits, x, seed, settings, lambda *_: None) for kind in kinds]
 
 
 def evidence() -> None:
@@ -104,9 +92,8 @@ def evidence() -> None:
         y = z + 0.3 * rng.standard_normal(n_tests)
         y += np.sqrt(variances) * rng.standard_normal(n_tests)
         tests = linear_tests(y, variances, n_draws=MOST_DRAWS, seed=n_tests)
-        ours, cells = sampler(tests, x, 0), []
-        for other in KINDS:
-            sampled = ours.sample(population(*other), lambda *_: None)
+        cells = []
+        for other, sampled in zip(KINDS, sampled_kinds(tests, x, 0), strict=True):
             off = sampled.log_evidence - exact_log_evidence(
                 y, variances + 0.3**2, x, varies=other[0], follows=other[1],
                 spread_prior=PRIORS.spread, slope_sd=0.5,
@@ -117,7 +104,9 @@ def evidence() -> None:
     print(f"Largest difference: {worst:.4f} nats")
 
 
-def modal_test(i: int, z: float, rng: np.random.Generator, n_draws: int = MOST_DRAWS) -> SingleTest:
+def modal_test(
+    i: int, z: float, rng: np.random.Generator, n_draws: int = MOST_DRAWS
+) -> LikelihoodFit:
     """Logarithms of three frequencies with an error drawn from its prior; exact draws.
 
     Given the error, z is normal in prior and posterior; the error's coordinate is on a fine grid.
@@ -136,20 +125,18 @@ def modal_test(i: int, z: float, rng: np.random.Generator, n_draws: int = MOST_D
     log_likelihoods = log_normal(residuals, variances[chosen]).sum(axis=0)
     log_evidence = total + math.log(w[1] - w[0]) + EVIDENCE_ERROR * rng.standard_normal()
     draws = np.column_stack([own, w[chosen]])
-    return single_test(str(i), draws, log_likelihoods, log_evidence, EVIDENCE_ERROR)
+    return fit_likelihood(draws, log_likelihoods, log_evidence, np.random.default_rng([0, i]))
 
 
-def one_set(index: int) -> tuple[Population, np.ndarray, list[SampledPopulation], list[str]]:
+def one_set(index: int) -> tuple[Population, np.ndarray, list[RankedPopulation], list[str]]:
     """The true population, its parameters, all populations sampled, and failed checks."""
     rng = np.random.default_rng([3, index])
     kind = population(*KINDS[rng.integers(4)])
     x, values = standardised(rng.standard_normal(TESTS)), true_values(kind, rng)
     z = parameters_of_tests(kind, values, x, rng)
     tests = [modal_test(i, z[i], rng, MOST_DRAWS // 2) for i in range(TESTS)]
-    ours = sampler(tests, x, index, COARSE)
-    sampled = [ours.sample(population(*each), lambda *_: None) for each in KINDS]
-    failed = [*failed_fits(tests, ours.fits), *(c for s in sampled for c in s.failed_checks)]
-    return kind, values[0], sampled, failed
+    sampled = sampled_kinds(tests, x, index, COARSE)
+    return kind, values[0], sampled, [check for each in sampled for check in each.failed_checks]
 
 
 def calibration(n_sets: int) -> None:
@@ -192,11 +179,9 @@ def time() -> None:
     rng = np.random.default_rng(1)
     x, kind = standardised(rng.standard_normal(100)), population(True, True)
     z = parameters_of_tests(kind, np.array([[0.3, 0.2, 0.1]]), x, rng)
-    tests = [modal_test(i, z[i], rng) for i in range(100)]
     wall, processor = perf_counter(), process_time()
-    ours = sampler(tests, x, 0)
-    for each in KINDS:
-        sampled = ours.sample(population(*each), lambda *_: None)
+    tests = [modal_test(i, z[i], rng) for i in range(100)]
+    for sampled in sampled_kinds(tests, x, 0):
         print(f"{sampled.population.name}: {sampled.log_evidence:.3f} ± {sampled.error:.3f}")
     print(f"100 tests, four populations: {perf_counter() - wall:.0f} s, of which "
           f"{process_time() - processor:.0f} s of processor time")  # fmt: skip

@@ -5,22 +5,16 @@ import math
 import numpy as np
 from scipy.special import logsumexp, ndtri
 
-import bayes_ssi as bs
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.results.hierarchy.populations import SingleTest
-
-STANDARD = bs.Normal(0.0, 1.0)
+from bayes_ssi.results.hierarchy.likelihood_fit import fit_likelihood
 
 
 def linear_tests(y, variances, nuisance=0.3, n_draws=1000, seed=0):
     """One datum y_i ~ N(a_i + nuisance·b_i, variance_i) in each test, a and b with priors N(0, 1).
 
-    Draws and log-likelihoods are exact; the evidence has an error like that of sampling.
+    Fitted to exact draws and log-likelihoods; the evidence has an error like that of sampling.
     """
     rng = np.random.default_rng(seed)
-    parameters = tuple(ParameterRecord(name, "", STANDARD, name == "b") for name in ("a", "b"))
-    tests = []
+    fits = []
     for i, (datum, variance) in enumerate(zip(y, variances, strict=True)):
         row = np.array([1.0, nuisance])
         precision = np.outer(row, row) / variance + np.eye(2)
@@ -29,11 +23,8 @@ def linear_tests(y, variances, nuisance=0.3, n_draws=1000, seed=0):
         z = mean + rng.standard_normal((n_draws, 2)) @ spread.T
         log_likelihoods = log_normal(datum - z @ row, variance)
         evidence = log_normal(datum, variance + 1.0 + nuisance**2) + rng.normal(0.0, 0.005)
-        estimate = Estimate(evidence, 0.005)
-        tests.append(
-            SingleTest(f"test {i}", parameters, z, log_likelihoods, estimate, str(i), ("beam",), ())
-        )
-    return tests
+        fits.append(fit_likelihood(z, log_likelihoods, evidence, np.random.default_rng([0, i])))
+    return fits
 
 
 def log_normal(residual, variance):

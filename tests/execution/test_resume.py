@@ -120,7 +120,7 @@ MOMENTS = {**LIMITS, **WRITING_A_JOURNAL, **ALL_IS_SAMPLED, **SAVING, **REPLACIN
 forks = multiprocessing.get_context("forkserver")
 forks.set_forkserver_preload(
     ["pytest", "arviz", "emcee", "h5netcdf.legacyapi",
-     "rich.progress", "bayes_ssi.inference.sampling.moves", "bayes_ssi.plots.moving_shapes",
+     "rich.progress", "bayes_ssi.plots.moving_shapes",
      "bayes_ssi.results.stored_result", "bayes_ssi.report.tables.ranking_tables",
      "bayes_ssi.studies.questions"]
 )  # fmt: skip

@@ -12,13 +12,12 @@ from click.testing import CliRunner
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
+from bayes_ssi.commands.options import read_covariate
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
 from bayes_ssi.results.hierarchy.ranked_populations import (
     judged_tests,
-    read_covariate,
     repeated_errors,
-    single_tests,
 )
 from bayes_ssi.studies.ranking.comparison import Check
 
@@ -99,7 +98,7 @@ def test_what_a_hierarchy_says(made):
 
 def test_the_next_test(made):
     both = made.population(BOTH)
-    warm = made.next_test(20_000, 30.0, BOTH)
+    warm = replace(made, populations=(replace(both, probability=1.0),)).next_test(20_000, 30.0)
     assert warm.shape == (20_000, 2)
     # Of lognormal parameters, with what the population says at its draws.
     means, slopes, spreads = both.population.split(both.draws)
@@ -110,7 +109,7 @@ def test_the_next_test(made):
     np.testing.assert_array_less(np.abs(z.mean(0) - (means + slopes * x).mean(0)), 4.0 * error)
     np.testing.assert_allclose(z.std(axis=0), sd, rtol=0.05)
     with pytest.raises(ValueError, match=r"no population 'x'; choose from 'varies with"):
-        made.next_test(name="x")
+        made.population("x")
 
 
 def test_parameters_that_are_left_out_are_independent_from_test_to_test(rankings):
@@ -133,12 +132,17 @@ def test_a_test_that_the_class_does_not_explain_fails(rankings):
     assert "Likely cause: channels 'floor 2' and 'floor 1' seem to be exchanged" in failed
 
 
+def posteriors_of(rankings):
+    return {name: made.posteriors[0] for name, made in rankings.items()}
+
+
 @pytest.mark.parametrize(("p_value", "fails"), [(0.004, False), (0.003, True)])
 def test_of_three_tests_one_has_to_be_three_times_as_unusual_to_fail(rankings, p_value, fails):
-    name, (january, *others) = single_tests(rankings)
+    posteriors = posteriors_of(rankings)
+    january = posteriors["January"]
     unusual = replace(january.adequacy, overall=PValue.of(np.log(p_value)))
-    tests = [replace(january, adequacy=unusual), *others]
-    failed, remarks = judged_tests(name, tests)
+    tests = {**posteriors, "January": replace(january, adequacy=unusual)}
+    failed, remarks = judged_tests("frame", tests)
     assert len(failed) == fails
     assert len(remarks) == (not fails)
     assert all(
@@ -165,8 +169,7 @@ def wrong_tower(degrees, ratio):
 def test_a_class_that_errs_alike_in_all_tests_fails(ratio, fails):
     degrees = (-10.0, 0.0, 10.0, 20.0, 30.0)
     rankings = {str(at): ranking(wrong_tower(at, ratio)) for at in degrees}
-    _, tests = single_tests(rankings)
-    failed = list(repeated_errors("tower", tests))
+    failed = list(repeated_errors("tower", posteriors_of(rankings)))
     assert len(failed) == fails
     if fails:
         assert re.search(r"mode 1 -\d\.\d %, mode 2 \+\d\.\d % on average", failed[0])
@@ -235,10 +238,8 @@ def directory(rankings, tmp_path_factory):
 def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
     failed = rankings["April"].comparison.with_checks([Check("data", "the methods differ")])
     tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}
-    _, singles = single_tests(tests)
-    assert ["test 'April': the methods differ" in each.failed_checks for each in singles] == [
-        False, True, False,
-    ]  # fmt: skip
+    made = bs.hierarchy(tests, settings=COARSE)
+    assert made.failed_checks == ("test 'April': the methods differ",)
 
 
 @pytest.fixture
@@ -287,6 +288,6 @@ def test_the_command_refuses(saved):
 def test_a_damaged_hierarchy_is_refused(made, tmp_path):
     bs.save_hierarchy(made, tmp_path / "made")
     path = tmp_path / "made" / MARKER
-    path.write_text(path.read_text().replace('"format": 1', '"format": 99'))
+    path.write_text(path.read_text().replace('"format": 2', '"format": 99'))
     with pytest.raises(ValueError, match="a hierarchy of format 99"):
         bs.load_hierarchy(tmp_path / "made")

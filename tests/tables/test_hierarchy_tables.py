@@ -14,10 +14,9 @@ from bayes_ssi.report.tables.prediction_tables import (
 )
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
-    RankedPopulation,
     SingleTestSummary,
 )
-from bayes_ssi.results.hierarchy.populations import Population
+from bayes_ssi.results.hierarchy.populations import Population, RankedPopulation
 
 
 @pytest.fixture
@@ -26,10 +25,9 @@ def made():
     parameter = ParameterRecord("k", "N/m", bs.Normal(100.0, 20.0), False)
     population = Population("varies", ("k",), True, True, bs.PopulationPriors())
     draws = np.tile([0.5, 0.2, 0.1], (400, 1))
-    ranked = RankedPopulation(population, -3.0, 0.1, 1.0, 0.0, 0.0, "best", draws, ("bad",))
+    ranked = RankedPopulation(population, -3.0, 0.1, 0.0, draws, ("bad",))
     tests = tuple(
-        SingleTestSummary(str(i), str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),), 900, 90)
-        for i in range(3)
+        SingleTestSummary(str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),)) for i in range(3)
     )
     scale = CovariateScale("temperature", 10.0, 10.0)
     return bs.Hierarchy("frame", (parameter,), ("k",), tests, scale, (ranked,), 0, (), ("odd",))

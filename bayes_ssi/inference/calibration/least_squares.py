@@ -51,7 +51,8 @@ class DeterministicFit:
     Attributes:
         values: parameter values, in the order of the calibration's ``parameter_names``.
         objective: f_ob, a fraction.
-        distance: RMS distance d from the prior medians, by which every parameter is divided.
+        distance: RMS distance d from the prior medians, by which every parameter is divided,
+            unless they are zero.
         modes: the paired modes.
     """
 
@@ -123,11 +124,6 @@ class CalibrationProblem:
     def prior_medians(self) -> FloatArray:
         """Prior medians (d,) of the parameters."""
         return np.array([p.prior.quantile(0.5) for p in self.parameters])
-
-    def _normalised(self, values: FloatArray) -> dict[str, float]:
-        """Parameter name → value over prior median (over 1 where the median is zero)."""
-        scales = np.where(self.prior_medians == 0.0, 1.0, self.prior_medians)
-        return dict(zip(self.names, (values / scales).tolist(), strict=True))
 
     def starts(self, n: int, seed: int) -> FloatArray:
         """Starts (n, d): the prior median, and Sobol points of twice the prior's spread."""
@@ -247,11 +243,13 @@ class CalibrationProblem:
                 alike = math.nan if mode.scored_shape is None else alike
                 fits.append(ModeFit(test.name, label, number, mode.frequency_hz, model_hz, alike))
         z = np.array([p.prior.to_normal(values.ravel()[i]) for i, p in enumerate(self.parameters)])
-        medians = self._normalised(self.prior_medians)
+        medians = self.prior_medians
+        scales = np.where(medians == 0.0, 1.0, medians)
+        apart = values.ravel() / scales - medians / scales
         return DeterministicFit(
             values=tuple(values.ravel().tolist()),
             objective=float(self.objective(z[None])[0]),
-            distance=rms_distance(self._normalised(values.ravel()), medians),
+            distance=float(np.sqrt(np.mean(apart**2))),
             modes=tuple(fits),
         )
 

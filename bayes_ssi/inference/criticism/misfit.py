@@ -146,6 +146,7 @@ def misfit(
     model_modes = np.append(pairs.model_modes, -1)[which]
     is_paired = (model_modes[:, :, None] == np.arange(detected.shape[1])).any(axis=1)
     n_paired = is_paired.sum(axis=1)
+    n_spurious, expected = n_data - n_paired, identification.expected_spurious_modes
     with np.errstate(divide="ignore"):
         return Misfit(
             frequency_errors=errors,
@@ -157,7 +158,7 @@ def misfit(
             unidentified=np.where(is_paired, 0.0, detected).sum(axis=1)
             / identification.detection_probability,
             spurious_log_p=np.log(
-                _at_least(n_data - n_paired, identification.expected_spurious_modes)
+                np.where(n_spurious > 0, pdtrc(np.maximum(n_spurious - 1, 0), expected), 1.0)
             ),
             detected_log_p=np.log(_at_most(n_paired, detected)),
         )
@@ -183,11 +184,6 @@ def _shape_misfit(
             flat = 0.5 * sd**2 * chdtri(d - 1, 1.0 - EXPECTED_SHARE)
             expected[rows, j] = np.minimum(flat, 1.0)
     return log_p, expected
-
-
-def _at_least(n: NDArray[np.intp], expected: float) -> FloatArray:
-    """Probability (B,) of ``n`` events or more where that many are expected (Poisson)."""
-    return np.where(n > 0, pdtrc(np.maximum(n - 1, 0), expected), 1.0)
 
 
 def _at_most(n: NDArray[np.intp], probabilities: FloatArray) -> FloatArray:

@@ -227,17 +227,8 @@ class ModalLikelihood:
         """
         if not len(self.pairs.with_shape) or self.error.repeats_between_tests:
             return None
-        variances = self._fixed_var
-        if variances is None:
-            variances = self.prediction_var(values)
-        return close_pairs(frequencies_hz, self._observed_distances[:, None], variances)
-
-    @cached_property
-    def _fixed_var(self) -> FloatArray | None:
-        """Squared prediction errors (1, 2) where no parameter enters them."""
-        if any(size.parameters for size in self._sizes):
-            return None
-        return np.array([[size.scale**2 for size in self._sizes]])
+        observed, variances = self._observed_distances[:, None], self.prediction_var(values)
+        return close_pairs(frequencies_hz, observed, variances)
 
     @cached_property
     def _observed_distances(self) -> FloatArray:
@@ -321,8 +312,12 @@ class ModalLikelihood:
         return seen_shapes(self._sensor_matrix.apply(modes.shapes))
 
     def prediction_var(self, values: FloatArray) -> FloatArray:
-        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes."""
-        return self._size_table.evaluate(values) ** 2
+        """Squared prediction errors (B, 1 or 2) of frequencies and, where scored, shapes.
+
+        One row, (1, 1 or 2), where no parameter enters them.
+        """
+        fixed = not any(size.parameters for size in self._sizes)
+        return self._size_table.evaluate(values[:1] if fixed else values) ** 2
 
     @cached_property
     def _size_table(self) -> ProductTable:
@@ -330,7 +325,7 @@ class ModalLikelihood:
 
     def standard_errors(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Standard errors of the paired frequencies (B, P), as fractions, and shapes (B, S)."""
-        prediction_var = self.prediction_var(values)
+        prediction_var = self._size_table.evaluate(values) ** 2
         frequency_sds = np.sqrt(prediction_var[:, :1] + self.pairs.frequency_var)
         return frequency_sds, np.sqrt(prediction_var[:, -1:] + self.pairs.shape_var)
 
@@ -405,10 +400,9 @@ class ModalLikelihood:
     def residuals(
         self, values: FloatArray, modes: ComparedModes
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What :attr:`joint_pairs` need; one row of prediction errors where they are fixed."""
+        """What :attr:`joint_pairs` need."""
         frequencies = self.pairs.frequency_residuals(modes.frequencies_hz)
-        fixed = not any(size.parameters for size in self._sizes)
-        return frequencies, modes.unit_shapes, self.prediction_var(values[:1] if fixed else values)
+        return frequencies, modes.unit_shapes, self.prediction_var(values)
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         variance = (prediction_var.T + self._own_var[0]).T
@@ -425,19 +419,8 @@ class ModalLikelihood:
         if not len(self.pairs.with_shape):
             return modes.shape_distances
         variance = (prediction_var.T + self._own_var[1]).T
-        normalisers = self._fixed_normalisers
-        if normalisers is None:
-            normalisers = self._log_normalisers(variance)
+        normalisers = self._log_normalisers(variance)
         return modes.turned - modes.shape_distances / variance - normalisers
-
-    @cached_property
-    def _fixed_normalisers(self) -> FloatArray | None:
-        """log Z_d(σ) where no parameter enters the shape error; None where one does."""
-        shape_sd = as_product(self.error.shape_sd)
-        if shape_sd.parameters:
-            return None
-        variance = (np.array([[shape_sd.scale**2]]) + self._own_var[1]).T
-        return self._log_normalisers(variance)
 
     def _log_normalisers(self, variance: FloatArray) -> FloatArray:
         """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""

@@ -292,7 +292,8 @@ def datum_terms(
     for (configuration, likelihood, columns), modes, pairing in parts:
         own = np.array([mode.frequency_cov or 0.0 for mode in configuration.data.modes])
         variances = likelihood.prediction_var(columns)[:, :1] + own**2
-        sds.append(np.sqrt(variances) * configuration.data.frequencies_hz)
+        of_test = np.sqrt(variances) * configuration.data.frequencies_hz
+        sds.append(np.broadcast_to(of_test, (len(values), len(own))))
         for label in configuration.data.labels:
             identified.append(label_in(configuration.name, label))
             if label in pairing:

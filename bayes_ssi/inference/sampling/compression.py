@@ -25,7 +25,7 @@ from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.mixture import StudentMixture, fit_mixture, tails_within
-from bayes_ssi.inference.sampling.proposals import drawn_anew
+from bayes_ssi.inference.sampling.proposals import begin, drawn_anew
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 # Share of the particles that survives a level: for a given error, from 0.1 to 0.3 takes the
@@ -161,8 +161,6 @@ class _Climb:
 
         Moves are proposed from ``others`` (m, d), independent particles at a similar level.
         """
-        from bayes_ssi.inference.sampling.moves import begin
-
         if self._level is None:
             return
         (level, rank), rng = self._level, self._rng

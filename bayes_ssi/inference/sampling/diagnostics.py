@@ -27,14 +27,12 @@ class EvidenceEstimate:
     log_evidence: float  # in nats
     # Its standard error; None where it is unknown and nothing is judged by the estimate.
     error: float | None = None
-    # A smaller difference from the quoted value is no disagreement, whatever the errors.
-    tolerance: float = 0.0
 
     def agrees_with(self, quoted: Estimate) -> bool:
-        """Whether the difference from the quoted value is within the errors or the tolerance."""
+        """Whether the difference from the quoted value is within the errors."""
         if self.error is None:
             return True
-        allowed = max(STANDARD_ERRORS * math.hypot(self.error, quoted.error), self.tolerance)
+        allowed = STANDARD_ERRORS * math.hypot(self.error, quoted.error)
         return abs(self.log_evidence - quoted.log_evidence) <= allowed
 
     def shifted(self, correction: float, error: float) -> "EvidenceEstimate":

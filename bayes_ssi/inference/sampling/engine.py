@@ -8,7 +8,7 @@
    to others, and the mixture is fitted to the particles.
 3. Mixture importance sampling gives the evidence and the share of the posterior in each region
    (``regions``).
-4. Two independent emcee ensembles (``ensembles``, ``moves``) sample the posterior; the importance
+4. Two independent emcee ensembles (``ensembles``) sample the posterior; the importance
    draws are their proposals (``proposals``), so that both share their evaluations. Where the
    mixture is poor, ensembles come before the importance draws, and show where it should be.
 5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import bulk_ess, r_hat, tail_ess
-from bayes_ssi.inference.sampling.proposals import Independence
+from bayes_ssi.inference.sampling.proposals import Independence, begin
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
@@ -146,8 +146,6 @@ def run_ensembles(
     Most moves propose from a mixture, independently of a walker's position, so that walkers
     change between separate regions.
     """
-    from bayes_ssi.inference.sampling.moves import begin
-
     running = []
     for start, independence, rng in zip(walkers, proposals, rngs, strict=True):
         positions, log_posteriors = start

@@ -1,4 +1,7 @@
-"""Independence proposals: draws of a mixture, evaluated many at a time, proposed in turn."""
+"""How walkers move: emcee's own moves, and its Metropolis-Hastings move with other proposals.
+
+Independence proposals are draws of a mixture, evaluated many at a time and proposed in turn.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,6 +14,9 @@ from bayes_ssi.inference.sampling.target import LogDensity
 
 # As many as make a batch pay.
 BATCH = 512
+# Fixed walkers of which a step takes its directions: of all pairs of many more, a list is longer
+# than a matrix in many dimensions.
+PARTNERS = 100
 
 
 class Drawn(NamedTuple):
@@ -79,3 +85,56 @@ def drawn_anew(
         return Drawn(z, *log_density(z), mixture.log_pdf(z))
 
     return Independence(mixture, share, draw)
+
+
+def begin(
+    log_density: LogDensity,
+    positions: FloatArray,
+    values: tuple[FloatArray, FloatArray],
+    independence: Independence,
+    rng: np.random.Generator,
+    others: FloatArray | None = None,
+) -> tuple[Any, Any]:
+    """A vectorised sampler of emcee, whose blobs are log-likelihoods, and the state it begins in.
+
+    ``values`` are the log density and log-likelihood at ``positions`` (n, d), (n,) each.
+
+    Differential evolution and the stretch move take their directions from one half of the walkers
+    for the other, or from ``others`` (m, d) for all of them. emcee's snooker move is not used: it
+    divides by zero on the duplicate walkers that resampling makes.
+    """
+    import emcee
+
+    local = [emcee.moves.DEMove(), emcee.moves.StretchMove()]
+    if others is not None:
+        local = [_with_respect_to(others, move) for move in local]
+    shares = np.array([2 / 3, 1 / 3]) * (1.0 - independence.share)
+    far = emcee.moves.MHMove(independence.propose), independence.share
+    moves = [far, *zip(local, shares, strict=True)]
+    # Assigning a RandomState object to a sampler does nothing; its state tuple does.
+    seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
+    state = emcee.State(
+        positions,
+        log_prob=values[0],
+        blobs=values[1],
+        random_state=np.random.RandomState(seeds).get_state(),
+        copy=True,
+    )
+    sampler = emcee.EnsembleSampler(*positions.shape, log_density, moves=moves, vectorize=True)
+    # Without emcee's loop over the rows of a batch, whose wrapper would print an error, with all
+    # positions and a traceback, before raising it.
+    sampler.compute_log_prob = independence.density(log_density)
+    return sampler, state
+
+
+def _with_respect_to(others: FloatArray, move: Any) -> Any:
+    """emcee's red-blue move for all walkers at once, with fixed partners (m, d)."""
+    import emcee
+
+    move.setup(others)
+
+    def proposed(coords: FloatArray, random: Any) -> tuple[FloatArray, FloatArray]:
+        chosen = random.choice(len(others), min(len(others), PARTNERS), replace=False)
+        return move.get_proposal(coords, [others[chosen]], random)
+
+    return emcee.moves.MHMove(proposed)

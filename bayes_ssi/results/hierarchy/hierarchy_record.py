@@ -13,10 +13,9 @@ from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.inference.model_class.class_record import ParameterRecord
-from bayes_ssi.results.hierarchy.populations import Population
+from bayes_ssi.results.hierarchy.populations import RankedPopulation
 from bayes_ssi.results.result_files import new_directory, read_current, write_csv, write_json
 
-AVERAGE = "average"
 # The file that every directory of this kind holds.
 MARKER = "hierarchy.json"
 NEXT_TESTS = 1000  # draws of the parameters in the next test that are written to a file
@@ -27,34 +26,10 @@ class SingleTestSummary:
     """What one of the tests says by itself."""
 
     name: str
-    data_digest: str
     covariate: float | None  # None where there is no covariate
     log_evidence: float  # of the model class in this test alone
     # 5, 50 and 95 % quantiles of the population's parameters in this test alone.
     intervals: tuple[tuple[float, float, float], ...]
-    n_draws: int  # of its posterior that were used
-    effective_sample_size: float  # of its draws where the most probable population has them
-
-
-@dataclass(frozen=True, eq=False)
-class RankedPopulation:
-    """One row of the ranking of populations."""
-
-    population: Population
-    log_evidence: float  # in nats, of all tests together
-    error: float  # standard error of the log evidence
-    probability: float  # among the populations compared, with equal prior weights
-    log_bayes_factor: float  # log evidence less that of the best one
-    log_bayes_factor_error: float
-    against: str  # the evidence against it, in words
-    # (n_draws, n_parameters), of the posterior of the population's parameters, in standard-normal
-    # coordinates of the parameters of the model class.
-    draws: FloatArray
-    failed_checks: tuple[str, ...]  # a sentence each
-
-    @property
-    def name(self) -> str:
-        return self.population.name
 
 
 @dataclass(frozen=True)
@@ -126,7 +101,7 @@ class Hierarchy(Displayed):
             ValueError: there is no covariate.
         """
         means, slopes, _ = ranked.population.split(ranked.draws)
-        return _in_units(self.of_population, means + slopes * self._standardised(covariate))
+        return in_units(self.of_population, means + slopes * self._standardised(covariate))
 
     def spreads(self, ranked: RankedPopulation) -> FloatArray:
         """Draws (n_draws, k) of the standard deviation from test to test, in the parameters' units.
@@ -152,41 +127,39 @@ class Hierarchy(Displayed):
 
     def _apart(self, middle: FloatArray, step: FloatArray) -> FloatArray:
         """The distance (n_draws, k) of values a step to either side, in the parameters' units."""
-        above, below = (_in_units(self.of_population, middle + one) for one in (step, -step))
+        above, below = (in_units(self.of_population, middle + one) for one in (step, -step))
         return above - below
 
-    def next_test(
-        self, n_draws: int = 1000, covariate: float | None = None, name: str = AVERAGE
-    ) -> FloatArray:
+    def next_test(self, n_draws: int = 1000, covariate: float | None = None) -> FloatArray:
         """Draws of the parameters in the next test, (n_draws, n_parameters), in their units.
 
         All parameters of the model class, as its structure and errors take them: those of the
-        population are drawn from it, the others from their priors.
+        populations are drawn from these, in proportion to their probabilities, the others from
+        their priors.
 
         Args:
             n_draws: number of draws.
             covariate: its value in the next test; the mean of the tests if None.
-            name: of a population; "average" takes them in proportion to their probabilities.
 
         Raises:
-            ValueError: there is no such population, there is no covariate, or ``n_draws`` is not
-                positive.
+            ValueError: there is no covariate, or ``n_draws`` is not positive.
         """
         if n_draws < 1:
             raise ValueError(f"hierarchy: the number of draws must be positive, got {n_draws!r}")
         rng = np.random.default_rng(0)
-        chosen = self.populations if name == AVERAGE else (self.population(name),)
-        probabilities = np.array([each.probability for each in chosen])
-        counts = np.bincount(systematic_indices(probabilities, n_draws, rng), minlength=len(chosen))
+        probabilities = np.array([each.probability for each in self.populations])
+        counts = np.bincount(
+            systematic_indices(probabilities, n_draws, rng), minlength=len(probabilities)
+        )
         drawn = []
-        for ranked, count in zip(chosen, counts, strict=True):
+        for ranked, count in zip(self.populations, counts, strict=True):
             values = ranked.draws[rng.integers(len(ranked.draws), size=count)]
             means, slopes, spreads = ranked.population.split(values)
             steps = spreads * rng.standard_normal(means.shape)
             drawn.append(means + slopes * self._standardised(covariate) + steps)
         z = rng.standard_normal((n_draws, len(self.parameters)))
         z[:, self.population_columns] = np.concatenate(drawn)
-        return _in_units(self.parameters, z)
+        return in_units(self.parameters, z)
 
     @property
     def of_population(self) -> tuple[ParameterRecord, ...]:
@@ -215,7 +188,8 @@ class Hierarchy(Displayed):
         return [columns(row, names) for row in self.populations]
 
 
-def _in_units(parameters: Sequence[ParameterRecord], z: FloatArray) -> FloatArray:
+def in_units(parameters: Sequence[ParameterRecord], z: FloatArray) -> FloatArray:
+    """Values (n, k) of parameters at standard-normal coordinates ``z`` (n, k)."""
     values = [each.prior.from_normal(z[:, i]) for i, each in enumerate(parameters)]
     return np.stack(values, axis=1)
 
@@ -223,12 +197,10 @@ def _in_units(parameters: Sequence[ParameterRecord], z: FloatArray) -> FloatArra
 @dataclass(frozen=True)
 class HierarchyRecord:
     hierarchy: Hierarchy
-    # Name of a test → directory of its result; empty where they were not read from files.
-    results: Mapping[str, str]
     command: str  # the command that reproduces it; empty where it was made from Python
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     versions: Mapping[str, str] = field(default_factory=versions)
-    format: int = 1  # increased whenever the format of the files changes
+    format: int = 2  # increased whenever the format of the files changes
 
 
 @checked
@@ -237,7 +209,6 @@ def save_hierarchy(
     directory: str | Path,
     *,
     covariate: float | None = None,
-    results: Mapping[str, str] | None = None,
     overwrite: bool = False,
     command: str = "",
 ) -> None:
@@ -247,7 +218,6 @@ def save_hierarchy(
         hierarchy: the result.
         directory: where it goes.
         covariate: its value in the next test; the mean of the tests if None.
-        results: name of a test → directory of its result, for the record.
         overwrite: replace a hierarchy that exists.
         command: the command that reproduces the result, for the record.
 
@@ -257,7 +227,7 @@ def save_hierarchy(
     """
     draws = hierarchy.next_test(NEXT_TESTS, covariate)
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
-        write_json(partial / MARKER, HierarchyRecord(hierarchy, results or {}, command))
+        write_json(partial / MARKER, HierarchyRecord(hierarchy, command))
         names = [parameter.name for parameter in hierarchy.parameters]
         rows = ([f"{value:.7g}" for value in row] for row in draws)
         write_csv(partial / "next_test.csv", names, rows)

@@ -3,9 +3,14 @@
 At every stored draw the likelihood itself is known, not only how often the draw occurs: the sum is
 fitted to its logarithm by least squares. A likelihood that is normal in form is matched exactly in
 this way, however few the draws, and its integrals over normal populations are known in closed form.
+
+A component is a function exp(-q/2) of d coordinates z, with a quadratic q = (z, 1)·Q·(z, 1): a
+multiple of a normal density, except that it may be flat in some directions, about which the data
+say nothing. Its form Q (d + 1, d + 1) is symmetric. Products of components add forms, and a linear
+map of the coordinates turns one into another.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +18,6 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS, fit_mixture
-from bayes_ssi.inference.sampling.target import log_standard_normal
 
 # Root mean square error of a log-likelihood, in nats, that is good enough: with that of each of
 # a hundred tests, their sum is off by a fifth of a nat, before the draws correct it.
@@ -32,145 +36,79 @@ EVIDENCE_WEIGHT = 0.1
 MOST_EVALUATIONS = 60  # in one search for the least squares
 
 
-class GaussianSum(NamedTuple):
-    """A sum of K functions exp(constant + slope·z - |root·z|²/2) of d coordinates.
+def log_parts(forms: FloatArray, z: FloatArray) -> FloatArray:
+    """Logarithms (n, K) of components with ``forms`` (K, d + 1, d + 1) at ``z`` (n, d)."""
+    points = np.insert(z, z.shape[1], 1.0, axis=1)
+    return -0.5 * ((points @ forms) * points).sum(axis=-1).T
 
-    Each is a multiple of a normal density, except that it may be flat in some directions, about
-    which the data say nothing.
+
+def log_sum(forms: FloatArray, z: FloatArray) -> FloatArray:
+    """The logarithm (n,) of the sum of components at ``z`` (n, d)."""
+    return _shares(log_parts(forms, z))[1]
+
+
+def _shares(parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shares (n, K) of parts given by logarithms, and the log (n,) of their sum."""
+    highest = parts.max(axis=1, keepdims=True)
+    numbers = np.exp(parts - highest)
+    totals = numbers.sum(axis=1, keepdims=True)
+    return numbers / totals, (np.log(totals) + highest)[:, 0]
+
+
+def mapped(forms: FloatArray, origins: FloatArray, units: FloatArray) -> FloatArray:
+    """Forms (..., d + 1, d + 1) of x, where those given are of z = origin + unit·x, (..., d)."""
+    d = forms.shape[-1] - 1
+    maps = np.zeros((*np.broadcast_shapes(origins.shape, units.shape)[:-1], d + 1, d + 1))
+    maps[..., :d, d] = origins
+    maps[..., range(d), range(d)] = units
+    maps[..., d, d] = 1.0
+    return maps.swapaxes(-1, -2) @ forms @ maps
+
+
+def standard_form(d: int) -> FloatArray:
+    """The form (d + 1, d + 1) of N(0, I), times (2π)^(d/2)."""
+    return np.diag(np.append(np.ones(d), 0.0))
+
+
+def log_integrals(forms: FloatArray) -> FloatArray:
+    """Logarithms (...) of the integrals of components (..., d + 1, d + 1), over (2π)^(d/2).
+
+    Raises:
+        numpy.linalg.LinAlgError: a component is flat in a direction.
     """
-
-    constants: FloatArray  # (K,), in nats
-    slopes: FloatArray  # (K, d)
-    roots: FloatArray  # (K, d, d), upper triangular; root'·root is the precision of a component
-
-    @property
-    def precisions(self) -> FloatArray:
-        """(K, d, d), positive semi-definite."""
-        return np.einsum("kli,klj->kij", self.roots, self.roots)
-
-    def log_sum(self, z: FloatArray) -> FloatArray:
-        """The logarithm (n,) of the sum at ``z`` (n, d)."""
-        return _shares(self._log_parts(z)[0])[1]
-
-    def _log_parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Logarithms of the components (n, K), and root·z (n, K, d)."""
-        rooted = np.einsum("kij,nj->nki", self.roots, z)
-        squares = np.einsum("nki,nki->nk", rooted, rooted)
-        return self.constants + np.einsum("kj,nj->nk", self.slopes, z) - 0.5 * squares, rooted
-
-    def derivatives(self, z: FloatArray) -> FloatArray:
-        """Derivatives (n, n_numbers) of :meth:`log_sum` by the numbers of :attr:`flat`."""
-        log_parts, rooted = self._log_parts(z)
-        shares, _ = _shares(log_parts)
-        by_slopes = shares[:, :, None] * z[:, None]
-        rows, columns = np.triu_indices(z.shape[1])
-        by_roots = -rooted[..., rows] * by_slopes[..., columns]
-        parts = [part.reshape(len(z), -1) for part in (shares, by_slopes, by_roots)]
-        return np.concatenate(parts, axis=1)
-
-    @property
-    def flat(self) -> FloatArray:
-        """All numbers in one row, of the roots the upper triangles, below which they are zero."""
-        rows, columns = np.triu_indices(self.slopes.shape[1])
-        upper = self.roots[:, rows, columns]
-        return np.concatenate([self.constants, self.slopes.ravel(), upper.ravel()])
-
-    @classmethod
-    def from_flat(cls, numbers: FloatArray, d: int) -> "GaussianSum":
-        """The components of d coordinates whose :attr:`flat` is ``numbers``."""
-        rows, columns = np.triu_indices(d)
-        k = len(numbers) // (1 + d + len(rows))
-        constants, slopes, upper = np.split(numbers, [k, k + k * d])
-        roots = np.zeros((k, d, d))
-        roots[:, rows, columns] = upper.reshape(k, -1)
-        return cls(constants, slopes.reshape(k, d), roots)
-
-    @classmethod
-    def at_points(
-        cls, points: FloatArray, values: FloatArray, gradients: FloatArray, precisions: FloatArray
-    ) -> "GaussianSum":
-        """Components with given logarithms (K,), gradients and precisions at ``points`` (K, d).
-
-        Negative eigenvalues of the symmetric ``precisions`` (K, d, d) are replaced by zero.
-        """
-        eigenvalues, vectors = np.linalg.eigh(precisions)
-        kept = np.sqrt(np.maximum(eigenvalues, 0.0))
-        # R of the QR factors: upper triangular.
-        squares = kept[:, :, None] * vectors.transpose(0, 2, 1)
-        roots: FloatArray = np.asarray(np.linalg.qr(squares, mode="r"))
-        rooted = np.einsum("kij,kj->ki", roots, points)
-        slopes = gradients + np.einsum("kij,ki->kj", roots, rooted)
-        squares = np.einsum("ki,ki->k", rooted, rooted)
-        constants = values - np.einsum("ki,ki->k", slopes, points) + 0.5 * squares
-        return cls(constants, slopes, roots)
-
-    def in_coordinates(self, origin: FloatArray, unit: FloatArray) -> "GaussianSum":
-        """The same functions of z, where they now are of (z - ``origin``) / ``unit``, each (d,)."""
-        roots = self.roots / unit
-        at_origin = np.einsum("kij,j->ki", roots, origin)
-        slopes = self.slopes / unit + np.einsum("kij,ki->kj", roots, at_origin)
-        squares = np.einsum("ki,ki->k", at_origin, at_origin)
-        constants = self.constants - (self.slopes / unit) @ origin - 0.5 * squares
-        return GaussianSum(constants, slopes, roots)
-
-    def log_integral(self, weight: "GaussianSum") -> tuple[float, FloatArray]:
-        """The logarithm of the integral of the sum times one other component, and its derivatives.
-
-        The derivatives are by the numbers of :attr:`flat`.
-        """
-        precisions = self.precisions + weight.precisions
-        slopes = self.slopes + weight.slopes
-        means = np.linalg.solve(precisions, slopes[..., None])[..., 0]
-        log_determinants = np.linalg.slogdet(precisions / (2.0 * np.pi))[1]
-        gained = 0.5 * (np.einsum("ki,ki->k", means, slopes) - log_determinants)
-        log_parts = self.constants + weight.constants + gained
-        (shares,), (total,) = _shares(log_parts[None])
-        squares = np.linalg.inv(precisions) + means[:, :, None] * means[:, None]
-        rows, columns = np.triu_indices(means.shape[1])
-        by_roots = (
-            -shares[:, None] * np.einsum("kij,kjl->kil", self.roots, squares)[:, rows, columns]
-        )
-        by_slopes = shares[:, None] * means
-        return float(total), np.concatenate([shares, by_slopes.ravel(), by_roots.ravel()])
-
-    def integrated_over(self, others: NDArray[np.intp]) -> "GaussianSum":
-        """The components of the remaining coordinates, the ``others`` averaged over N(0, I)."""
-        d = self.slopes.shape[1]
-        kept = np.setdiff1d(np.arange(d), others)
-        precisions = self.precisions
-        of_others = np.eye(len(others)) + precisions[:, others][:, :, others]
-        across = precisions[:, others][:, :, kept]
-        of_slopes = np.linalg.solve(of_others, self.slopes[:, others, None])[..., 0]
-        of_across = np.linalg.solve(of_others, across)
-        log_determinants = np.linalg.slogdet(of_others)[1]
-        gained = np.einsum("ki,ki->k", self.slopes[:, others], of_slopes)
-        zeros = np.zeros((len(self.constants), len(kept)))
-        return GaussianSum.at_points(
-            zeros,
-            self.constants + 0.5 * (gained - log_determinants),
-            self.slopes[:, kept] - np.einsum("kij,ki->kj", across, of_slopes),
-            precisions[:, kept][:, :, kept] - np.einsum("kli,klj->kij", across, of_across),
-        )
+    d = forms.shape[-1] - 1
+    # The last row of the Cholesky factor is solved for by the others.
+    bordered = forms.copy()
+    bordered[..., d, d] = np.finfo(float).max
+    factors = np.linalg.cholesky(bordered)
+    log_roots = np.log(np.einsum("...ii->...i", factors[..., :d, :d])).sum(axis=-1)
+    gained = np.einsum("...i,...i->...", factors[..., d, :d], factors[..., d, :d])
+    return np.asarray(0.5 * (gained - forms[..., d, d]) - log_roots)
 
 
-def _shares(log_parts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shares (n, K) of parts in their sum, and its logarithm (n,); faster than scipy's."""
-    highest = log_parts.max(axis=1, keepdims=True)
-    parts = np.exp(log_parts - highest)
-    totals = parts.sum(axis=1, keepdims=True)
-    return parts / totals, (np.log(totals) + highest)[:, 0]
+def averaged(forms: FloatArray, others: NDArray[np.intp]) -> FloatArray:
+    """Forms (K, m + 1, m + 1) of the other coordinates, these averaged over N(0, I)."""
+    kept = np.setdiff1d(np.arange(forms.shape[1]), others)
+    inner = forms[:, others][:, :, others] + np.eye(len(others))
+    across = forms[:, others][:, :, kept]
+    left = forms[:, kept][:, :, kept] - across.swapaxes(1, 2) @ np.linalg.solve(inner, across)
+    left[:, -1, -1] += np.linalg.slogdet(inner)[1]
+    return np.asarray(left)
 
 
-@dataclass(frozen=True, eq=False)
-class LikelihoodFit:
-    components: GaussianSum  # the best fit
-    second: GaussianSum  # the second best, which tells how uncertain it is
-    log_ratios: FloatArray  # (n,), log of the likelihood over that of the components, at the draws
+class LikelihoodFit(NamedTuple):
+    """The likelihood of one test as a function of d coordinates."""
 
-    @property
-    def error(self) -> float:
-        """Root mean square of the log ratios."""
-        return float(np.sqrt(np.mean(self.log_ratios**2)))
+    z: FloatArray  # (n, d), the draws at which it is known
+    log_ratios: FloatArray  # (n,), log of the likelihood over that of the components, there
+    components: FloatArray  # (K, d + 1, d + 1), forms of the best fit
+    second: FloatArray  # likewise of the second best, which tells how uncertain it is
+
+    def within(self, columns: Sequence[int]) -> "LikelihoodFit":
+        """The fit as a function of some coordinates, the others averaged over N(0, I)."""
+        others = np.setdiff1d(np.arange(self.z.shape[1]), columns)
+        of_both = (averaged(forms, others) for forms in (self.components, self.second))
+        return LikelihoodFit(self.z[:, columns], self.log_ratios, *of_both)
 
 
 def fit_likelihood(
@@ -180,9 +118,13 @@ def fit_likelihood(
 
     The number of components grows until that no longer helps.
     """
-    fitting = _Fitting(z, log_likelihoods, log_evidence)
     n, d = z.shape
-    fits = [fitting.least_squares(fitting.one_component)]
+    # In coordinates x in which the posterior is a standard one.
+    origin, unit = z.mean(axis=0), z.std(axis=0)
+    x, prior = (z - origin) / unit, mapped(standard_form(d), origin, unit)
+    prior[d, d] -= 2.0 * np.log(unit).sum()
+    known = x, log_likelihoods, prior, log_evidence
+    fits = [_least_squares(_one_component(x, log_likelihoods), *known)]
     for count in NUMBERS_OF_COMPONENTS:
         errors = [error for _, error in fits]
         enough = FIT_ERROR if len(fits) > 1 else EXACT_FIT_ERROR
@@ -190,88 +132,132 @@ def fit_likelihood(
         few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_NUMBER
         if min(errors) < enough or few or in_vain:
             break
-        fits.append(fitting.least_squares(fitting.mixture(count, rng)))
+        start = _mixture_over_prior(x, prior, count, rng)
+        start[:, d, d] -= 2.0 * np.mean(log_likelihoods - log_sum(start, x))
+        fits.append(_least_squares(start, *known))
     fits.sort(key=lambda fit: fit[1])
     best, second = fits[0][0], fits[min(1, len(fits) - 1)][0]
-    return LikelihoodFit(
-        best.in_coordinates(fitting.origin, fitting.unit),
-        second.in_coordinates(fitting.origin, fitting.unit),
-        log_likelihoods - best.log_sum(fitting.x),
+    of_z = (mapped(forms, -origin / unit, 1.0 / unit) for forms in (best, second))
+    return LikelihoodFit(z, log_likelihoods - log_sum(best, x), *of_z)
+
+
+def _one_component(x: FloatArray, log_likelihoods: FloatArray) -> FloatArray:
+    """The form (1, d + 1, d + 1) of a quadratic fitted to the log-likelihoods at x (n, d)."""
+    points = np.insert(x, x.shape[1], 1.0, axis=1)
+    rows, columns = np.triu_indices(points.shape[1])
+    coefficients = np.linalg.lstsq(points[:, rows] * points[:, columns], log_likelihoods)[0]
+    upper = np.zeros((1, *[points.shape[1]] * 2))
+    upper[:, rows, columns] = coefficients
+    return _not_rising(-(upper + upper.swapaxes(1, 2)))
+
+
+def _mixture_over_prior(
+    x: FloatArray, prior: FloatArray, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """Forms (K, d + 1, d + 1) of a mixture fitted to draws x (n, d), divided by the prior."""
+    mixture = fit_mixture(x, count, LIGHT_TAILS, rng)
+    d, (means, factors) = x.shape[1], (mixture.means, mixture.factors)
+    about_means = np.zeros((len(means), d + 1, d + 1))
+    about_means[:, :d, :d] = np.linalg.inv(factors @ factors.swapaxes(1, 2))
+    about_means[:, d, d] = 2.0 * (np.linalg.slogdet(factors)[1] - np.log(mixture.weights))
+    ones = np.ones(d)
+    return mapped(_not_rising(about_means - mapped(prior, means, ones)), -means, ones)
+
+
+def _not_rising(forms: FloatArray) -> FloatArray:
+    """Components with the same values and slopes at zero that rise away from it in no direction."""
+    roots = _roots(forms)
+    forms[:, :-1, :-1] = roots.swapaxes(1, 2) @ roots
+    return forms
+
+
+def _roots(forms: FloatArray) -> FloatArray:
+    """Upper triangular R (K, d, d), R'·R the part of a form without its negative eigenvalues."""
+    eigenvalues, vectors = np.linalg.eigh(forms[:, :-1, :-1])
+    kept = np.sqrt(np.maximum(eigenvalues, 0.0))
+    roots: FloatArray = np.asarray(
+        np.linalg.qr(kept[:, :, None] * vectors.swapaxes(1, 2), mode="r")
     )
+    return roots
 
 
-class _Fitting:
-    """What components are fitted to, in coordinates in which the posterior is a standard one.
+def numbers_of(forms: FloatArray) -> FloatArray:
+    """What is fitted, in one row: constants, slopes and roots of components."""
+    rows, columns = np.triu_indices(forms.shape[1] - 1)
+    parts = -0.5 * forms[:, -1, -1], -forms[:, -1, :-1], _roots(forms)[:, rows, columns]
+    return np.concatenate([part.ravel() for part in parts])
 
-    With the mean and the standard deviation of the draws, x = (z - origin) / unit.
-    """
 
-    def __init__(self, z: FloatArray, log_likelihoods: FloatArray, log_evidence: float) -> None:
-        d = z.shape[1]
-        self.origin, self.unit = z.mean(axis=0), z.std(axis=0)
-        self.x = (z - self.origin) / self.unit
-        self.log_likelihoods, self.log_evidence = log_likelihoods, log_evidence
-        self.prior = GaussianSum.at_points(
-            np.zeros((1, d)),
-            log_standard_normal(self.origin[None]) + np.log(self.unit).sum(),
-            -(self.origin * self.unit)[None],
-            np.diag(self.unit**2)[None],
-        )
+def forms_of(numbers: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
+    """The forms with these :func:`numbers_of`, in d coordinates, and their roots (K, d, d)."""
+    rows, columns = np.triu_indices(d)
+    k = len(numbers) // (1 + d + len(rows))
+    constants, slopes, upper = np.split(numbers, [k, k + k * d])
+    roots, forms = np.zeros((k, d, d)), np.empty((k, d + 1, d + 1))
+    roots[:, rows, columns] = upper.reshape(k, -1)
+    forms[:, :d, :d] = roots.swapaxes(1, 2) @ roots
+    forms[:, d, :d] = forms[:, :d, d] = -slopes.reshape(k, d)
+    forms[:, d, d] = -2.0 * constants
+    return forms, roots
 
-    def least_squares(self, start: GaussianSum) -> tuple[GaussianSum, float]:
-        """The least squares that a search from ``start`` comes to, and their mean's root."""
-        from scipy.optimize import least_squares
 
-        n, d = self.x.shape
-        off = float(np.sqrt(np.mean((start.log_sum(self.x) - self.log_likelihoods) ** 2)))
-        if off < EXACT_FIT_ERROR:
-            return start, off
-        weight = EVIDENCE_WEIGHT * np.sqrt(n)
+def sum_by_numbers(forms: FloatArray, roots: FloatArray, z: FloatArray) -> FloatArray:
+    """Derivatives (n, n_numbers) of :func:`log_sum` at ``z`` (n, d)."""
+    shares, _ = _shares(log_parts(forms, z))
+    return _by_numbers(shares, roots, z[:, None], z[:, None, :, None] * z[:, None, None])
 
-        def residuals(numbers: FloatArray) -> FloatArray:
-            components = GaussianSum.from_flat(numbers, d)
-            try:
-                off = components.log_integral(self.prior)[0] - self.log_evidence
-            except np.linalg.LinAlgError:
-                # A step so far that precisions are rounded to singular: no search may stay there.
-                return np.full(n + 1, 1e6)
-            return np.append(components.log_sum(self.x) - self.log_likelihoods, weight * off)
 
-        def derivatives(numbers: FloatArray) -> FloatArray:
-            components = GaussianSum.from_flat(numbers, d)
-            of_integral = weight * components.log_integral(self.prior)[1]
-            return np.vstack([components.derivatives(self.x), of_integral])
+def integral_by_numbers(forms: FloatArray, roots: FloatArray, weight: FloatArray) -> FloatArray:
+    """Derivatives (1, n_numbers) of the log of the sum's integral over another component."""
+    whole = forms + weight
+    covariances = np.linalg.inv(whole[:, :-1, :-1])
+    means = -(covariances @ whole[:, :-1, -1:])[..., 0]
+    shares, _ = _shares(log_integrals(whole)[None])
+    squares = covariances + means[:, :, None] * means[:, None]
+    return _by_numbers(shares, roots, means[None], squares[None])
 
-        search = least_squares(
-            residuals, start.flat, derivatives, method="lm", max_nfev=MOST_EVALUATIONS
-        )
-        return GaussianSum.from_flat(search.x, d), float(np.sqrt(2.0 * search.cost / n))
 
-    @property
-    def one_component(self) -> GaussianSum:
-        d = self.x.shape[1]
-        rows, columns = np.triu_indices(d)
-        products = self.x[:, rows] * self.x[:, columns]
-        design = np.column_stack([np.ones(len(self.x)), self.x, products])
-        coefficients: FloatArray = np.linalg.lstsq(design, self.log_likelihoods)[0].astype(float)
-        upper = np.zeros((d, d))
-        upper[rows, columns] = coefficients[1 + d :]
-        slopes = coefficients[None, 1 : 1 + d]
-        return GaussianSum.at_points(
-            np.zeros((1, d)), coefficients[:1], slopes, -(upper + upper.T)[None]
-        )
+def _by_numbers(
+    shares: FloatArray, roots: FloatArray, means: FloatArray, squares: FloatArray
+) -> FloatArray:
+    """Derivatives of log sums (n,) of K parts, from means of z and of its products in each."""
+    rows, columns = np.triu_indices(roots.shape[1])
+    by_slopes = shares[:, :, None] * means
+    by_roots = -shares[:, :, None] * (roots @ squares)[..., rows, columns]
+    parts = [part.reshape(len(shares), -1) for part in (shares, by_slopes, by_roots)]
+    return np.concatenate(parts, axis=1)
 
-    def mixture(self, count: int, rng: np.random.Generator) -> GaussianSum:
-        """The shape of a mixture fitted to the draws, divided by the prior."""
-        mixture = fit_mixture(self.x, count, LIGHT_TAILS, rng)
-        covariances = mixture.factors @ mixture.factors.transpose(0, 2, 1)
-        precision = self.prior.precisions[0]
-        heights = np.log(mixture.weights) - 0.5 * np.linalg.slogdet(covariances)[1]
-        components = GaussianSum.at_points(
-            mixture.means,
-            heights - self.prior.log_sum(mixture.means),
-            mixture.means @ precision - self.prior.slopes,
-            np.linalg.inv(covariances) - precision,
-        )
-        missing = float(np.mean(self.log_likelihoods - components.log_sum(self.x)))
-        return GaussianSum(components.constants + missing, components.slopes, components.roots)
+
+def _least_squares(
+    start: FloatArray,
+    x: FloatArray,
+    log_likelihoods: FloatArray,
+    prior: FloatArray,
+    log_evidence: float,
+) -> tuple[FloatArray, float]:
+    """The forms that a search for the least squares comes to, and the root of their mean."""
+    from scipy.optimize import least_squares
+
+    n, d = x.shape
+    off = float(np.sqrt(np.mean((log_sum(start, x) - log_likelihoods) ** 2)))
+    if off < EXACT_FIT_ERROR:
+        return start, off
+    weight = EVIDENCE_WEIGHT * np.sqrt(n)
+
+    def residuals(numbers: FloatArray) -> FloatArray:
+        forms, _ = forms_of(numbers, d)
+        try:
+            integral = np.logaddexp.reduce(log_integrals(forms + prior))
+        except np.linalg.LinAlgError:
+            # A step so far that precisions are rounded to singular: no search may stay there.
+            return np.full(n + 1, 1e6)
+        return np.append(log_sum(forms, x) - log_likelihoods, weight * (integral - log_evidence))
+
+    def derivatives(numbers: FloatArray) -> FloatArray:
+        forms, roots = forms_of(numbers, d)
+        of_integral = weight * integral_by_numbers(forms, roots, prior)
+        return np.concatenate([sum_by_numbers(forms, roots, x), of_integral])
+
+    first = numbers_of(start)
+    search = least_squares(residuals, first, derivatives, method="lm", max_nfev=MOST_EVALUATIONS)
+    return forms_of(search.x, d)[0], float(np.sqrt(2.0 * search.cost / n))

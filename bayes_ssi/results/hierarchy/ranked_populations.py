@@ -5,33 +5,39 @@ What tests that the model class does not explain say of a population means nothi
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
-from pathlib import Path
 
 import numpy as np
 from scipy.special import betaincc
 
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
-from bayes_ssi.foundations.text_files import read_table
+from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.criticism.adequacy import (
     inadequacy_in_words,
     misfit_text,
     misfits_in_words,
 )
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
-from bayes_ssi.inference.sampling.diagnostics import Estimate
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.results.hierarchy import populations
 from bayes_ssi.results.hierarchy.hierarchy_record import (
     CovariateScale,
     Hierarchy,
-    RankedPopulation,
     SingleTestSummary,
+    in_units,
 )
-from bayes_ssi.results.hierarchy.populations import PopulationPriors, SingleTest
+from bayes_ssi.results.hierarchy.likelihood_fit import fit_likelihood
+from bayes_ssi.results.hierarchy.populations import (
+    Population,
+    PopulationPriors,
+    RankedPopulation,
+    sample_population,
+)
 from bayes_ssi.results.stored_result import AnyResult, StoredResult, as_stored
 from bayes_ssi.studies.ranking import comparison
 
@@ -85,242 +91,181 @@ def hierarchy(
             unknown, or the covariate is missing, not finite or constant.
     """
     class_name, tests = single_tests(results, class_name)
-    of_structure = [parameter.name for parameter in tests[0].parameters if not parameter.is_error]
+    posteriors = {name: test.posterior(class_name) for name, test in tests.items()}
+    records = {name: test.record.model_class(class_name) for name, test in tests.items()}
+    everything = next(iter(records.values())).parameters
+    of_structure = [parameter.name for parameter in everything if not parameter.is_error]
     wanted = of_structure if parameters is None else parameters
     require_known("hierarchy: the structure has no parameter", wanted, of_structure)
     if not wanted:
         raise ValueError("hierarchy: no parameter is named; name one or more")
     names = tuple(name for name in of_structure if name in wanted)
-    scale, x = _standardised(tests, covariate, covariate_name)
+    scale, x = _standardised(list(tests), covariate, covariate_name)
     report = (run or Run()).report
-    fits = populations.fit_tests(tests, seed, partial(report, "single tests", "likelihoods"))
-    columns = tests[0].columns(names)
-    sampler = populations.PopulationSampler(
-        tests, fits, columns, x, seed, settings or SamplingSettings()
-    )
+    columns = [i for i, parameter in enumerate(everything) if parameter.name in names]
+    fits, rows = [], []
+    for i, (test, posterior) in enumerate(posteriors.items()):
+        z, log_likelihoods = _draws(test, posterior, everything)
+        evidence, rng = posterior.evidence.log_evidence, np.random.default_rng([seed, i])
+        fits.append(fit_likelihood(z, log_likelihoods, evidence, rng).within(columns))
+        quantiles = np.quantile(z[:, columns], LEVELS, axis=0)
+        intervals = in_units([everything[column] for column in columns], quantiles).T
+        at = None if covariate is None else float(covariate[test])
+        rows.append(SingleTestSummary(test, at, evidence, tuple(map(tuple, intervals.tolist()))))
+        report("single tests", "likelihoods", (i + 1) / len(tests))
     kinds = [(SAME, False, False), (VARIES, True, False)]
     if scale is not None:
         follows = f"varies with {scale.name}"
         kinds += [(follows, False, True), (f"{follows} and from test to test", True, True)]
     sampled = [
-        sampler.sample(
-            populations.Population(kind, names, varies, follows, priors or PopulationPriors()),
+        sample_population(
+            Population(kind, names, varies, follows, priors or PopulationPriors()),
+            fits,
+            x,
+            seed,
+            settings or SamplingSettings(),
             partial(report, kind),
         )
         for kind, varies, follows in kinds
     ]
-    sampled.sort(key=lambda population: -population.log_evidence)
-    failed, unusual = judged_tests(class_name, tests)
-    first, *others = tests
+    failed, unusual = judged_tests(class_name, posteriors)
+    defined = {name: [c.definition for c in own.configurations] for name, own in records.items()}
+    first, *others = defined
     remarks = [
-        f"the structure of test {test.name!r} is not defined as that of {first.name!r}: "
-        "parameters of one name must mean the same in all tests"
-        for test in others
-        if test.definitions != first.definitions
+        f"the structure of test {name!r} is not defined as that of {first!r}: parameters of one "
+        "name must mean the same in all tests"
+        for name in others
+        if defined[name] != defined[first]
     ]
+    failed_in_tests = (
+        f"test {name!r}: {check}"
+        for name, test in tests.items()
+        for check in (*test.comparison.failed_data_checks, *posteriors[name].failed_checks)
+    )
     return Hierarchy(
         model_class=class_name,
-        parameters=tests[0].parameters,
+        parameters=everything,
         names=names,
-        tests=tuple(_rows(sampler, sampled[0].coverage, covariate)),
+        tests=tuple(rows),
         covariate=scale,
-        populations=tuple(_ranked(sampled)),
+        populations=ranked(sampled),
         seed=seed,
-        failed_checks=(
-            *(c for test in tests for c in test.failed_checks),
-            *failed,
-            *repeated_errors(class_name, tests),
-            *populations.failed_fits(tests, fits),
-        ),
+        failed_checks=(*failed_in_tests, *failed, *repeated_errors(class_name, posteriors)),
         remarks=(*remarks[:1], *unusual),
     )
 
 
 def _standardised(
-    tests: Sequence[SingleTest], covariate: Mapping[str, float] | None, name: str
+    tests: Sequence[str], covariate: Mapping[str, float] | None, name: str
 ) -> tuple[CovariateScale | None, FloatArray]:
     """The covariate's scale, and its standardised values (n_tests,); zeros without covariate."""
     if covariate is None:
         return None, np.zeros(len(tests))
-    for test in tests:
-        require_known(f"hierarchy: no value of {name!r} for test", [test.name], covariate)
-        if not math.isfinite(covariate[test.name]):
+    require_known(f"hierarchy: no value of {name!r} for test", tests, covariate)
+    values = np.array([covariate[test] for test in tests], dtype=float)
+    for test, value in zip(tests, values.tolist(), strict=True):
+        if not math.isfinite(value):
             raise ValueError(
-                f"hierarchy: {name!r} of test {test.name!r} must be a finite number, got "
-                f"{covariate[test.name]!r}"
+                f"hierarchy: {name!r} of test {test!r} must be a finite number, got {value!r}"
             )
-    values = np.array([covariate[test.name] for test in tests], dtype=float)
     if np.ptp(values) == 0.0:
         raise ValueError(f"hierarchy: {name!r} is {values[0]:g} in all tests: nothing follows it")
     scale = CovariateScale(name, float(values.mean()), float(values.std()))
     return scale, (values - scale.mean) / scale.sd
 
 
-def _rows(
-    sampler: populations.PopulationSampler,
-    covered: populations.Coverage,
-    covariate: Mapping[str, float] | None,
-) -> list[SingleTestSummary]:
-    """A row for each test, with what the most probable population's coverage says of it."""
-    sizes = np.median(covered.effective_sample_sizes, axis=0)
-    rows = []
-    for i, test in enumerate(sampler.tests):
-        quantiles = np.quantile(test.z[:, sampler.columns], [0.05, 0.5, 0.95], axis=0)
-        own = [test.parameters[column].prior for column in sampler.columns]
-        intervals = [p.from_normal(of_p) for p, of_p in zip(own, quantiles.T, strict=True)]
-        rows.append(
-            SingleTestSummary(
-                name=test.name,
-                data_digest=test.data_digest,
-                covariate=None if covariate is None else float(covariate[test.name]),
-                log_evidence=test.evidence.log_evidence,
-                intervals=tuple((float(a), float(b), float(c)) for a, b, c in intervals),
-                n_draws=len(test.z),
-                effective_sample_size=float(sizes[i]),
-            )
-        )
-    return rows
-
-
-def _ranked(sampled: Sequence[populations.SampledPopulation]) -> list[RankedPopulation]:
-    best = sampled[0]
-    probabilities = comparison.class_probabilities(
-        {s.population.name: s.log_evidence for s in sampled}, None
-    )
-    rows = []
-    for each in sampled:
+def ranked(sampled: Sequence[RankedPopulation]) -> tuple[RankedPopulation, ...]:
+    """Populations that were sampled one by one, by their evidence."""
+    ordered = sorted(sampled, key=lambda population: -population.log_evidence)
+    best, rows = ordered[0], []
+    log_evidences = {each.name: each.log_evidence for each in sampled}
+    probabilities = comparison.class_probabilities(log_evidences, None)
+    for each in ordered:
         difference = each.log_evidence - best.log_evidence
         error = 0.0 if each is best else math.hypot(each.error, best.error)
         failed = each.failed_checks
         # Where a population has no chance, it does not matter how little.
         has_chance = difference + comparison.STANDARD_ERRORS * error > math.log(comparison.PROBABLE)
-        if has_chance and each.coverage.error > LARGEST_ERROR:
+        if has_chance and each.draws_error > LARGEST_ERROR:
             failed = (
                 *failed,
-                f"the draws of the tests leave an error of {each.coverage.error:.2f} nats, more "
+                f"the draws of the tests leave an error of {each.draws_error:.2f} nats, more "
                 f"than {LARGEST_ERROR}: they hardly reach where the population has the "
                 "tests' parameters",
             )
+        against = "best" if each is best else comparison.evidence_against(difference, error)
         rows.append(
-            RankedPopulation(
-                population=each.population,
-                log_evidence=each.log_evidence,
-                error=each.error,
-                probability=probabilities[each.population.name],
+            replace(
+                each,
+                probability=probabilities[each.name],
                 log_bayes_factor=difference,
                 log_bayes_factor_error=error,
-                against="best" if each is best else comparison.evidence_against(difference, error),
-                draws=each.draws,
+                against=against,
                 failed_checks=failed,
             )
         )
-    return rows
+    return tuple(rows)
 
 
 def single_tests(
     results: Mapping[str, AnyResult], class_name: str | None = None
-) -> tuple[str, tuple[SingleTest, ...]]:
-    """The name of the model class, and its posterior in every test."""
+) -> tuple[str, dict[str, StoredResult]]:
+    """The name of the model class, and the results, which are of different data and one class."""
     if len(results) < FEWEST_TESTS:
         raise ValueError(f"hierarchy: at least {FEWEST_TESTS} tests are needed, got {len(results)}")
-    tests: list[SingleTest] = []
-    for name, result in results.items():
-        stored = as_stored(result)
-        known = [model_class.name for model_class in stored.record.model_classes]
+    tests = {name: as_stored(result) for name, result in results.items()}
+    first = next(iter(tests))
+    by_digest: dict[str, str] = {}
+    for name, test in tests.items():
+        known = [model_class.name for model_class in test.record.model_classes]
         class_name = known[0] if class_name is None and len(known) == 1 else class_name
         if class_name not in known:
             what = "which model class?" if class_name is None else f"no model class {class_name!r};"
             listed = ", ".join(map(repr, known))
             raise ValueError(f"hierarchy: test {name!r}: {what} Choose from {listed}")
-        tests.append(_single_test(name, stored, class_name))
-    assert class_name is not None
-    _check_alike(tests, class_name)
-    return class_name, tuple(tests)
-
-
-def _single_test(name: str, stored: StoredResult, class_name: str) -> SingleTest:
-    posterior, record = stored.posterior(class_name), stored.record.model_class(class_name)
-    failed, values = stored.comparison.failed_data_checks, posterior.values
-    independent = int(posterior.effective_sample_sizes.min())
-    # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
-    some = evenly_spaced_indices(len(values), max(1, min(MOST_DRAWS, independent)))
-    columns = zip(record.parameters, values[some].T, strict=True)
-    z = np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
-    if not np.isfinite(z).all():
-        raise ValueError(f"hierarchy: test {name!r}: a draw lies outside of its prior")
-    return SingleTest(
-        name=name,
-        parameters=record.parameters,
-        z=z,
-        log_likelihoods=posterior.log_likelihoods.reshape(-1)[some],
-        evidence=Estimate(posterior.evidence.log_evidence, posterior.evidence.error),
-        data_digest=posterior.data_digest,
-        definitions=tuple(configuration.definition for configuration in record.configurations),
-        failed_checks=tuple(
-            f"test {name!r}: {check}" for check in (*failed, *posterior.failed_checks)
-        ),
-        adequacy=posterior.adequacy,
-    )
-
-
-def _check_alike(tests: Sequence[SingleTest], class_name: str) -> None:
-    first = tests[0]
-    by_digest: dict[str, str] = {}
-    for test in tests:
-        same = by_digest.setdefault(test.data_digest, test.name)
-        if same != test.name:
-            raise ValueError(f"hierarchy: tests {same!r} and {test.name!r} have the same data")
-        for ours, theirs in zip_longest(first.parameters, test.parameters):
+        same = by_digest.setdefault(test.posterior(class_name).data_digest, name)
+        if same != name:
+            raise ValueError(f"hierarchy: tests {same!r} and {name!r} have the same data")
+        parameters = (tests[n].record.model_class(class_name).parameters for n in (first, name))
+        for ours, theirs in zip_longest(*parameters):
             if ours != theirs:
                 raise ValueError(
                     f"hierarchy: model class {class_name!r} has the parameter {ours} in test "
-                    f"{first.name!r} and {theirs} in test {test.name!r}; rank all tests with the "
-                    "same parameters and priors"
+                    f"{first!r} and {theirs} in test {name!r}; rank all tests with the same "
+                    "parameters and priors"
                 )
+    assert class_name is not None
+    return class_name, tests
 
 
-def read_covariate(path: str | Path) -> tuple[str, dict[str, float]]:
-    """Name and values of a covariate: name of a test → value.
-
-    The file has two columns, the tests and the covariate, and a heading for each; the second one
-    names the covariate::
-
-        test, temperature in °C
-        2026-01-14, -3.5
-        2026-04-02, 11
-    """
-    path = Path(path)
-    try:
-        columns, rows = read_table(path)
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
-    if len(columns) != 2 or not columns[1]:
-        got = columns or "nothing"
-        raise ValueError(f"{path}: the first line must be 'test, NAME OF THE COVARIATE', got {got}")
-    name, values = columns[1], {}
-    for where, row in rows:
-        if len(row) != 2 or not row[0]:
-            raise ValueError(f"{where}: expected a test and its {name}, got {','.join(row)!r}")
-        if row[0] in values:
-            raise ValueError(f"{where}: a second value for test {row[0]!r}")
-        try:
-            values[row[0]] = float(row[1])
-        except ValueError:
-            raise ValueError(f"{where}: {name} must be a number, got {row[1]!r}") from None
-    return name, values
+def _draws(
+    test: str, posterior: Posterior, parameters: Sequence[ParameterRecord]
+) -> tuple[FloatArray, FloatArray]:
+    """Nearly independent draws (n, d) in standard-normal coordinates, and log-likelihoods (n,)."""
+    values = posterior.values
+    independent = int(posterior.effective_sample_sizes.min())
+    # Draws of successive steps, walker by walker: evenly spaced ones are far apart in a chain.
+    some = evenly_spaced_indices(len(values), max(1, min(MOST_DRAWS, independent)))
+    columns = zip(parameters, values[some].T, strict=True)
+    z = np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
+    if not np.isfinite(z).all():
+        raise ValueError(f"hierarchy: test {test!r}: a draw lies outside of its prior")
+    return z, posterior.log_likelihoods.reshape(-1)[some]
 
 
-def judged_tests(class_name: str, tests: Sequence[SingleTest]) -> tuple[list[str], list[str]]:
+def judged_tests(
+    class_name: str, posteriors: Mapping[str, Posterior]
+) -> tuple[list[str], list[str]]:
     """Tests that the class does not explain, and those that only among so many it does.
 
     A sentence each.
     """
     failed: list[str] = []
     unusual: list[str] = []
-    for test in tests:
-        what, fit = f"test {test.name!r}, {class_name!r}", test.adequacy
+    for test, posterior in posteriors.items():
+        what, fit = f"test {test!r}, {class_name!r}", posterior.adequacy
         # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
-        if fit and (len(tests) * fit.overall.p_value < INADEQUATE or fit.hints):
+        if fit and (len(posteriors) * fit.overall.p_value < INADEQUATE or fit.hints):
             failed.append(f"{what}: {inadequacy_in_words(fit)}")
         elif fit and fit.overall.is_small:
             unusual.append(
@@ -331,15 +276,16 @@ def judged_tests(class_name: str, tests: Sequence[SingleTest]) -> tuple[list[str
     return failed, unusual
 
 
-def repeated_errors(class_name: str, tests: Sequence[SingleTest]) -> Iterator[str]:
+def repeated_errors(class_name: str, posteriors: Mapping[str, Posterior]) -> Iterator[str]:
     """A sentence if the frequency errors of the modes repeat themselves from test to test.
 
     Of n tests, m modes and independent standardised errors, the share of the modes' mean errors in
     the sum of squares is Beta(m/2, m(n - 1)/2).
     """
-    seen = [{m.label: m for m in t.adequacy.modes if m.frequency_sd} for t in tests if t.adequacy]
+    known = [posterior.adequacy for posterior in posteriors.values()]
+    seen = [{m.label: m for m in fit.modes if m.frequency_sd} for fit in known if fit]
     labels = [label for label in seen[0] if all(label in modes for modes in seen)] if seen else []
-    if len(seen) < len(tests) or not labels:
+    if len(seen) < len(known) or not labels:
         return
     n, m = len(seen), len(labels)
     errors = np.array([[modes[label].frequency_error for label in labels] for modes in seen])

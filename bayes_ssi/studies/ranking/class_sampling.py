@@ -213,7 +213,7 @@ def chosen_workers(candidates: Sequence[ModelClass], n: int) -> LocalWorkers:
 def _copies(n: int) -> LocalWorkers:
     """Processes that are copies of this one, where that is possible, with all that they need."""
     if can_copy():  # once here, not in every copy; what arviz needs it imports when asked
-        import bayes_ssi.inference.sampling.moves  # noqa: F401
+        import emcee  # noqa: F401
 
         pareto_k(np.arange(100.0))
     return LocalWorkers(n, copies=True)
