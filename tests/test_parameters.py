@@ -74,9 +74,8 @@ def test_two_parameters_of_one_name_are_refused(other):
 @pytest.mark.parametrize(
     ("name", "prior", "error", "message"),
     [
-        (1, LogNormal(1.0, 0.3), TypeError, "name must be text, got 1"),
-        ("", LogNormal(1.0, 0.3), ValueError, "name must not be empty"),
-        ("  ", LogNormal(1.0, 0.3), ValueError, "name must not be empty"),
+        (1, LogNormal(1.0, 0.3), ValueError, "name must be text and not empty, got 1"),
+        ("", LogNormal(1.0, 0.3), ValueError, "name must be text and not empty"),
         ("k", 1.0, TypeError, "Parameter 'k': prior must be a prior distribution, got 1.0"),
         ("k", LogNormal, TypeError, "Parameter 'k': prior must .* choose from .*Normal, LogNormal"),
     ],

@@ -20,12 +20,13 @@ def file_stem(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._+-]+", "_", name)[:100].strip(".") or "unnamed"
 
 
-def require_printable(name: str, what: str) -> None:
-    """Refuse a name that tables and files could not hold."""
-    if not name.isprintable():
+def require_name(name: object, what: str) -> None:
+    """Refuse what is no text, or a name that tables and files could not hold."""
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError(f"{what} must be text and not empty, got {name!r}")
+    if name != name.strip() or not name.isprintable():
         raise ValueError(
-            f"{what}: name may not hold a line break, a tab or another character that cannot be "
-            f"printed, got {name!r}"
+            f"{what} may not begin or end with a space, or hold a line break or tab, got {name!r}"
         )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.text_files import require_printable
+from bayes_ssi.foundations.text_files import require_name
 from bayes_ssi.parameters.priors import Prior
 
 # Largest prior probability of a value at or below zero in a field that must be positive: about one
@@ -52,8 +52,8 @@ class Parameter(_Multiplies):
     Two objects of the same name, prior and unit are the same parameter.
 
     Raises:
-        TypeError: the name is not text, or the prior is no prior distribution.
-        ValueError: the name is empty, or cannot be printed.
+        TypeError: the prior is no prior distribution.
+        ValueError: the name is no text, is empty, or cannot be printed.
 
     >>> stiffness = 30e9 * bs.Parameter("E / nominal", bs.LogNormal(median=1.0, cov=0.1))
     >>> stiffness.median
@@ -65,11 +65,7 @@ class Parameter(_Multiplies):
     unit: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise TypeError(f"Parameter: name must be text, got {self.name!r}")
-        if not self.name.strip():
-            raise ValueError("Parameter: name must not be empty")
-        require_printable(self.name, "Parameter")
+        require_name(self.name, "Parameter: name")
         if not isinstance(self.prior, Prior):
             known = ", ".join(kind.__name__ for kind in Prior.__subclasses__())
             raise TypeError(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
-from bayes_ssi.foundations.text_files import require_printable
+from bayes_ssi.foundations.text_files import require_name
 
 # A floor from 1 where a structure has floors (0 is the ground), or the label of a degree of
 # freedom or of a sensor.
@@ -227,9 +227,7 @@ class Candidate:
     direction: Point | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            raise ValueError(f"Candidate: name must be text and not empty, got {self.name!r}")
-        require_printable(self.name, "Candidate")
+        require_name(self.name, "Candidate: name")
         where = f"candidate {self.name!r}"
         object.__setattr__(self, "place", checked_place(self.place, f"{where}: place"))
         if self.to is not None:
@@ -271,8 +269,7 @@ class Sensor:
     motion: tuple[tuple[str, float], ...]
 
     def __init__(self, label: str, motion: Mapping[str, float]) -> None:
-        if not isinstance(label, str) or not label.strip():
-            raise ValueError(f"Sensor: label must be text and not empty, got {label!r}")
+        require_name(label, "Sensor: label")
         pairs = tuple((place, float(share)) for place, share in dict(motion).items())
         if not pairs or not all(math.isfinite(share) for _, share in pairs):
             raise ValueError(

@@ -163,10 +163,10 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
 def test_names_that_cannot_be_printed_are_refused_before_sampling(run, study_file):
     for name in ("a\nb", "\ud800"):
         path = study_file(('"one k"', ascii(name)))
-        assert_one_line_error(run("rank", path), "ModelClass: name may not hold", repr(name))
+        assert_one_line_error(run("rank", path), "ModelClass: name may not begin", repr(name))
         study_file((ascii(name), '"one k"'))
     path = study_file(('"Two storeys"', '"Two\\nstoreys"'))
-    assert_one_line_error(run("rank", path), "Study: name may not hold a line break")
+    assert_one_line_error(run("rank", path), "Study: name may not begin or end")
 
 
 def test_data_that_no_class_explains(run, study_file, tmp_path):

@@ -243,7 +243,7 @@ def test_a_mode_at_the_edge_of_the_band_is_named_with_its_configuration():
          "configuration 'a': pairing: identified mode '1' is paired with model mode 3"),
         (lambda: state(bare, "modes.csv", "a"), TypeError,
          "configuration 'a': data must be a ModalData, got 'modes.csv'"),
-        (lambda: state(bare, BARE, 3), TypeError, "Configuration: name must be text, got 3"),
+        (lambda: state(bare, BARE, 3), ValueError, "Configuration: name must be text and not"),
         (lambda: state(bare, BARE, "a\nb"), ValueError, "Configuration: name may not begin"),
         (lambda: joint().structure, ValueError,
          "model class 'both' has 2 configurations; choose one of 'bare', 'loaded'"),

@@ -137,7 +137,7 @@ def build(structure, data, error, name="x", pairing=None, **kwargs):
 
 @pytest.mark.parametrize("name", ["", "  ", None, 3])
 def test_a_class_without_name_is_refused(rigid, case_c, fixed_error, name):
-    with pytest.raises(TypeError, match=f"name must be text and not empty, got {name!r}"):
+    with pytest.raises(ValueError, match=f"name must be text and not empty, got {name!r}"):
         build(rigid, case_c, fixed_error, name=name)
 
 

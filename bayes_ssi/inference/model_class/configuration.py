@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 from bayes_ssi.foundations.argument_types import listed_choices, repeated, require, require_known
+from bayes_ssi.foundations.text_files import require_name
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
@@ -46,13 +47,8 @@ class Configuration:
     pairing: Mapping[str, int] | Literal["any"] = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise TypeError(f"Configuration: name must be text, got {self.name!r}")
-        if self.name != self.name.strip() or not self.name.isprintable():
-            raise ValueError(
-                "Configuration: name may not begin or end with a space, or hold a line break or "
-                f"tab, got {self.name!r}"
-            )
+        if self.name != "":
+            require_name(self.name, "Configuration: name")
         try:
             require(self.structure, Structure, "structure")
             require(self.data, ModalData, "data")

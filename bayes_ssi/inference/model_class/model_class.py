@@ -12,7 +12,7 @@ from bayes_ssi.foundations.argument_types import checked, require, require_known
 from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.foundations.error_places import with_place
-from bayes_ssi.foundations.text_files import require_printable
+from bayes_ssi.foundations.text_files import require_name
 from bayes_ssi.inference.likelihood.correlated_errors import CorrelatedErrors
 from bayes_ssi.inference.likelihood.error_model import ErrorModel, IdentificationModel
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
@@ -82,15 +82,13 @@ class ModelClass(Displayed):
                 is also given replaces theirs.
 
         Raises:
-            ValueError: the name cannot be printed, two parameters or configurations share a name,
-                nothing is inferred, a prior belongs to no parameter, a sensor is not on the
-                structure, a pairing is not valid, or it does not suit correlated errors. The
-                message begins with the class's name.
+            ValueError: the name is empty or cannot be printed, two parameters or configurations
+                share a name, nothing is inferred, a prior belongs to no parameter, a sensor is not
+                on the structure, a pairing is not valid, or it does not suit correlated errors.
+                The message begins with the class's name.
             TypeError: an argument is missing or has the wrong type.
         """
-        if not isinstance(name, str) or not name.strip():
-            raise TypeError(f"ModelClass: name must be text and not empty, got {name!r}")
-        require_printable(name, "ModelClass")
+        require_name(name, "ModelClass: name")
         own = {"structure": structure, "data": data, "pairing": pairing}
         try:
             require(error, ErrorModel | None, "error")

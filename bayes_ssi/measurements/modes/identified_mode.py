@@ -17,6 +17,7 @@ from scipy.linalg import block_diag
 
 from bayes_ssi.foundations.argument_types import repeated
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.text_files import require_name
 from bayes_ssi.structures.modal import ROUNDING, scaled_shapes
 
 # Columns of a file of modes; no sensor may have one of these names.
@@ -150,16 +151,6 @@ def _rotated(shape: NDArray[Any]) -> NDArray[Any]:
     if not np.iscomplexobj(shape):
         return shape
     return shape * np.exp(-0.5j * np.angle(np.nansum(shape**2)))
-
-
-def require_name(name: str, what: str) -> None:
-    """Refuse a name that a file of modes could not hold."""
-    if not isinstance(name, str) or not name.strip():
-        raise ValueError(f"{what} must be text and not empty, got {name!r}")
-    if name != name.strip() or not name.isprintable():
-        raise ValueError(
-            f"{what} may not begin or end with a space, or hold a line break or tab, got {name!r}"
-        )
 
 
 def checked_sensors(sensors: Iterable[str], of: str) -> tuple[str, ...]:

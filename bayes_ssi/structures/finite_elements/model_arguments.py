@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayes_ssi.foundations.argument_types import checked, listed_choices, repeated, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.named_arrays import read_arrays
-from bayes_ssi.foundations.text_files import damage_named
+from bayes_ssi.foundations.text_files import damage_named, require_name
 from bayes_ssi.structures.geometry import Geometry, motion_of
 
 # A model of more degrees of freedom must name its sensors: every mode shape is kept at all of them.
@@ -167,8 +167,7 @@ def _row(name: str, place: object, n: int, row_of: Mapping[str, int]) -> int:
 
 def _require_names(what: str, names: Sequence[object]) -> None:
     for name in names:
-        if not isinstance(name, str) or not name.strip():
-            raise TypeError(f"{what} must be text and not empty, got {name!r}")
+        require_name(name, what)
     if twice := repeated(names):
         raise ValueError(f"{what}: {twice[0]!r} names two degrees of freedom")
 

@@ -19,7 +19,7 @@ from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.error_places import own_lines
 from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.summaries import Summary
-from bayes_ssi.foundations.text_files import require_printable
+from bayes_ssi.foundations.text_files import require_name
 from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -63,9 +63,7 @@ class Study(Displayed):
     stands_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise TypeError(f"Study: name must be text, got {self.name!r}")
-        require_printable(self.name, "Study")
+        require_name(self.name, "Study: name")
         object.__setattr__(self, "model_classes", tuple(self.model_classes))
         if not self.model_classes:
             raise ValueError(f"study {self.name!r}: no model class")
