@@ -68,12 +68,12 @@ def compared(path, seed, visible):
     solve = Counted(AssembledStructure.__dict__["shifted_modes"])
     AssembledStructure.shifted_modes = solve
     begun, cpu = perf_counter(), process_time()
-    found = bs.changes(
+    search = bs.changes(
         model_class, ["before"], ["after"], seed=seed, settings=SAMPLING, visible=visible
     )
     AssembledStructure.shifted_modes = solve.method
     seconds = perf_counter() - begun
-    record = found.record
+    record = search.record
     first = record.places_by_probability[0]
     ((low, middle, high),) = record.place(group).amounts.values()
     covered = "covered" if low <= loss <= high else "not covered"
@@ -81,14 +81,14 @@ def compared(path, seed, visible):
         f"seed {seed}: {group} lost {loss:.1%}; a change {record.probability_of_any:.4f}, "
         f"first {first.place.name} with {first.probability:.4f}; at the true place "
         f"{middle:.1%} ({low:.1%} to {high:.1%}), {covered}\n"
-        f"  {len(record.hypotheses)} hypotheses, {len(found.ranking.posteriors)} sampled, "
+        f"  {len(record.hypotheses)} hypotheses, {len(search.ranking.posteriors)} sampled, "
         f"{solve.n} full solutions, {seconds:.0f} s, {process_time() - cpu:.0f} s of CPU time",
         flush=True,
     )
     for each in record.places:
         if each.smallest_visible is not None:
             print(f"  smallest visible in {each.place.name}: {each.smallest_visible:.1%}")
-    for check in found.ranking.comparison.failed_checks:
+    for check in search.ranking.comparison.failed_checks:
         print(f"  (!) {check}")
 
 

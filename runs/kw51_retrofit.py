@@ -88,8 +88,8 @@ def changed(first, second):
     """What changed between two groups of days."""
     study, names, degrees = study_of({"before": first, "after": second})
     settings = bs.ChangeSettings(covariate=degrees, **SETTINGS)
-    found = bs.changes(study, names["before"], names["after"], settings, 0, COARSE, visible=False)
-    return found.record
+    result = bs.changes(study, names["before"], names["after"], settings, 0, COARSE, visible=False)
+    return result.record
 
 
 def screened(first, second):
@@ -99,8 +99,8 @@ def screened(first, second):
     family = choose_changes(study, names["before"], names["after"], settings)
     hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
-    found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
-    return change_record(family, found)
+    search = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
+    return change_record(family, search)
 
 
 def jump_of(record):

@@ -87,7 +87,7 @@ def simulated(name: str, n_sensors: int, rng: np.random.Generator) -> Simulated:
     return Simulated(record, BAND_HZ, f[inside], dampings[inside], unit[:, inside])
 
 
-def classes_with(found: dict[str, bs.ModalData]) -> list[bs.ModelClass]:
+def classes_with(data_of_tests: dict[str, bs.ModalData]) -> list[bs.ModelClass]:
     """The study's twelve classes, with sensors and data of the records."""
     classes = []
     for each in load_study(STUDY).model_classes:
@@ -96,7 +96,7 @@ def classes_with(found: dict[str, bs.ModalData]) -> list[bs.ModelClass]:
             own = {sensor.label for sensor in test.structure.sensors}
             more = [sensor for sensor in SENSORS if sensor.label not in own]
             structure = test.structure.with_sensors(more)
-            tests.append(replace(test, structure=structure, data=found[test.name]))
+            tests.append(replace(test, structure=structure, data=data_of_tests[test.name]))
         classes.append(replace(each, configurations=tests, error=ERROR))
     return classes
 
@@ -112,15 +112,15 @@ def identified(name: str, rng: np.random.Generator, directory: Path) -> bs.Modal
         quantity=case.record.quantity,
         unit=case.record.unit,
     )
-    found = bs.identify(case.record, case.band_hz)
-    save_record_figures(directory / f"{name} figures", found)
-    data = found.modal_data(f"SIMULATED ambient record, configuration {name}")
+    result = bs.identify(case.record, case.band_hz)
+    save_record_figures(directory / f"{name} figures", result)
+    data = result.modal_data(f"SIMULATED ambient record, configuration {name}")
     minutes = case.record.duration_s / 60.0
     print(f"{name}, {minutes:.0f} min: identified (Hz), true, error over claimed error")
     for mode, true in zip(data.modes, case.frequencies_hz, strict=True):
         off = np.log(mode.frequency_hz / true) / mode.frequency_cov
         print(f"  {mode.frequency_hz:7.3f} {true:7.3f} {off:5.1f}")
-    for check in found.failed_checks:
+    for check in result.failed_checks:
         print(f"  (!) {check}")
     if len(data.modes) != len(LABELS):
         raise SystemExit(
@@ -172,8 +172,8 @@ def main() -> None:
     options.directory.mkdir(parents=True)
     rng = np.random.default_rng(options.seed)
     names = ("BC", "SC", "NC")
-    found = {name: identified(name, rng, options.directory) for name in names}
-    classes = classes_with(found)
+    data_of_tests = {name: identified(name, rng, options.directory) for name in names}
+    classes = classes_with(data_of_tests)
     ranking = bs.rank(
         bs.Study("Steel frame, from records", classes), settings=bs.SamplingSettings(0.05)
     )

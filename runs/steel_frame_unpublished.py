@@ -99,8 +99,8 @@ def fit_two_numbers():
         return np.log(distances) - np.log(list(FITTED.values()))
 
     start, bounds = np.log([1.0, 0.1]), (np.log([0.8, 0.03]), np.log([1.4, 0.3]))
-    found = least_squares(off, start, bounds=bounds, diff_step=0.02, xtol=1e-3, ftol=1e-4)
-    return np.exp(found.x)
+    fit = least_squares(off, start, bounds=bounds, diff_step=0.02, xtol=1e-3, ftol=1e-4)
+    return np.exp(fit.x)
 
 
 def of_paper(name):

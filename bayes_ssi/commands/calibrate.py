@@ -161,8 +161,8 @@ def sensitivities(study: Path, names: tuple[str, ...]) -> None:
     from bayes_ssi.report.tables.mode_tables import sensitivities_table
     from bayes_ssi.results.wording import listed
 
-    found = _of_each(options.load(study, names).model_classes, modal_sensitivities)
-    for each in found:
+    of_classes = _of_each(options.load(study, names).model_classes, modal_sensitivities)
+    for each in of_classes:
         terminal.show(sensitivities_table(each))
         signals = [
             f"{name} ({signal:.2g})" for name, signal in zip(each.order, each.signals, strict=True)
@@ -172,5 +172,5 @@ def sensitivities(study: Path, names: tuple[str, ...]) -> None:
             f"{', '.join(signals)}.",
             f"Proposed for updating: {listed(each.proposed) if each.proposed else 'none'}.",
         )
-    records = [columns(each) | {"proposed": each.proposed} for each in found]
+    records = [columns(each) | {"proposed": each.proposed} for each in of_classes]
     terminal.conclude({"sensitivities": records})

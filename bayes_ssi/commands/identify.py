@@ -69,23 +69,23 @@ def identify(
     written = () if out is None else modal_files(out)
     require_new_files(*written, *(() if figures is None else (figures,)))
     record = read_record(files, **stated)
-    found = modal_identification.identify(record, band, at=at, ground=ground)
+    identified = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
-    warnings = [*found.said_of_sensors, *record.selected(found.quoted.sensors).warnings()]
+    warnings = [*identified.said_of_sensors, *record.selected(identified.quoted.sensors).warnings()]
     by_others: dict[str, ModalData | str] = {}
     if compare:
-        by_others = other_methods.compared(record, found.quoted)
-    chosen = other_methods.modes_by(method, record, found.quoted)
+        by_others = other_methods.compared(record, identified.quoted)
+    chosen = other_methods.modes_by(method, record, identified.quoted)
     drawn: list[Path] = []
     said: list[str] = []  # after all is written, however the output ends
     if figures is not None:
         from bayes_ssi.plots.record_plots import MOVING, save_record_figures
 
-        drawn = save_record_figures(figures, found)
+        drawn = save_record_figures(figures, identified)
         page = f"; shapes move in {MOVING}" if (figures / MOVING).is_file() else ""
         said.append(f"Wrote {len(drawn)} figures in {figures}{page}.")
     if out is not None:
-        data = found.modal_data(f"identified from {record.source}")
+        data = identified.modal_data(f"identified from {record.source}")
         (own,) = data.identifications
         own = replace(own, remarks=(*warnings, *own.remarks), figures=tuple(map(str, drawn)))
         if method != BAYESIAN_FFT:
@@ -93,52 +93,55 @@ def identify(
             own = replace(own, method=METHOD_NAMES[method])
         data = replace(data, identifications=(own,))
         said.append(f"Wrote {listed(write_modal_data(data, out))}.")
-    if failed := found.failed_checks:
+    if failed := identified.failed_checks:
         checks = "1 check failed" if len(failed) == 1 else f"{len(failed)} checks failed"
         terminal.say_warnings([(f"{checks}. {WHAT_HELPS}", failed)])
-    terminal.say_in_paragraphs(identification_answer(found), "")
-    terminal.show(estimates_table(found.quoted, found.method, found.modes))
+    terminal.say_in_paragraphs(identification_answer(identified), "")
+    terminal.show(estimates_table(identified.quoted, identified.method, identified.modes))
     if compare:
         from bayes_ssi.report.tables.mode_tables import methods_table
 
         terminal.show(methods_table(by_others, METHOD_NAMES))
         failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
         terminal.say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
-    remarks = [*warnings, *found.remarks]
+    remarks = [*warnings, *identified.remarks]
     if verbose:
         remarks += [
-            f"the record shows {found.loads}; chi-square of its spectra over degrees of freedom is "
-            f"up to {found.whiteness:.2f}, allowed {found.allowed_whiteness:.2f}",
-            *map(str, found.peaks),
+            f"the record shows {identified.loads}; chi-square of its spectra over degrees of "
+            f"freedom is up to {identified.whiteness:.2f}, allowed "
+            f"{identified.allowed_whiteness:.2f}",
+            *map(str, identified.peaks),
         ]
     if remarks:
         terminal.say_in_paragraphs("\n".join(f"{each[0].upper()}{each[1:]}." for each in remarks))
     if out is None:
         said.append("Nothing is written; --out NAME.csv writes the modes for model classes.")
     terminal.say("", *said, "Every peak, loads and fit: --verbose. Pictures: --figures DIRECTORY.")
-    terminal.conclude(_record(found, warnings), found.failed_checks)
+    terminal.conclude(_record(identified, warnings), identified.failed_checks)
 
 
-def _record(found: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
+def _record(identified: ModalIdentification, warnings: list[str]) -> dict[str, Any]:
     return {
-        "method": found.method,
-        "band_hz": found.band_hz,
-        "sensors": found.quoted.sensors,
-        "sensors_left_out": dict(found.left_out),
+        "method": identified.method,
+        "band_hz": identified.band_hz,
+        "sensors": identified.quoted.sensors,
+        "sensors_left_out": dict(identified.left_out),
         "modes": [
             columns(mode, MODE_FIELDS) | columns(estimated, COMPLEXITY)
-            for mode, estimated in zip(found.quoted.modes, found.modes, strict=True)
+            for mode, estimated in zip(identified.quoted.modes, identified.modes, strict=True)
         ],
-        "covariance_of_log_frequencies_and_unit_shapes": found.quoted.covariance,
-        "loads": found.loads,
+        "covariance_of_log_frequencies_and_unit_shapes": identified.quoted.covariance,
+        "loads": identified.loads,
         "bands": [
             {"band_hz": band.band_hz, **columns(band.fit, ("whiteness", "allowed_whiteness"))}
-            for band in found.bands
+            for band in identified.bands
             if band.is_wanted
         ],
-        "peaks": found.peaks,
-        "modes_too_short_for_damping_and_shape": [i + 1 for i in found.too_short],
-        "not_identified": [{"frequency_hz": hz, "reason": why} for hz, why in found.not_identified],
-        "remarks": [*warnings, *found.remarks],
-        "failed_checks": found.failed_checks,
+        "peaks": identified.peaks,
+        "modes_too_short_for_damping_and_shape": [i + 1 for i in identified.too_short],
+        "not_identified": [
+            {"frequency_hz": hz, "reason": why} for hz, why in identified.not_identified
+        ],
+        "remarks": [*warnings, *identified.remarks],
+        "failed_checks": identified.failed_checks,
     }

@@ -201,7 +201,7 @@ class RunOptions:
         inputs: Sequence[object], findings: Callable[..., FamilyRecord],
     ) -> None:  # fmt: skip
         """Search a family of hypotheses, save what was found, print it and exit."""
-        from bayes_ssi.report.tables.search_tables import found, further_tables
+        from bayes_ssi.report.tables.search_tables import first_tables, further_tables
         from bayes_ssi.results.stored_result import SEARCH
         from bayes_ssi.studies.questions import searched
 
@@ -211,7 +211,14 @@ class RunOptions:
 
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
         self.answer(
-            study, study_file, name, (kind, *inputs), sample, found, further_tables, n_classes
+            study,
+            study_file,
+            name,
+            (kind, *inputs),
+            sample,
+            first_tables,
+            further_tables,
+            n_classes,
         )
 
 

@@ -8,26 +8,28 @@ from bayes_ssi.measurements.records.modal_identification import ModalIdentificat
 from bayes_ssi.results.wording import listed
 
 
-def identification_answer(found: ModalIdentification) -> str:
+def identification_answer(identified: ModalIdentification) -> str:
     """Which modes, how precisely, and how many each peak holds."""
-    frequencies = [mode.frequency_hz for mode in found.modes]
+    frequencies = [mode.frequency_hz for mode in identified.modes]
     low, high = (f"{f:.4g}" for f in (min(frequencies), max(frequencies)))
-    least, most = (f"{100.0 * end(m.frequency_cov for m in found.modes):.2g}" for end in (min, max))
+    least, most = (
+        f"{100.0 * end(m.frequency_cov for m in identified.modes):.2g}" for end in (min, max)
+    )
     where = f"at {low} Hz" if len(frequencies) == 1 else f"from {low} to {high} Hz"
-    minutes = found.record.duration_s / 60.0
+    minutes = identified.record.duration_s / 60.0
     precisely = f"{least} %" if least == most else f"{least} to {most} %"
     sentences = [
         f"{counted(len(frequencies), 'mode')} {where}, from {minutes:.3g} minutes of "
-        f"{counted(len(found.quoted.sensors), 'sensor')}, with standard deviations of "
+        f"{counted(len(identified.quoted.sensors), 'sensor')}, with standard deviations of "
         f"{precisely} of frequency.",
-        *_peaks(found),
+        *_peaks(identified),
     ]
     return " ".join(sentences)
 
 
-def _peaks(found: ModalIdentification) -> Iterator[str]:
+def _peaks(identified: ModalIdentification) -> Iterator[str]:
     """What is said of peaks that do not hold one mode for sure, and of the others together."""
-    peaks = found.peaks
+    peaks = identified.peaks
     unknown = [each for each in peaks if each.probability_of_phases is None]
     turned = [each for each in peaks if (each.probability_of_phases or 0.0) > 0.5]
     open_ = [each for each in peaks if each.is_open and each not in turned]
@@ -41,7 +43,7 @@ def _peaks(found: ModalIdentification) -> Iterator[str]:
     if two:
         yield f"At {_at(two)} there are two modes and not one."
     rest = len(peaks) - len({id(each) for each in (*unknown, *turned, *open_, *two)})
-    if rest and found.is_explained and not found.not_identified:
+    if rest and identified.is_explained and not identified.not_identified:
         yield f"One mode explains every {'' if rest == len(peaks) else 'other '}peak."
 
 
@@ -50,7 +52,7 @@ def _at(peaks: list[Peak]) -> str:
 
 
 @in_words.register
-def _(found: ModalIdentification) -> str:
+def _(identified: ModalIdentification) -> str:
     """Failed checks, then the answer, a paragraph each."""
-    checks = (f"(!) {check}" for check in found.failed_checks)
-    return "\n\n".join([*checks, identification_answer(found)])
+    checks = (f"(!) {check}" for check in identified.failed_checks)
+    return "\n\n".join([*checks, identification_answer(identified)])

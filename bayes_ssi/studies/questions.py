@@ -148,8 +148,8 @@ def changes(
     )
     # A probability to a twentieth of its odds is as much as anyone asks.
     settings = settings or SamplingSettings(log_evidence_error=0.05)
-    found = partial(change_findings, visible=visible)
-    return searched(family, found, seed, settings, run or Run())
+    to_record = partial(change_findings, visible=visible)
+    return searched(family, to_record, seed, settings, run or Run())
 
 
 def searched(
@@ -162,8 +162,8 @@ def searched(
     """The hypotheses of a family, screened, sampled where the answer rests on them, and ranked."""
     family = family.in_reduced_bases()
     with run.working():
-        found = search_family(family, seed, settings, run)
-        return SearchResult(found.ranking, findings(family, found, seed, run))
+        family_search = search_family(family, seed, settings, run)
+        return SearchResult(family_search.ranking, findings(family, family_search, seed, run))
 
 
 def _study(study: ModelClass | Study) -> Study:

@@ -143,16 +143,16 @@ def storeys(places):
 
 
 @cache
-def losses_found(study, finer):
+def losses_of_truth(study, finer):
     """The losses that the class finds in tests without errors, if it changes where they do."""
     model_class, losses = pair(study, None, finer)
     family = family_of(study, model_class)
     places = [p for p in family.features[model_class.name] if losses.keys() & set(p.parameters)]
-    found = screen((family.hypothesis(family.classes[0], places, "true"), None), 0)
-    values = family.hypothesis(family.classes[0], places, "true").values(found.z)
+    screened = screen((family.hypothesis(family.classes[0], places, "true"), None), 0)
+    values = family.hypothesis(family.classes[0], places, "true").values(screened.z)
     return {
-        name.removeprefix("loss, "): weighted_quantiles(values[:, i], found.weights)[1]
-        for i, name in enumerate(found.parameter_names)
+        name.removeprefix("loss, "): weighted_quantiles(values[:, i], screened.weights)[1]
+        for i, name in enumerate(screened.parameter_names)
         if name.startswith("loss, ")
     }
 
@@ -160,8 +160,8 @@ def losses_found(study, finer):
 def screened_record(family):
     hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     nothing_sampled = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
-    found = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
-    return change_record(family, found)
+    search = FamilySearch(nothing_sampled, tuple(hypotheses.values()), tuple(levels))
+    return change_record(family, search)
 
 
 def row(study, seed, finer):
@@ -345,7 +345,7 @@ def print_table(rows):
             f"{stated:>18}  {in_words(own):>24}  {in_words(own, finer):>27}"
         )
         if finer and study in asce.PATTERNS and study != "none":
-            both = {name: f"{loss:.3f} → {losses_found(study, True)[name]:.3f}"
+            both = {name: f"{loss:.3f} → {losses_of_truth(study, True)[name]:.3f}"
                     for name, loss in pair(study, 0, True)[1].items()}  # fmt: skip
             print(f"    losses, and those found without errors: {both}")
     for finer in (False, True):
@@ -372,17 +372,17 @@ def print_table(rows):
                 print(f"{each}, {'finer' if finer else 'own'}: shown in {seen} of {len(odds)}")
 
 
-def in_words(rows, as_found=False):
+def in_words(rows, without_errors=False):
     """How many true losses are within their intervals, where the true set is found.
 
     Args:
-        as_found: whether true is what the class finds in tests without errors.
+        without_errors: whether true is what the class finds in tests without errors.
     """
     inside = n = 0
     for each in rows:
         losses = json.loads(each["losses"])
-        if as_found and losses and each["study"] in asce.PATTERNS:
-            losses = losses_found(each["study"], True)
+        if without_errors and losses and each["study"] in asce.PATTERNS:
+            losses = losses_of_truth(each["study"], True)
         if float(each["odds_of_true"]) > np.exp(-1.0):
             of_true = {k: v for k, v in json.loads(each["intervals"]).items() if losses.get(k)}
             n += len(of_true)
@@ -395,16 +395,9 @@ def print_visible(finer):
     family = family_of("none", model_class)
     hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), QUICK, most_full=0)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
-    found = {
-        place.name: each for place, each in smallest_losses(family, nothing, 0, bs.Run()).items()
-    }
-    for name, each in found.items():
+    for place, each in smallest_losses(family, nothing, 0, bs.Run()).items():
         smallest = "none" if each is None else f"{each:.1%}"
-        print(f"{name}: smallest visible loss {smallest}")
-    for name, loss in asce.of_faces(asce.braces_left("pattern 6")).items():
-        if loss > 0.0:
-            shown = found[name].probability(loss)
-            print(f"pattern 6, a loss of {loss:.1%} in {name}, would be shown: {shown:.2f}")
+        print(f"{place.name}: smallest visible loss {smallest}")
 
 
 def main():

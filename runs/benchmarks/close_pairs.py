@@ -81,9 +81,9 @@ def pair(seed: int) -> Pair:
     return Pair(record, f[middle], dampings[middle], shapes[:, middle], n_first > 1 or n_second > 0)
 
 
-def probability_of_two(found: bs.ModalIdentification) -> tuple[int, float | None]:
+def probability_of_two(identified: bs.ModalIdentification) -> tuple[int, float | None]:
     """The number of modes around 2 Hz, and the probability that they are two."""
-    near = [p for p in found.peaks if any(1.8 < f < 2.35 for f in p.frequencies_hz)]
+    near = [p for p in identified.peaks if any(1.8 < f < 2.35 for f in p.frequencies_hz)]
     number = sum(sum(1.8 < f < 2.35 for f in p.frequencies_hz) for p in near)
     if len(near) > 1:
         return number, 1.0
@@ -115,17 +115,18 @@ def main() -> None:
         for band in range(options.bands):
             moved = np.random.default_rng([53, seed, band]).uniform(-0.05, 0.05, 2)
             edges = np.array([1.4, 2.9]) * (1.0 + moved * (band > 0))
-            found = bs.identify(each.record, edges.tolist())
-            number, chance = probability_of_two(found)
+            identified = bs.identify(each.record, edges.tolist())
+            number, chance = probability_of_two(identified)
             numbers.append(number)
             chances.append(chance)
-            failed.append(len(found.failed_checks))
+            failed.append(len(identified.failed_checks))
             if number == len(each.frequencies_hz):
                 inside = np.flatnonzero(
-                    (found.quoted.frequencies_hz > 1.8) & (found.quoted.frequencies_hz < 2.35)
+                    (identified.quoted.frequencies_hz > 1.8)
+                    & (identified.quoted.frequencies_hz < 2.35)
                 )
-                covs = [found.quoted.modes[i].frequency_cov for i in inside]
-                f = found.quoted.frequencies_hz[inside]
+                covs = [identified.quoted.modes[i].frequency_cov for i in inside]
+                f = identified.quoted.frequencies_hz[inside]
                 errors += (np.log(f / each.frequencies_hz) / covs).tolist()
         rows.append(
             {

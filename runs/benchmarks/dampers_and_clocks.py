@@ -119,21 +119,22 @@ def main() -> None:
         high = 0.5 * (f[-1] + f[-2]) if has_damper else 1.2 * f[-1]
         inside = f < high
         band = [0.5 * f[0], min(high, 0.45 * RATE_HZ)]
-        found = bs.identify(record, band)
-        paired, lost = matched(f[inside], zeta[inside], found.quoted.frequencies_hz)
+        identified = bs.identify(record, band)
+        paired, lost = matched(f[inside], zeta[inside], identified.quoted.frequencies_hz)
         pulls, pulls_z = [], []
         for i, j in paired.items():
-            mode = found.quoted.modes[i]
+            mode = identified.quoted.modes[i]
             pulls.append(float(np.log(mode.frequency_hz / f[j]) / mode.frequency_cov))
             pulls_z.append(float((mode.damping - zeta[j]) / mode.damping_sd))
-        sentences = (*found.remarks, *found.failed_checks)
+        sentences = (*identified.remarks, *identified.failed_checks)
         said = [r for r in sentences if "late" in r or "early" in r]
         named = sorted({name for name in record.sensors for r in said if repr(name) in r})
         rows.append(
             {
                 "seed": seed, "damper": has_damper, "sensors": len(record.sensors),
                 "f": f.round(4).tolist(), "zeta": zeta.round(4).tolist(), "lost": lost,
-                "false": len(found.quoted.modes) - len(paired), "failed": len(found.failed_checks),
+                "false": len(identified.quoted.modes) - len(paired),
+                "failed": len(identified.failed_checks),
                 "pulls": pulls, "pulls_z": pulls_z, "late": delays, "named": named, "said": said,
                 "cpu": time.process_time() - start,
             }

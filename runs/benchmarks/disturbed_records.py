@@ -148,27 +148,27 @@ def cases(kind: str, n_records: int):
         yield seed, each if kind == "forty" else disturbed(each, kind, rng)
 
 
-def at_used_sensors(each: Case, found: bs.ModalIdentification) -> Case:
+def at_used_sensors(each: Case, identified: bs.ModalIdentification) -> Case:
     """The case at the sensors that were used, and the modes that are clear there."""
-    places = [each.record.sensors.index(name) for name in found.quoted.sensors]
+    places = [each.record.sensors.index(name) for name in identified.quoted.sensors]
     shapes = each.shapes[places]
     clear = each.clear_at(places) if each.clear_at and FAULTY in each.record.sensors else each.clear
     return each._replace(shapes=shapes / np.linalg.norm(shapes, axis=0), clear=clear)
 
 
-def of_faulty(each: Case, found: bs.ModalIdentification) -> dict:
+def of_faulty(each: Case, identified: bs.ModalIdentification) -> dict:
     """Whether a component of the faulty sensor is quoted, and the errors of all others' in sd.
 
     Where the sensor is a copy, the original is as faulty.
     """
-    data = found.quoted
+    data = identified.quoted
     sound = [i for i, name in enumerate(data.sensors) if name != FAULTY]
     m, n = len(data.modes), len(data.sensors)
     sds = np.sqrt(data.covariance.diagonal()[m:].reshape(m, n))
     pulls = []
     for i, f in enumerate(data.frequencies_hz):
         j = int(np.abs(each.frequencies_hz / f - 1.0).argmin())
-        true = at_used_sensors(each, found).shapes[sound, j]
+        true = at_used_sensors(each, identified).shapes[sound, j]
         own = data.unit_shapes[sound, i]
         cosine = own @ true / np.linalg.norm(own) / np.linalg.norm(true)
         if abs(each.frequencies_hz[j] / f - 1.0) < 0.02 and cosine**2 > 0.5 and len(sound) > 1:
@@ -188,10 +188,10 @@ def main() -> None:
         for seed, each in cases(kind, arguments.records):
             start = time.process_time()
             try:
-                found = bs.identify(each.record, each.band_hz)
-                row = compare(at_used_sensors(each, found), found)
-                row |= of_faulty(each, found) if kind in FAULTS else {}
-                row["pairs"] = sum((p.probability_of_two or 0.0) > 0.9 for p in found.peaks)
+                identified = bs.identify(each.record, each.band_hz)
+                row = compare(at_used_sensors(each, identified), identified)
+                row |= of_faulty(each, identified) if kind in FAULTS else {}
+                row["pairs"] = sum((p.probability_of_two or 0.0) > 0.9 for p in identified.peaks)
             except ValueError as error:
                 row = {"error": str(error), "clear": int(each.clear.sum())}
             row |= {"kind": kind, "seed": seed, "cpu": time.process_time() - start}

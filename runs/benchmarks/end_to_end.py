@@ -79,10 +79,10 @@ def from_record(seed: int) -> Row | str:
         with_infill(), SENSORS, np.random.default_rng(seed), damping=DAMPING, duration_s=DURATION_S
     )
     start = time.process_time()
-    found = bs.identify(record, BAND)
-    if len(found.modes) != len(LABELS):
-        return f"{len(found.modes)} modes"
-    data = found.modal_data()
+    identified = bs.identify(record, BAND)
+    if len(identified.modes) != len(LABELS):
+        return f"{len(identified.modes)} modes"
+    data = identified.modal_data()
     data = replace(
         data,
         modes=tuple(replace(m, label=x) for m, x in zip(data.modes, LABELS, strict=True)),
@@ -95,8 +95,8 @@ def from_record(seed: int) -> Row | str:
     inferred = next(each for each in ranking.posteriors if each.name == RIGHT)
     rows = {row.name: row for row in exact.summary}
     return Row(
-        found.method,
-        len(found.failed_checks),
+        identified.method,
+        len(identified.failed_checks),
         next(row.probability for row in ranking.comparison.classes if row.name == RIGHT),
         best.name == RIGHT,
         cpu_s,

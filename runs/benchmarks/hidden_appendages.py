@@ -177,11 +177,11 @@ def report(kind: str, rows: list[dict]) -> None:
         print(f"speaks in {sum(r['says'] for r in off)} of {len(off)} with a stiffness 10 % off")
         print(f"speaks in {sum(r['says'] for r in without)} of {len(without)} without an appendage")
         return
-    found = [row for row in with_one if row["any"] > 0.5]
+    seen = [row for row in with_one if row["any"] > 0.5]
     print(
-        f"found {len(found)} of {len(with_one)}, as one {sum(r['number'] == 1 for r in found)}; "
-        f"true effective mass held {sum(r['ratio'] for r in found)}, frequency "
-        f"{sum(r['hz'] for r in found)}"
+        f"found {len(seen)} of {len(with_one)}, as one {sum(r['number'] == 1 for r in seen)}; "
+        f"true effective mass held {sum(r['ratio'] for r in seen)}, frequency "
+        f"{sum(r['hz'] for r in seen)}"
     )
     alarms = [row for row in without if row["any"] > ALARM]
     print(

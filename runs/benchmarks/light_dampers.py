@@ -89,12 +89,12 @@ def one(task: Task) -> Outcome:
         mass_ratio=PRIORS[task.prior], number_weights=(1.0, 1.0), most_sampled=1
     )
     record = bs.search(searched, options, task.index, SETTINGS, candidates=candidates).record
-    (found,) = record.matched
-    left = [each.place for each in found.places_by_data]
-    by_prior = credible(found.places, [each.probability for each in found.places])
+    (matched,) = record.matched
+    left = [each.place for each in matched.places_by_data]
+    by_prior = credible(matched.places, [each.probability for each in matched.places])
     # The motion of a place does not depend on the one factor of all stiffnesses.
-    true = mass * shapes[task.point, found.mode - 1] ** 2 if found.mode <= 2 else 0.0
-    low, _, high = found.effective_ratio
+    true = mass * shapes[task.point, matched.mode - 1] ** 2 if matched.mode <= 2 else 0.0
+    low, _, high = matched.effective_ratio
     return Outcome(
         place in left, len(left), place in [each.place for each in by_prior], low <= true <= high
     )

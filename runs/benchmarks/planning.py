@@ -28,7 +28,7 @@ from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.layout_values import (
     LayoutSearch,
     SimulatedPlan,
-    class_worth,
+    class_gains,
     served_layouts,
 )
 from bayes_ssi.studies.planning.planned_class import PlannedClass
@@ -73,17 +73,19 @@ def layouts_of(n):
 
 def as_study(study, simulated, n, layout, names):
     """The simulated test n as data of the study's classes; None where it found no mode."""
-    found = simulated.tests.frequencies_hz[n]
-    places = np.flatnonzero(np.isfinite(found))
+    identified_hz = simulated.tests.frequencies_hz[n]
+    places = np.flatnonzero(np.isfinite(identified_hz))
     if not len(places):
         return None
     band, sensors = study.model_classes[0].data.band_hz, tuple(names[i] for i in layout)
     shapes = simulated.tests.rows(slice(n, n + 1)).identified_shapes(list(layout))[0]
     if len(layout) > 1:
-        modes = [bs.IdentifiedMode(str(j), found[j], shapes[:, j]) for j in places]
+        modes = [bs.IdentifiedMode(str(j), identified_hz[j], shapes[:, j]) for j in places]
         data = bs.ModalData(tuple(modes), band, sensors)
     else:  # a shape at one sensor says nothing
-        data = bs.ModalData(tuple(bs.IdentifiedMode(str(j), found[j]) for j in places), band)
+        data = bs.ModalData(
+            tuple(bs.IdentifiedMode(str(j), identified_hz[j]) for j in places), band
+        )
     return bs.Study(str(n), [
         bs.ModelClass(c.name, c.structure, data, c.error, pairing="any",
                       identification=c.identification) for c in study.model_classes
@@ -100,9 +102,9 @@ def oracle(given):
         simulated = simulated_plan(classes, 2, given.tests, given.inner, given.seed)
         print(f"\n{name}: {given.tests} tests in {perf_counter() - started:.0f} s", flush=True)
         layouts = [(0,), *(each for each in layouts_of(4) if len(each) > 1)]
-        worths = {layout: class_worth(simulated, layout) for layout in layouts}
+        gains_by_layout = {layout: class_gains(simulated, layout) for layout in layouts}
         step = len(simulated.true_class) // given.oracle_tests
-        found = {layout: [] for layout in layouts}
+        of_layouts = {layout: [] for layout in layouts}
         started = perf_counter()
         for n in range(0, len(simulated.true_class), step):
             if perf_counter() - started > given.seconds:
@@ -115,11 +117,11 @@ def oracle(given):
                 logs = {each.name: each.evidence.log_evidence for each in posteriors}
                 total = logsumexp(list(logs.values())) - math.log(len(logs))
                 right = study.names[simulated.true_class[n]]
-                found[layout].append((worths[layout].values[n], logs[right] - total))
-        for layout, values in found.items():
+                of_layouts[layout].append((gains_by_layout[layout].values[n], logs[right] - total))
+        for layout, values in of_layouts.items():
             plan, engine = np.transpose(values)
             off, n = plan - engine, len(engine)
-            gain, error = simulated.mean(worths[layout].values)
+            gain, error = simulated.mean(gains_by_layout[layout].values)
             names = ", ".join(PLACES[i] for i in layout) if len(layout) > 1 else "frequencies alone"
             print(f"{names:42s} gain {gain:.3f} ± {error:.3f}; in {n} tests {plan.mean():.4f}, by "
                   f"the engine {engine.mean():.4f}, difference {off.mean():+.4f} ± "
@@ -149,20 +151,20 @@ def frame(given):
     print(f"draws: {perf_counter() - started:.0f} s", flush=True)
     some = simulated.part(300, 100)
     search = LayoutSearch(
-        lambda layout: some.mean(class_worth(some, layout).values)[0], (), tuple(range(36))
+        lambda layout: some.mean(class_gains(some, layout).values)[0], (), tuple(range(36))
     )
     started, layout = perf_counter(), ()
     for number in range(2, 7):
         layout = search.best(number, layout)
-        gain, error = simulated.mean(class_worth(simulated, layout).values)
+        gain, error = simulated.mean(class_gains(simulated, layout).values)
         took = perf_counter() - started
         chosen = ", ".join(names[i] for i in layout)
         print(f"{number} sensors: {chosen}: {gain:.4f} ± {error:.4f}", flush=True)
         print(f"  {len(search.tried)} layouts in {took:.1f} s", flush=True)
-    worth = class_worth(simulated, layout)
+    gains = class_gains(simulated, layout)
     even = tuple(range(0, 36, 6))
-    print(f"evenly spread {simulated.mean(class_worth(simulated, even).values)}; effective draws "
-          f"{np.median(worth.draws):.0f}, bias {simulated.mean(worth.bias)[0]:+.4f}")  # fmt: skip
+    print(f"evenly spread {simulated.mean(class_gains(simulated, even).values)}; effective draws "
+          f"{np.median(gains.draws):.0f}, bias {simulated.mean(gains.bias)[0]:+.4f}")  # fmt: skip
 
 
 def forecasts(given):
@@ -170,15 +172,19 @@ def forecasts(given):
     study = harder(given.mass)
     classes = planned(study)
     simulated = simulated_plan(classes, 2, 2000, given.inner, given.seed)
-    worths = {each: class_worth(simulated, each) for each in layouts_of(4) if len(each) == 2}
-    by_gain = sorted(worths, key=lambda each: simulated.mean(worths[each].values)[0])
+    gains_by_layout = {
+        each: class_gains(simulated, each) for each in layouts_of(4) if len(each) == 2
+    }
+    by_gain = sorted(
+        gains_by_layout, key=lambda each: simulated.mean(gains_by_layout[each].values)[0]
+    )
     kinds = {"best": by_gain[-1], "evenly spread": (0, 2), "worst": by_gain[0]}
     for i, (kind, layout) in enumerate(kinds.items(), 1):
-        forecast, error = simulated.mean(worths[layout].named)
-        gain, _ = simulated.mean(worths[layout].values)
+        forecast, error = simulated.mean(gains_by_layout[layout].named)
+        gain, _ = simulated.mean(gains_by_layout[layout].values)
         names = tuple(PLACES[i] for i in layout)
         fresh = simulated_plan(classes, 2, 200, 1000, given.seed + 99 * i)
-        named = class_worth(fresh, layout).named
+        named = class_gains(fresh, layout).named
         print(f"{kind} ({', '.join(names)}): gain {gain:.3f}; right class forecast {forecast:.3f} "
               f"± {error:.3f}, came out in {named.mean():.3f} ± "
               f"{named.std() / math.sqrt(len(named)):.3f} of {len(named)}", flush=True)  # fmt: skip
@@ -206,8 +212,10 @@ def ranked(given, study, fresh, layout):
         same.append(best == named[n])
         failed.append(any(row.failed_checks for row in comparison.classes))
         # The plan's densities are relative to shapes that are uniform on the sphere.
-        n_found = np.isfinite(fresh.tests.frequencies_hz[n]).sum()
-        relative = np.array([each[n] for each in ours]) - n_found * log_sphere_area(len(layout))
+        n_identified = np.isfinite(fresh.tests.frequencies_hz[n]).sum()
+        relative = np.array([each[n] for each in ours]) - n_identified * log_sphere_area(
+            len(layout)
+        )
         off.append([*(relative - theirs), *np.diff(relative - theirs)])
     share, (mean, scatter) = np.mean(right), (np.mean(off, axis=0), np.std(off, axis=0))
     print(f"  by rank right in {sum(right)} of {len(right)}, {share:.3f} ± "

@@ -89,9 +89,9 @@ def by_peer(case: Case) -> dict:
     }
 
 
-def compare(case: Case, found: bs.ModalIdentification) -> dict:
+def compare(case: Case, identified: bs.ModalIdentification) -> dict:
     """How what is quoted compares with the truth."""
-    quoted, shapes = found.quoted, found.quoted.unit_shapes
+    quoted, shapes = identified.quoted, identified.quoted.unit_shapes
     covs, dampings, sds = (
         np.array([getattr(mode, name) for mode in quoted.modes], dtype=float)
         for name in ("frequency_cov", "damping", "damping_sd")
@@ -112,7 +112,9 @@ def compare(case: Case, found: bs.ModalIdentification) -> dict:
         if j in taken.values():
             continue
         width = case.dampings[j] * f
-        said = any(abs(each[0] - f) < max(2.0 * width, 0.02 * f) for each in found.not_identified)
+        said = any(
+            abs(each[0] - f) < max(2.0 * width, 0.02 * f) for each in identified.not_identified
+        )
         if case.clear[j]:
             (named if said else absent).append(float(f))
         if not said:
@@ -130,8 +132,8 @@ def compare(case: Case, found: bs.ModalIdentification) -> dict:
         "pulls_shape": pulls_shape,
         "errors_by_law": over_the_law(case, taken, errors),
         "claimed_by_law": over_the_law(case, taken, claimed),
-        "failed": len(found.failed_checks),
-        "checks": list(found.failed_checks),
+        "failed": len(identified.failed_checks),
+        "checks": list(identified.failed_checks),
     }
 
 

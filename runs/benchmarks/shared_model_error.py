@@ -105,10 +105,10 @@ def identified(stiffness: np.ndarray, rng: np.random.Generator) -> list[bs.Confi
     configurations = []
     for name, loaded in TESTED.items():
         exact = frequencies_hz(stiffness, loaded)
-        found = exact * (1.0 + IDENTIFICATION_COV * rng.standard_normal(N))
+        identified_hz = exact * (1.0 + IDENTIFICATION_COV * rng.standard_normal(N))
         data = bs.ModalData(
             tuple(
-                bs.IdentifiedMode(str(i), found[i - 1], frequency_cov=IDENTIFICATION_COV)
+                bs.IdentifiedMode(str(i), identified_hz[i - 1], frequency_cov=IDENTIFICATION_COV)
                 for i in IDENTIFIED
             ),
             # The band ends halfway to the next mode.

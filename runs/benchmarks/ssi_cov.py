@@ -74,11 +74,11 @@ def main():
     sensors = [f"s{i}" for i in range(1, probe.shape[1])]
     record = bs.read_record(given.file, quantity=given.quantity, unit=given.unit, sensors=sensors)
     begun = time.process_time()
-    found = bs.identify(record, given.band)
+    identified = bs.identify(record, given.band)
     seconds = time.process_time() - begun
     peer = by_ssi_cov(record, given.band, uncertain=True)
     print(f"{'f in Hz':>17} {'damping in %':>14}   {'SSI-cov':>8} {'damping in %':>19}    MAC")
-    quoted, left = found.quoted, set(range(len(peer.frequencies_hz)))
+    quoted, left = identified.quoted, set(range(len(peer.frequencies_hz)))
 
     def of_peer(i):
         f, z, _, sf, sz = (value[..., i] for value in peer)
@@ -101,9 +101,9 @@ def main():
         print(own)
     for i in sorted(left):
         print(f"{'':35}{of_peer(i)}")
-    for hz, why in found.not_identified:
+    for hz, why in identified.not_identified:
         print(f"not identified, {hz:.3f} Hz: {why}")
-    for check in found.failed_checks:
+    for check in identified.failed_checks:
         print(f"failed check: {check}")
     print(f"CPU s: {seconds:.1f} here, {time.process_time() - begun - seconds:.1f} SSI-cov")
 

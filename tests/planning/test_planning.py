@@ -20,7 +20,7 @@ from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_values import (
     SimulatedPlan,
-    class_worth,
+    class_gains,
     effective_independence,
     served_layouts,
 )
@@ -153,7 +153,7 @@ def gain_by_quadrature(classes, layout, n_tests, n_draws, every, seed):
     simulated = simulated_plan(classes, n_tests, n_draws, seed)
     chosen = np.arange(0, n_tests, every)
     exact = information_by_quadrature(classes, simulated, chosen, layout)
-    off = class_worth(simulated, layout).values[chosen] - exact
+    off = class_gains(simulated, layout).values[chosen] - exact
     assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
     assert off.std() < 0.15
     return exact.mean()

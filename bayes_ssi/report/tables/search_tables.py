@@ -18,7 +18,7 @@ APPROXIMATELY = "≈ "
 NUMBERS = ("prior probability", "probability", "log evidence", "ln B")
 
 
-def found(result: StoredResult) -> Iterator[Table]:
+def first_tables(result: StoredResult) -> Iterator[Table]:
     """The hypotheses of a search that are probable, and the places, if there is anything."""
     record = result.search
     assert record is not None

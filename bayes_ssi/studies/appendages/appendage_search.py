@@ -315,11 +315,11 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
 
 def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Finding, ...]:
     """Where an appendage may be, the most probable place first."""
-    found = []
+    possible = []
     for number in np.unique(draws.place).tolist():
         there = draws[draws.place == number]
         if there.weights.sum() > 0.0:
-            found.append(
+            possible.append(
                 Finding(
                     places[number],
                     float(there.weights.sum() / draws.weights.sum()),
@@ -330,7 +330,7 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Findi
                     by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
-    return tuple(sorted(found, key=lambda place: -place.probability))
+    return tuple(sorted(possible, key=lambda place: -place.probability))
 
 
 def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | None:
@@ -360,12 +360,12 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
 
 
 def appendage_findings(
-    baselines: Baselines, found: FamilySearch[Feature], seed: int, run: Run
+    baselines: Baselines, search: FamilySearch[Feature], seed: int, run: Run
 ) -> SearchRecord:
     """What was found on the baselines, and the classes compared with them without appendages."""
     rivals = screen_all([(rival, None) for rival in baselines.rivals], seed, run)
-    draws = feature_draws(baselines, found)
-    common = findings(found, draws)
+    draws = feature_draws(baselines, search)
+    common = findings(search, draws)
     rows: tuple[HypothesisRecord, ...] = common["hypotheses"]
     findings_of_all: tuple[Finding, ...] = common.pop("places")
     common["places"] = tuple(
@@ -385,7 +385,7 @@ def appendage_findings(
         present_in=baselines.present_in,
         search_settings=baselines.options,
         geometry=baselines.geometry,
-        matched=matched_appendages(draws, rows, baselines, found.hypotheses),
+        matched=matched_appendages(draws, rows, baselines, search.hypotheses),
         mass_unit=baselines.study.mass_unit,
         motions=tuple(each for each in findings_of_all if each.place.is_common),
         **common,

@@ -93,9 +93,9 @@ def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
         share = prior.probability_below(high) - prior.probability_below(low)
         log_odds.append(_nats(screened, alone) + math.log(share))
         changed[label] = _changed(posterior, best, classes, screened)
-    found = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())
+    hidden = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())
     return sorted(
-        (each for each in found if each.changed and each.probability >= LEAST_PROBABILITY),
+        (each for each in hidden if each.changed and each.probability >= LEAST_PROBABILITY),
         key=lambda each: -max(map(_change, each.changed.values())),
     )
 

@@ -82,14 +82,14 @@ class ChangeRecord(FamilyRecord):
 
 
 def change_findings(
-    family: Changes, found: FamilySearch[KindOfChange], seed: int, run: Run, visible: bool = True
+    family: Changes, search: FamilySearch[KindOfChange], seed: int, run: Run, visible: bool = True
 ) -> ChangeRecord:
     """What was found; ``visible`` whether to compute the smallest losses that would have shown."""
-    record = change_record(family, found)
+    record = change_record(family, search)
     if not visible or record.probability_of_any >= SHOWN:
         return record
-    unchanged = [each for each in found.hypotheses if not each.key.features]
-    likeliest = max(unchanged, key=lambda each: found.log_masses[each.model_class.name])
+    unchanged = [each for each in search.hypotheses if not each.key.features]
+    likeliest = max(unchanged, key=lambda each: search.log_masses[each.model_class.name])
     seen = smallest_losses(family, likeliest, seed, run)
     places = tuple(
         replace(each, smallest_visible=seen[each.place])
@@ -100,15 +100,15 @@ def change_findings(
     return replace(record, places=places, has_visible=True)
 
 
-def change_record(family: Changes, found: FamilySearch[KindOfChange]) -> ChangeRecord:
+def change_record(family: Changes, search: FamilySearch[KindOfChange]) -> ChangeRecord:
     """What was found, for a search in which none, some or all hypotheses were sampled."""
     shared = [
-        (own.column(SHARED), found.probabilities[name] * own.weights)
-        for name, own in found.draws.items()
+        (own.column(SHARED), search.probabilities[name] * own.weights)
+        for name, own in search.draws.items()
         if SHARED in own.names
     ]
     of_shared = [np.concatenate(each) for each in zip(*shared, strict=True)]
-    common = findings(found, feature_draws(family, found))
+    common = findings(search, feature_draws(family, search))
     alike, unseen = _alike(common["hypotheses"]), without_influence(family)
     common["places"] = tuple(
         replace(each, is_observed=each.place not in unseen, alike=alike.get(each.place, ()))

@@ -288,12 +288,12 @@ def choose_changes(
         own = [{p.name for p in structure.parameters} for structure in changed]
         able = [p.name for p in each.structural_parameters if all(p.name in n for n in own)]
         where = f"model class {each.name!r}"
-        found = places_of(able, joined or {}, places or {}, left_out, where)
+        losses = places_of(able, joined or {}, places or {}, left_out, where)
         if options.common_sd is not None:
-            of_all = tuple(dict.fromkeys(name for place in found for name in place.parameters))
-            found += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)
+            of_all = tuple(dict.fromkeys(name for place in losses for name in place.parameters))
+            losses += (ChangePlace(COMMON_PLACE, of_all, is_common=True),)
         others = () if options.losses_only else _besides_losses(each, before, after)
-        features[each.name] = (*found, *others)
+        features[each.name] = (*losses, *others)
     return Changes(chosen, features, options, before, after, _amounts(options, before, after))
 
 

@@ -84,9 +84,9 @@ def smallest_losses(
     of_place = partial(_smallest_loss, unchanged=unchanged, z=z, needed=needed, seed=seed)
     what = f"{n * len(places)} tests simulated"
     run.report("smallest visible losses", what, 0.0)
-    found = each_in_workers(of_place, classes, run)
+    smallest = each_in_workers(of_place, classes, run)
     run.report("smallest visible losses", what, 1.0)
-    return dict(zip(places, found, strict=True))
+    return dict(zip(places, smallest, strict=True))
 
 
 def _smallest_loss(
@@ -96,11 +96,11 @@ def _smallest_loss(
     covariances: dict[str, FloatArray] = {}
 
     def log_odds(losses: FloatArray, begin: int) -> FloatArray:
-        found = []
+        odds = []
         for i, loss in enumerate(losses.tolist(), begin):
             rng = np.random.default_rng(seed_of(f"{changed.name} {i}", seed))
-            found.append(log_bayes_factor(changed, unchanged, z[i], loss, rng, covariances))
-        return np.array(found)
+            odds.append(log_bayes_factor(changed, unchanged, z[i], loss, rng, covariances))
+        return np.array(odds)
 
     first = np.array(FIRST_LOSSES)
     rough = log_odds(first, 0)

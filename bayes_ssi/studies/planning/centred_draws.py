@@ -140,13 +140,13 @@ def log_ratios(
     missed = identification.log_missed(frequencies, variances[..., :1], band_hz)
     log_spurious = math.log(identification.expected_spurious_modes / (band_hz[1] - band_hz[0]))
     variance, shape_var = np.moveaxis(variances[:, :, None, None], -1, 0)
-    found = seen.frequencies_hz[:, None, :, None]
-    residuals = frequencies[:, :, None] / found - 1.0
+    identified_hz = seen.frequencies_hz[:, None, :, None]
+    residuals = frequencies[:, :, None] / identified_hz - 1.0
     ratios = -0.5 * (residuals * residuals / variance + np.log(2.0 * math.pi * variance))
     ratios += math.log(identification.detection_probability) - log_spurious
-    ratios = np.nan_to_num(ratios - np.log(found) - missed[:, :, None], nan=-np.inf)
-    n_found = np.isfinite(seen.frequencies_hz).sum(axis=1)[:, None]
-    unpaired = n_found * log_spurious - identification.expected_spurious_modes
+    ratios = np.nan_to_num(ratios - np.log(identified_hz) - missed[:, :, None], nan=-np.inf)
+    n_identified = np.isfinite(seen.frequencies_hz).sum(axis=1)[:, None]
+    unpaired = n_identified * log_spurious - identification.expected_spurious_modes
     unpaired = np.nan_to_num(unpaired + missed.sum(axis=2), nan=-np.inf)
     of_layouts = np.repeat(ratios[None], len(seen.sensors), axis=0)
     for total, shapes, sensors in zip(of_layouts, seen.shapes, seen.sensors, strict=True):

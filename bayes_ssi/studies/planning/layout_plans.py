@@ -17,7 +17,7 @@ from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import located, require_distinct
 from bayes_ssi.studies.planning import layout_values
-from bayes_ssi.studies.planning.layout_values import Sensors, SimulatedPlan, Worth
+from bayes_ssi.studies.planning.layout_values import Gains, Sensors, SimulatedPlan
 from bayes_ssi.studies.planning.plan_record import CLASS, PARAMETERS, Layout, Plan
 from bayes_ssi.studies.planning.planned_class import PlannedClass, terms_of
 from bayes_ssi.studies.ranking.study import Study
@@ -302,24 +302,24 @@ class _Planning:
         layouts = layout_values.served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
         return self._simulated(self.classes, layouts)
 
-    def _worths(self, simulated: SimulatedPlan) -> Callable[[Sensors], Worth]:
-        """What a layout is worth on simulated tests, computed once for each layout."""
+    def _gains_of_layouts(self, simulated: SimulatedPlan) -> Callable[[Sensors], Gains]:
+        """What a layout gains on simulated tests, computed once for each layout."""
         if self.aim == CLASS:
-            return cache(lambda layout: layout_values.class_worth(simulated, layout))
+            return cache(lambda layout: layout_values.class_gains(simulated, layout))
         quantities = []
         for c, (planned, own) in enumerate(zip(simulated.classes, simulated.draws, strict=True)):
             before = _quantity(planned, planned.drawn_before, self.aim)
             _check_variation(before, planned.model_class.name)
             at_draws = _quantity(planned, own.z[simulated.true_class == c], self.aim)
             quantities.append((at_draws, before))
-        return cache(lambda layout: layout_values.quantity_worth(simulated, layout, quantities))
+        return cache(lambda layout: layout_values.quantity_gains(simulated, layout, quantities))
 
     @cached_property
-    def _worth(self) -> Callable[[Sensors], Worth]:
-        return self._worths(self._whole)
+    def _gains(self) -> Callable[[Sensors], Gains]:
+        return self._gains_of_layouts(self._whole)
 
     def _gain(self, layout: Sensors) -> float:
-        return self._whole.mean(self._worth(layout).values)[0]
+        return self._whole.mean(self._gains(layout).values)[0]
 
     @cached_property
     def _shapes(self) -> FloatArray:
@@ -333,20 +333,20 @@ class _Planning:
         return modes.shapes[0][:, inside]
 
     def _layout(self, sensors: Sensors) -> Layout:
-        worth, shapes = self._worth(sensors), self._shapes[list(sensors)]
+        gains, shapes = self._gains(sensors), self._shapes[list(sensors)]
         between = mac(shapes, shapes)[np.triu_indices(shapes.shape[1], 1)]
         return Layout(
             tuple(self.classes[0].candidates[i].name for i in sensors),
             self.classes[0].configuration.data.band_hz,
-            *self._whole.mean(worth.values),
-            self._whole.mean(worth.named)[0] if self.aim == CLASS else None,
+            *self._whole.mean(gains.values),
+            self._whole.mean(gains.named)[0] if self.aim == CLASS else None,
             float(between.max(initial=0.0)) if len(sensors) > 1 else np.nan,
         )
 
     def plan(self, study: str, configuration: str) -> Plan:
         """The plan, without alternatives."""
         part = self._whole.part(*N_SEARCHED)
-        of_part = self._worths(part)
+        of_part = self._gains_of_layouts(part)
         search = layout_values.LayoutSearch(
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
         )
@@ -373,8 +373,8 @@ class _Planning:
             ),
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
-        p, worth = self._whole.probabilities, self._worth(best)
-        bias = self._whole.mean(worth.bias)[0]
+        p, gains = self._whole.probabilities, self._gains(best)
+        bias = self._whole.mean(gains.bias)[0]
         return Plan(
             study=study,
             aim=self.aim if isinstance(self.aim, str) else self.aim.__name__,
@@ -391,9 +391,9 @@ class _Planning:
             is_exhaustive=exhaustive,
             other_start=self._gain(other) - self._gain(best),
             n_tests=len(self._whole.true_class),
-            effective_draws=float(np.median(worth.draws)),
+            effective_draws=float(np.median(gains.draws)),
             bias=bias,
-            failed_checks=tuple(_failed_checks(worth.draws, bias)),
+            failed_checks=tuple(_failed_checks(gains.draws, bias)),
             candidates=first.candidates,
             geometry=first.structure.drawing()[0],
         )

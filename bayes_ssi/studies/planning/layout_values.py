@@ -1,4 +1,4 @@
-"""What layouts of sensors are worth, in nats, and a search for the one that is worth most.
+"""Gains of layouts of sensors, in nats, and a search for the layout that gains most.
 
 Information about the class is E[log p(D | C) - log p(D)] over tests simulated from every class C,
 with p(D | C) the average over the class's draws about each test. A layout reads its rows of the
@@ -39,8 +39,8 @@ def served_layouts(fixed: Sensors, free: Sensors, n_sensors: int, seed: int) -> 
     return list(layouts)
 
 
-class Worth(NamedTuple):
-    """What a layout is worth in each of N simulated tests."""
+class Gains(NamedTuple):
+    """What a layout gains in each of N simulated tests."""
 
     values: FloatArray  # (N,), in nats; NaN where a test does not count
     named: FloatArray  # (N,), 1 where the class that gave the test is the most probable after it
@@ -139,7 +139,7 @@ def effective_draws(log_weights: FloatArray) -> FloatArray:
     return np.asarray(np.exp(twice - logsumexp(2.0 * log_weights, axis=1)))
 
 
-def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
+def class_gains(plan: SimulatedPlan, layout: Sequence[int]) -> Gains:
     """log p(D | C) - log p(D) of every test, D being what the layout sees of it."""
     weights = plan.log_weights(layout)
     n_draws = weights[0].shape[1]
@@ -155,12 +155,12 @@ def class_worth(plan: SimulatedPlan, layout: Sequence[int]) -> Worth:
     counts = (after > LEAST_THAT_COUNTS) | (np.arange(len(after))[:, None] == plan.true_class)
     fewest = np.where(counts, draws, np.inf).min(axis=0)
     named = (log_joint.argmax(axis=0) == plan.true_class).astype(float)
-    return Worth(log_evidences[own] - log_total, named, bias, fewest)
+    return Gains(log_evidences[own] - log_total, named, bias, fewest)
 
 
-def quantity_worth(
+def quantity_gains(
     plan: SimulatedPlan, layout: Sequence[int], quantities: Sequence[tuple[FloatArray, FloatArray]]
-) -> Worth:
+) -> Gains:
     """½ ln det (covariance before the test) - ½ ln det (after it), given the class.
 
     For normal distributions the mean of it is the mutual information of quantity and data. The
@@ -187,12 +187,12 @@ def quantity_worth(
         expected += q * np.log(2.0 / (free[:, 0] + 1.0))
         values[tests] = 0.5 * (np.linalg.slogdet(before)[1] - after + expected)
     nothing = np.zeros(len(values))
-    return Worth(values, nothing, nothing, draws)
+    return Gains(values, nothing, nothing, draws)
 
 
 @dataclass(eq=False)
 class LayoutSearch:
-    """A search for the layout of candidates that is worth most."""
+    """A search for the layout of candidates that gains most."""
 
     gain: Callable[[Sensors], float]
     fixed: Sensors  # in every layout

@@ -190,8 +190,8 @@ class SimulatedTests(NamedTuple):
         wider = []
         for hz, shapes, noise, shape_sd in parts:
             room = [(0, 0), (0, 0), (0, most - hz.shape[1])]
-            found = np.pad(hz, room[1:], constant_values=np.nan)
-            wider.append(cls(found, np.pad(shapes, room), np.pad(noise, room), shape_sd))
+            own_hz = np.pad(hz, room[1:], constant_values=np.nan)
+            wider.append(cls(own_hz, np.pad(shapes, room), np.pad(noise, room), shape_sd))
         return joined(wider)
 
     def rows(self, which: slice) -> "SimulatedTests":
@@ -227,13 +227,13 @@ def simulate(planned: PlannedClass, n: int, rng: np.random.Generator) -> Simulat
     low, high = planned.configuration.data.band_hz
     shape = modes.frequencies_hz.shape
     errors = np.sqrt(modes.variances[:, :1]) * rng.standard_normal(shape)
-    found = modes.frequencies_hz * (1.0 + errors)
+    identified_hz = modes.frequencies_hz * (1.0 + errors)
     seen = rng.random(shape) < identification.detection_probability
-    found[~(seen & (found > low) & (found < high))] = np.nan
+    identified_hz[~(seen & (identified_hz > low) & (identified_hz < high))] = np.nan
     n_spurious = rng.poisson(identification.expected_spurious_modes, n)
     spurious = rng.uniform(low, high, (n, max(int(n_spurious.max()), 1)))
     spurious[np.arange(spurious.shape[1]) >= n_spurious[:, None]] = np.nan
-    frequencies = np.concatenate([found, spurious], axis=1)
+    frequencies = np.concatenate([identified_hz, spurious], axis=1)
     without = np.zeros((n, modes.shapes.shape[1], spurious.shape[1]))
     shapes = np.concatenate([modes.shapes, without], axis=2)
     noise = rng.standard_normal(shapes.shape)

@@ -187,10 +187,10 @@ class SearchResult(InWords, Generic[Record]):
 FeatureDraws = Mapping[str, Mapping[Feature, Draws]]
 
 
-def feature_draws(family: Family[Feature], found: FamilySearch[Feature]) -> FeatureDraws[Feature]:
+def feature_draws(family: Family[Feature], search: FamilySearch[Feature]) -> FeatureDraws[Feature]:
     draws: dict[str, dict[Feature, Draws]] = {}
-    for hypothesis in found.hypotheses:
-        of_all = found.draws[hypothesis.model_class.name]
+    for hypothesis in search.hypotheses:
+        of_all = search.draws[hypothesis.model_class.name]
         own = draws[hypothesis.model_class.name] = {}
         for feature in hypothesis.key.features:
             amounts = family.quantities(hypothesis.key.baseline, feature, of_all.column)
@@ -199,28 +199,28 @@ def feature_draws(family: Family[Feature], found: FamilySearch[Feature]) -> Feat
     return draws
 
 
-def findings(found: FamilySearch[Feature], draws: FeatureDraws[Feature]) -> dict[str, Any]:
+def findings(search: FamilySearch[Feature], draws: FeatureDraws[Feature]) -> dict[str, Any]:
     """Fields of a :class:`FamilyRecord`, whatever was searched for."""
-    rows = hypotheses_by_probability(found, draws)
+    rows = hypotheses_by_probability(search, draws)
     return {
         "hypotheses": rows,
         "probability_of_any": min(1.0, sum(row.probability for row in rows if row.claims_any)),
-        "places": tuple(averaged_features(draws, found.probabilities)),
-        **found.findings,
+        "places": tuple(averaged_features(draws, search.probabilities)),
+        **search.findings,
     }
 
 
 def hypotheses_by_probability(
-    found: FamilySearch[Feature], draws: FeatureDraws[Feature]
+    search: FamilySearch[Feature], draws: FeatureDraws[Feature]
 ) -> tuple[HypothesisRecord, ...]:
     """All hypotheses, the most probable first."""
-    total_weight = sum(each.prior_weight for each in found.hypotheses)
-    probabilities = found.probabilities
+    total_weight = sum(each.prior_weight for each in search.hypotheses)
+    probabilities = search.probabilities
     rows = []
     # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
-    for each in sorted(found.hypotheses, key=lambda h: -found.log_masses[h.model_class.name]):
+    for each in sorted(search.hypotheses, key=lambda h: -search.log_masses[h.model_class.name]):
         name, screened = each.model_class.name, each.screened
-        posterior = found.posteriors.get(name)
+        posterior = search.posteriors.get(name)
         evidence = screened if posterior is None else posterior.evidence
         rows.append(
             HypothesisRecord(
