@@ -26,7 +26,8 @@ def study():
 
 @pytest.fixture(scope="module")
 def posteriors():
-    return sample_all(study().model_classes, 0, bs.SamplingSettings(log_evidence_error=0.05))
+    coarse = bs.SamplingSettings(0.05, searches=2, effective_sample_size=500)
+    return sample_all(study().model_classes, 0, coarse)
 
 
 @functools.cache

@@ -18,7 +18,7 @@ from bayes_ssi.studies.appendages.unmodelled import appendage_checks, hidden_app
 from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
-QUICK = bs.SamplingSettings(log_evidence_error=0.1)
+QUICK = bs.SamplingSettings(log_evidence_error=0.1, searches=2, effective_sample_size=400)
 pytestmark = pytest.mark.usefixtures("screening_for_appendages")
 
 
@@ -29,7 +29,7 @@ def ranked(study, *names):
 
 def test_the_analyst_who_misses_the_infill_is_warned():
     """The paper's numerical study: 1-a fits perfectly with stiffnesses that are 10 % off."""
-    comparison = ranked("shear_building", "1-a", "1-b", "2").comparison
+    comparison = ranked("shear_building", "1-a", "2").comparison
     assert comparison.best.name == "1-a"
     text = comparison.unmodelled_appendage
     assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one that")
@@ -40,7 +40,7 @@ def test_the_analyst_who_misses_the_infill_is_warned():
 
 def test_nothing_is_said_where_the_best_class_has_the_appendage():
     """Approach 3: no further appendage would change a parameter by more than its interval."""
-    comparison = ranked("shear_building").comparison
+    comparison = ranked("shear_building", "1-a", "3").comparison
     assert not comparison.unmodelled_appendage
     assert not comparison.hidden_appendage
 
@@ -105,6 +105,7 @@ def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
     assert comparison.unmodelled_appendage.startswith("modes '2a' and '2b'")
 
 
+@pytest.mark.usefixtures("no_drawings")
 def test_the_warning_comes_first_and_fails(tmp_path):
     arguments = ["rank", str(MODEL_CLASSES / "bare_building.py"), "--error", "0.1"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])

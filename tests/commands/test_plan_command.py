@@ -29,14 +29,6 @@ def test_plan_prints_layouts_and_saves_the_form(run, tmp_path):
     assert sensors == (out / "modes.csv").read_text("utf-8").splitlines()[2].split(",")[5:]
 
 
-def test_json_holds_the_plan(run):
-    done = run("plan", STUDY, "--sensors", 1, "--aim", "k1", "--json", *FAST)
-    assert done.exit_code == 0, done.output
-    plan = json.loads(done.stdout)["plan"]
-    assert plan["aim"] == "k1"
-    assert plan["greatest"] is None
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

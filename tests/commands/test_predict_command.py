@@ -247,10 +247,3 @@ def test_a_result_that_is_incomplete(predict, saved, tmp_path):
     copy = shutil.copytree(saved, tmp_path / "copy")
     (copy / "comparison.json").unlink()
     assert_one_line_error(predict(result=copy), str(copy))
-
-
-def test_a_study_that_has_changed(predict, tmp_path):
-    text = TINY_STUDY.replace("(K * k, K * k)", "(K * k, 2 * K * k)")
-    (tmp_path / "tiny.py").write_text(text, "utf-8")
-    done = predict("--study", tmp_path / "tiny.py", "--class", "one k")
-    assert_one_line_error(done, "not the one that was sampled", "Hz")

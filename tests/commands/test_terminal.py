@@ -22,10 +22,15 @@ from bayes_ssi.results.stored_result import load_result
 COMMAND = [sys.executable, "-c", "from bayes_ssi.cli import main; main()"]
 
 
-def test_quiet_prints_nothing(run, tiny_study_file, tmp_path):
-    result = run("rank", tiny_study_file, "--class", "one k", "--quiet", "--out", tmp_path / "r")
+def test_quiet_prints_nothing_and_the_command_is_on_record(run, tiny_study_file, tmp_path):
+    out = tmp_path / "a directory"
+    options = ("--class", "one k", "--seed", 3, "--out", out, "--quiet")
+    result = run("rank", tiny_study_file, *options)
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
-    assert load_result(tmp_path / "r").comparison.best.name == "one k"
+    stored = load_result(out)
+    assert stored.comparison.best.name == "one k"
+    command = f"bayes-ssi rank {tiny_study_file} --class 'one k' --seed 3 --out '{out}' --quiet"
+    assert stored.record.command == command
 
 
 def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_path, monkeypatch):
@@ -141,16 +146,6 @@ def test_an_error_line_is_never_a_page_long(run, tmp_path):
     result = run("check", path)
     assert_one_line_error(result, "line 3: frequency_hz", "is not a number")
     assert len(result.stderr) < 2100
-
-
-def test_the_command_is_on_record(run, tiny_study_file, tmp_path):
-    out = tmp_path / "a directory"
-    run("rank", tiny_study_file, "--class", "one k", "--seed", 3, "--out", out, "--quiet")
-    command = load_result(out).record.command
-    assert (
-        command
-        == f"bayes-ssi rank {tiny_study_file} --class 'one k' --seed 3 --out '{out}' --quiet"
-    )
 
 
 def in_a_terminal(*arguments):

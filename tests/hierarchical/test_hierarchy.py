@@ -23,7 +23,9 @@ from bayes_ssi.studies.ranking.comparison import Check
 
 FREQUENCIES = {"January": (1.02, 2.66), "April": (1.0, 2.62), "July": (0.98, 2.57)}
 TEMPERATURES = {"January": -4.0, "April": 10.0, "July": 27.0}
-COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=100, searches=1, max_steps=500)
+COARSE = bs.SamplingSettings(
+    log_evidence_error=0.05, particles=100, searches=1, effective_sample_size=500, max_steps=500
+)
 SAME, BOTH = "the same in all tests", "varies with temperature and from test to test"
 
 

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
@@ -41,7 +43,9 @@ def test_identified_modes(case_c):
 
 
 def test_modes_without_shapes(case_c):
-    assert len(plot_identified_modes(case_c.without_shapes()).axes) == 1
+    figure = Figure()
+    assert plot_identified_modes(case_c.without_shapes(), figure) is figure
+    assert len(figure.axes) == 1
 
 
 def test_shapes_beside_identified_ones(updated, case_c):
@@ -66,3 +70,32 @@ def test_units_stand_beside_the_names_of_parameters(make_posterior):
     units = {"k2": "N/m"}
     corner = plot_corner(make_posterior("a"), units=units)
     assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
+
+
+# Standard deviations to either side that hold 90 %.
+Z = 1.645
+SHAPE, SDS = np.array([0.6, 0.8]), np.array([0.04, 0.03])
+
+
+def data(sensors, with_covariance=True, **errors):
+    """A mode with a shape, whose errors lie across it, and one without."""
+    covariance = None
+    if with_covariance:
+        along = np.array([-0.8, 0.6]) * 0.05  # SDS, at right angles to the shape
+        covariance = np.zeros((6, 6))
+        covariance[:2, :2] = 1e-6 * np.eye(2)
+        covariance[2:4, 2:4] = np.outer(along, along)
+    modes = (bs.IdentifiedMode("1", 1.0, 2.0 * SHAPE, **errors), bs.IdentifiedMode("2", 3.0))
+    return bs.ModalData(modes, (0.0, 4.0), sensors, covariance=covariance)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sds"), [({}, SDS), ({"with_covariance": False, "shape_sd": 0.05}, 0.05)]
+)
+def test_over_sensors(arguments, sds):
+    """In the scale in which the largest component is one."""
+    _, ax = plot_identified_modes(data(("x", "y"), **arguments)).axes
+    bars = np.array(ax.containers[1].lines[2][0].get_segments())[:, :, 0]
+    np.testing.assert_allclose(bars.mean(axis=1), [0.75, 1.0])
+    np.testing.assert_allclose(np.diff(bars)[:, 0] / 2.0, Z * sds / 0.8 * np.ones(2), rtol=1e-9)
+    assert [each.get_text() for each in ax.get_yticklabels()] == ["x", "y"]

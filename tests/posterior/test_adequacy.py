@@ -17,7 +17,9 @@ from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.studies.ranking.diagnosis import _log_maximum, repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
-COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=256, searches=2, economical=True)
+COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=100, searches=2, economical=True)
+# Chains too short to pass their own checks.
+ROUGH = bs.SamplingSettings(log_evidence_error=0.5, particles=48, searches=1, max_steps=50)
 
 
 def at(model_class, values, rng=None):
@@ -176,7 +178,7 @@ def test_a_wrong_pairing_is_named(model_classes):
     words += "mode '3' seems to be model mode 4, not model mode 3"
     (test,) = right.configurations
     candidate = replace(right, configurations=[replace(test, pairing=wrong)])
-    ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=COARSE)
+    ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=ROUGH)
     assert f". Likely cause: {words} (gain " in ranking.comparison.best.misfit
 
 
@@ -253,8 +255,7 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     """By the class's own prior the error of the shapes is only a little too large."""
     anything = replace(model_classes["3"], error=bs.ErrorModel()).with_any_pairing("any")
     study = bs.Study("absorbed", [with_data(anything, exchanged_in_mode_3)])
-    # Chains too short to pass their own checks.
-    ranking = bs.rank(study, settings=replace(COARSE, searches=1, max_steps=200))
+    ranking = bs.rank(study, settings=ROUGH)
     assert ranking.posteriors[0].adequacy.overall.p_value > INADEQUATE
     words = "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3' (gain "
     misfit = ranking.comparison.best.misfit

@@ -86,11 +86,6 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
         load_predictions(saved)
 
 
-def save_search(actual, directory, study_file):
-    extra = {"search.json": actual.record}
-    return save_result(actual.ranking, directory, study_file=str(study_file), extra=extra).directory
-
-
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory):
     """A search on the tiny study's second class, among two places."""
@@ -106,7 +101,8 @@ def searched(tmp_path_factory):
         )
         screen_quickly(patch)
         actual = search(baseline, settings, settings=searches.COARSE)
-    save_search(actual, directory / "result", directory / "tiny.py")
+    extra, file = {"search.json": actual.record}, str(directory / "tiny.py")
+    save_result(actual.ranking, directory / "result", study_file=file, extra=extra)
     return actual, directory / "result"
 
 
@@ -232,8 +228,3 @@ def test_the_study_file_has_changed(saved, tiny_study_file):
     with pytest.raises(ValueError, match="model class 'one k' is not the one that was sampled"):
         predicted.of("one k")
     assert predicted.of("each k").n_draws == 1000
-
-
-def test_a_directory_that_is_not_there(tmp_path):
-    with pytest.raises(ValueError, match="none: not a result directory"):
-        load_predictions(tmp_path / "none")

@@ -143,21 +143,20 @@ def test_bad_prior_weights_are_refused(make_posterior, weights, message):
         bs.compare([make_posterior("a"), make_posterior("b")], weights)
 
 
-def test_evidences_of_different_data_are_not_compared(make_posterior):
-    other = make_posterior("b", data_digest="fedcba9876543210")
-    message = "'a' and 'b' explain different data .*0123456789abcdef and fedcba9876543210"
+@pytest.mark.parametrize(
+    ("names", "digest", "message"),
+    [
+        ("ab", "fedcba9876543210",
+         "'a' and 'b' explain different data .*0123456789abcdef and fedcba9876543210"),
+        ("aba", "0123456789abcdef", "two model classes are named 'a'"),
+        ("", "", "no posterior to compare"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_compared_is_refused(make_posterior, names, digest, message):
+    posteriors = [make_posterior(name) for name in names]
+    posteriors[1:2] = [make_posterior(name, data_digest=digest) for name in names[1:2]]
     with pytest.raises(ValueError, match=message):
-        bs.compare([make_posterior("a"), other])
-
-
-def test_names_must_differ(make_posterior):
-    with pytest.raises(ValueError, match="two model classes are named 'a'"):
-        bs.compare([make_posterior("a"), make_posterior("b"), make_posterior("a")])
-
-
-def test_nothing_to_compare():
-    with pytest.raises(ValueError, match="no posterior to compare"):
-        bs.compare([])
+        bs.compare(posteriors)
 
 
 @pytest.mark.parametrize(("log_evidence", "flagged"), [(-2.0, True), (-8.0, False)])

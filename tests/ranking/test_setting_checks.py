@@ -13,7 +13,7 @@ from bayes_ssi.studies.ranking import checks
 from bayes_ssi.studies.ranking.checks import BAND_MOVED
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 
-COARSE = bs.SamplingSettings(log_evidence_error=0.03)
+COARSE = bs.SamplingSettings(log_evidence_error=0.03, searches=2, effective_sample_size=1000)
 ERROR = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05)
 K = (2.0 * math.pi) ** 2
 
@@ -151,7 +151,7 @@ def test_no_prior_reaches_beyond_zero():
     Chains there are too short to pass their checks, however long.
     """
     candidate = replace(building(7, 0.94), error=bs.ErrorModel(shape_sd=0.05))
-    short = bs.SamplingSettings(0.3, particles=200, searches=1, max_steps=50)
+    short = bs.SamplingSettings(0.3, particles=60, searches=1, max_steps=50)
     best = bs.rank(bs.Study("s", [candidate]), settings=short).comparison.best
     (edge,) = (check for check in best.checks if check.kind == "edge")
     assert "lower edge of its prior, LogNormal" in edge.words
