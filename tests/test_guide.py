@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from code_blocks import CHAPTERS, PAGES, ROOT, blocks, commands, run_page
+from conftest import COARSE
 
 import bayes_ssi as bs
 from bayes_ssi import plots
@@ -30,10 +31,9 @@ def printed(tmp_path, monkeypatch, capsys):
         (tmp_path / folder).mkdir()
     for source in (ROOT / "model_classes").iterdir():
         (tmp_path / "model_classes" / source.name).symlink_to(source)
-    # As coarsely as the commands, where a chapter does not say how finely.
-    coarse = bs.SamplingSettings(0.05, particles=60, searches=1, max_steps=400)
+    # Where a chapter does not say how finely.
     for sampled in (bs.rank, bs.sample):
-        monkeypatch.setattr(bs, sampled.__name__, partial(sampled, settings=coarse), raising=False)
+        monkeypatch.setattr(bs, sampled.__name__, partial(sampled, settings=COARSE), raising=False)
 
     def run(page):
         run_page(page)

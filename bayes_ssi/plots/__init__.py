@@ -1,8 +1,8 @@
 """Figures of stored records, posteriors and predictions; nothing here samples.
 
-Every function draws on given axes, or on those of a new figure, and returns them; but
-:func:`plot_moving_shapes`, which makes a page. ``as`` says to type checkers that a name is meant
-for others.
+Functions draw on given axes, or on those of a new figure, and return them; of several panels or in
+space they return a new figure. :func:`plot_moving_shapes` makes a page. ``as`` says to type
+checkers that a name is meant for others.
 """
 
 from bayes_ssi.plots.class_plots import plot_corner as plot_corner

@@ -167,7 +167,6 @@ def plot_mac(
 
 def plot_corner(
     posterior: Posterior,
-    figure: Figure | None = None,
     parameters: Sequence[str] | None = None,
     truths: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -198,7 +197,7 @@ def plot_corner(
         width = 0.05 * np.ptp(spans[:, k])
         spans[0, k] = min(spans[0, k], truths[names[k]] - width)
         spans[1, k] = max(spans[1, k], truths[names[k]] + width)
-    figure = look.figure_of(figure, (0.8 + 1.5 * n, 1.4 + 1.5 * n))
+    figure = look.new_figure((0.8 + 1.5 * n, 1.4 + 1.5 * n))
     arviz()  # corner imports it, and would show its warnings
     import corner
 
@@ -236,14 +235,14 @@ def plot_corner(
     return figure
 
 
-def plot_population(hierarchy: Hierarchy, figure: Figure | None = None) -> Figure:
+def plot_population(hierarchy: Hierarchy) -> Figure:
     """Each parameter's 90 % interval in every test by itself, and the most probable population's.
 
     Along the covariate, where there is one. Dark: the population's centre, median and 90 %
     interval. Light: the 90 % interval of the next test, averaged over all populations.
     """
     k = len(hierarchy.names)
-    figure = look.figure_of(figure, (look.FIGURE_WIDTH, 1.0 + 2.1 * k))
+    figure = look.new_figure((look.FIGURE_WIDTH, 1.0 + 2.1 * k))
     panels = figure.subplots(k, 1, squeeze=False, sharex=True)[:, 0]
     tests, scale = hierarchy.tests, hierarchy.covariate
     at = np.arange(len(tests), dtype=float)

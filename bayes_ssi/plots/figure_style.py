@@ -92,10 +92,8 @@ def figures_for_files() -> Iterator[None]:
         _for_files.reset(token)
 
 
-def figure_of(figure: Figure | None, size: tuple[float, float]) -> Figure:
-    """The figure given, or a new one of ``size`` (inches)."""
-    if figure is not None:
-        return figure
+def new_figure(size: tuple[float, float]) -> Figure:
+    """A figure of ``size`` (inches)."""
     with style():
         if _for_files.get():
             return Figure(figsize=size)
@@ -109,7 +107,7 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     if ax is not None:
         return ax
     with style():
-        return figure_of(None, size).add_subplot()
+        return new_figure(size).add_subplot()
 
 
 def whole_figure(drawn: Axes | Figure) -> Figure:
@@ -193,15 +191,15 @@ def width_of_panels(across: int) -> float:
 
 
 def panels_of(
-    figure: Figure | None, n_panels: int, extra: float, row_height: float, **options: Any
+    n_panels: int, extra: float, row_height: float, **options: Any
 ) -> tuple[Figure, list[Any]]:
-    """The figure given, or a new one of the height of its rows and ``extra`` inches, with panels.
+    """A figure of the height of its rows and ``extra`` inches, and its panels.
 
     ``options`` are those of matplotlib's ``subplots``.
     """
     across = panels_across(n_panels)
     down = -(-n_panels // across)
-    figure = figure_of(figure, (width_of_panels(across), extra + down * row_height))
+    figure = new_figure((width_of_panels(across), extra + down * row_height))
     axes = figure.subplots(down, across, squeeze=False, **options).ravel()
     for ax in axes[n_panels:]:
         ax.remove()

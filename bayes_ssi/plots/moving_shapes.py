@@ -51,7 +51,6 @@ def longest_side(points: ArrayLike) -> float:
 
 
 def axes_in_space(
-    ax: Any,
     title: str,
     points: FloatArray,
     reach: float,
@@ -60,16 +59,16 @@ def axes_in_space(
 ) -> Any:
     """Axes of one scale around ``points`` (n, 3), with the structure if it is known.
 
-    Those given, or those of a new figure with ``below`` inches below them. All points fit, with
-    room of ``reach`` around them; arrows at the lowest corner name the axes.
+    They are those of a figure with ``below`` inches below them. All points fit, with room of
+    ``reach`` around them; arrows at the lowest corner name the axes.
     """
-    if ax is None:
-        panel, above = 2.9, 0.4  # inches: height of the axes, and of the title above them
-        height = panel + below
-        figure = look.figure_of(None, (look.FIGURE_WIDTH, height))
-        # Without the layout of other figures, in which axes in three dimensions are too small.
-        figure.set_layout_engine("none")
-        ax = figure.add_axes((0.0, below / height, 1.0, (panel - above) / height), projection="3d")
+    panel, above = 2.9, 0.4  # inches: height of the axes, and of the title above them
+    height = panel + below
+    figure = look.new_figure((look.FIGURE_WIDTH, height))
+    # Without the layout of other figures, in which axes in three dimensions are too small.
+    figure.set_layout_engine("none")
+    at = (0.0, below / height, 1.0, (panel - above) / height)
+    ax: Any = figure.add_axes(at, projection="3d")
     # Parallel lines stay parallel, and what is drawn later is above.
     ax.computed_zorder = False
     ax.set_proj_type("ortho")

@@ -26,7 +26,7 @@ MOST_BARS = 12
 LEAST_SHARE = 0.01
 
 
-def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+def plot_place_map(search: FamilyRecord) -> Axes:
     """Places in space, their probabilities in colour, and directions as arrows.
 
     Places that are improbable by comparison are dots without directions.
@@ -51,13 +51,10 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     title = f"Most probable: {best.place.name}, {probability_text(best.probability)}\n{spans}{unit}"
     # A line or a plane needs some depth for its axes.
     reach = 0.05 * longest_side(points)
-    drawn = axes_in_space(ax, "" if ax is None else title, points, reach, geometry, below=1.15)
-    bar = None
-    if ax is None:
-        figure, title = drawn.figure, look.wrapped(title, look.FIGURE_WIDTH)
-        figure.suptitle(title, x=0.02, ha="left", fontsize=look.TEXT_SIZE, parse_math=False)
-        height = figure.get_figheight()
-        bar = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
+    drawn = axes_in_space("", points, reach, geometry, below=1.15)
+    figure, title = drawn.figure, look.wrapped(title, look.FIGURE_WIDTH)
+    figure.suptitle(title, x=0.02, ha="left", fontsize=look.TEXT_SIZE, parse_math=False)
+    height = figure.get_figheight()
     # ColorBrewer's map from pale yellow to dark red: its lightness falls evenly, so that
     # colour-blind readers, and greyscale, keep the order.
     scale: Any = ScalarMappable(Normalize(0.0, best.probability or 1.0), "YlOrRd")
@@ -79,12 +76,15 @@ def plot_place_map(search: FamilyRecord, ax: Axes | None = None) -> Axes:
             look.hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
         else:
             artist.set_rasterized(True)
-    _colour_bar(drawn, scale, search.a_feature, bar)
-    look.legend_of_figure(drawn.figure, [drawn])
+    below = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
+    bar = figure.colorbar(scale, ticks=MaxNLocator(4), cax=below, orientation="horizontal")
+    bar.set_label(f"probability of {search.a_feature}", fontsize=look.SMALL_TEXT)
+    bar.ax.tick_params(labelsize=look.SMALL_TEXT)
+    look.legend_of_figure(figure, [drawn])
     return drawn
 
 
-def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+def plot_place_bars(search: FamilyRecord) -> Axes:
     """The probabilities of the most probable places, and of all others together."""
     places = [one for one in search.places_by_probability if not one.place.is_common]
     first, others = places[:MOST_BARS], places[MOST_BARS:]
@@ -93,7 +93,7 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
         together = sum(each.probability for each in others)
         bars.append((f"{len(others)} others together", together, look.GREY))
     names = [name for name, _, _ in bars]
-    ax = look.rows_of(ax, names, extra=0.7)
+    ax = look.rows_of(None, names, extra=0.7)
     for row, (name, probability, colour) in enumerate(bars):
         text = probability_text(probability)
         (bar,) = ax.barh(row, probability, height=0.6, color=colour)
@@ -109,40 +109,28 @@ def plot_place_bars(search: FamilyRecord, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_places(search: FamilyRecord, ax: Axes | None = None) -> Axes:
+def plot_places(search: FamilyRecord) -> Axes:
     """The probability of an appendage, or of a change, at each place of a search.
 
-    Places with coordinates are drawn in space, others as bars. Axes that are given must have three
-    dimensions for a drawing in space.
+    Places with coordinates are drawn in space, others as bars.
     """
-    if any(each.place.coordinates is not None for each in search.places):
-        return plot_place_map(search, ax)
-    return plot_place_bars(search, ax)
-
-
-def _colour_bar(ax: Axes, scale: Any, what: str, cax: Axes | None = None) -> None:
-    """A colour bar, below ``ax`` or in axes of its own."""
-    room: Any = {"cax": cax, "orientation": "horizontal"}
-    if cax is None:
-        room = {"ax": ax, "location": "bottom", "shrink": 0.7, "aspect": 30, "pad": 0.02}
-    bar = ax.figure.colorbar(scale, ticks=MaxNLocator(4), **room)
-    bar.set_label(f"probability of {what}", fontsize=look.SMALL_TEXT)
-    bar.ax.tick_params(labelsize=look.SMALL_TEXT)
+    in_space = any(each.place.coordinates is not None for each in search.places)
+    return plot_place_map(search) if in_space else plot_place_bars(search)
 
 
 CHOSEN, OTHER = "sensor of the best layout", "other candidate"
 
 
-def plot_layout(plan: Plan, ax: Any = None) -> Any:
+def plot_layout(plan: Plan) -> Any:
     """The structure in space with the places of the best layout, and the other candidates.
 
-    Arrows are directions of measurement. Axes that are given must have three dimensions.
+    Arrows are directions of measurement.
     """
     located = [(each, each.coordinates) for each in plan.candidates if each.coordinates]
     points = np.array([*(at for _, at in located), *plan.geometry.nodes.values()])
     length = 0.13 * longest_side(points)
     title = f"{len(plan.best.sensors)} of {len(plan.candidates)} candidates"
-    ax = axes_in_space(ax, title, points, length, plan.geometry, below=0.6)
+    ax = axes_in_space(title, points, length, plan.geometry, below=0.6)
     for each, at in located:
         chosen = each.name in plan.best.sensors
         colour, label = (look.VERMILION, CHOSEN) if chosen else (look.GREY, OTHER)
@@ -167,13 +155,13 @@ OUTCOMES = {
 }
 
 
-def plot_blind_spots(spots: BlindSpots, figure: Figure | None = None) -> Figure:
+def plot_blind_spots(spots: BlindSpots) -> Figure:
     """Maps of hidden appendages, a panel for each place: mass over frequency, outcomes in colour.
 
     Dotted lines are frequencies of the structure without them.
     """
     places = list(dict.fromkeys(case.place for case in spots.cases))
-    figure, axes = look.panels_of(figure, len(places), 1.1, 1.3, sharex=True, sharey=True)
+    figure, axes = look.panels_of(len(places), 1.1, 1.3, sharex=True, sharey=True)
     for ax, place in zip(axes, places, strict=True):
         cells: dict[tuple[float, float], int] = {}
         for case in (each for each in spots.cases if each.place == place):

@@ -121,7 +121,7 @@ def _by_place(
     places: Sequence[str], bands: Mapping[str, Band], plot: Callable[..., Axes], title: str
 ) -> Figure:
     """A panel for each place, one below the other, with one legend."""
-    figure = look.figure_of(None, (look.FIGURE_WIDTH, 1.0 + 2.2 * len(places)))
+    figure = look.new_figure((look.FIGURE_WIDTH, 1.0 + 2.2 * len(places)))
     axes = figure.subplots(len(places), 1, squeeze=False, sharex=True)[:, 0]
     for i, (place, ax) in enumerate(zip(places, axes, strict=True)):
         plot({name: Band(*(part[i] for part in band)) for name, band in bands.items()}, ax,

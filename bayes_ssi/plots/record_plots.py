@@ -103,7 +103,7 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     return ax
 
 
-def plot_complexity(found: ModalIdentification, figure: Figure | None = None) -> Figure:
+def plot_complexity(found: ModalIdentification) -> Figure:
     """Phases of the motion at each quoted frequency: 0 or 180 degrees for a real mode alone.
 
     Components of the first singular vector of the nearest spectral matrix, one for each sensor; the
@@ -113,7 +113,7 @@ def plot_complexity(found: ModalIdentification, figure: Figure | None = None) ->
     # All but the ground, where that is measured.
     channels = [i for i, name in enumerate(found.record.sensors) if name != found.ground]
     polar = {"projection": "polar"}
-    figure, axes = look.panels_of(figure, len(frequencies), 0.0, 1.9, subplot_kw=polar)
+    figure, axes = look.panels_of(len(frequencies), 0.0, 1.9, subplot_kw=polar)
     for frequency, ax in zip(frequencies, axes, strict=True):
         band = min(found.bands, key=lambda each: each.distance_to(frequency))
         data = band.fit.data

@@ -28,7 +28,7 @@ BEYOND = "appendage beyond the scale, its component below"
 Reference = tuple[str, Sequence[str], FloatArray]
 
 
-def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None = None) -> Figure:
+def plot_mode_shapes(modes: UpdatedModes, data: ModalData) -> Figure:
     """The paired modes' shapes, with 90 % bands and the identified components.
 
     Shapes are scaled by :func:`~bayes_ssi.structures.modal.scaled_shapes`, identified ones to the
@@ -39,7 +39,7 @@ def plot_mode_shapes(modes: UpdatedModes, data: ModalData, figure: Figure | None
         raise ValueError("plot_mode_shapes: no mode is paired, or the model has no shapes")
     places = modes.places
     height = 1.0 + 0.18 * min(MOST_ROWS, len(places))
-    figure, axes = look.panels_of(figure, len(modes.modes), 0.6, height)
+    figure, axes = look.panels_of(len(modes.modes), 0.6, height)
     for mode, ax in zip(modes.modes, axes, strict=True):
         title = f"mode {mode.label}\n{mode.after_hz[1]:.4g} Hz"
         shape, reference = Band(*map(np.array, mode.shape_after)), _identified(modes, mode, data)
@@ -169,9 +169,7 @@ def by_direction(
     return groups | ({APPENDAGES: others} if others else {})
 
 
-def plot_identified_modes(
-    data: ModalData, figure: Figure | None = None, configuration: str = ""
-) -> Figure:
+def plot_identified_modes(data: ModalData, configuration: str = "") -> Figure:
     """The band with every identified frequency in it, and the shapes at the sensors.
 
     Shapes are scaled to a largest component of ±1, with the identification's own 90 % intervals,
@@ -182,9 +180,8 @@ def plot_identified_modes(
     across = look.panels_across(len(shapes)) if shapes else 1
     n_rows = -(-len(shapes) // across)
     height = 1.5 + (0.85 + 0.22 * len(data.sensors)) * n_rows
-    figure = look.figure_of(
-        figure, (max(look.width_of_modes(len(data.modes)), look.width_of_panels(across)), height)
-    )
+    width = max(look.width_of_modes(len(data.modes)), look.width_of_panels(across))
+    figure = look.new_figure((width, height))
     ratios = [1.0, *[1.0 + 0.25 * len(data.sensors)] * n_rows]
     grid = figure.add_gridspec(1 + n_rows, across, height_ratios=ratios)
     _band(figure.add_subplot(grid[0, :]), data, configuration)

@@ -81,7 +81,7 @@ PROBLEMS = {
         lambda: of_study("four_storey_frame", "each storey, free errors"), math.nan
     ),
     "two tests": UsersProblem(lambda: of_study("liverpool_frame", "x"), math.nan),
-    # By modal_references.py, as is the next but two.
+    # As problems_modal.py has it; so the next but two.
     "any pairing": UsersProblem(lambda: any_pairing_of_twelve_degrees_of_freedom(1e-2), 141.915),
     "own finite elements": UsersProblem(lambda: scaling.model_class(1000), math.nan),
     "black box of 1 s": UsersProblem(

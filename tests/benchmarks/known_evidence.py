@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 from scipy.stats import ncx2
 
 from bayes_ssi import ModelClass
@@ -54,11 +54,6 @@ def log_normal_pdf(x: Array, mean: Array | float, sd: Array | float) -> Array:
 def in_box(z: Array, low: float, high: float) -> Array:
     """Uniform in (low, high), of standard-normal coordinates."""
     return low + (high - low) * ndtr(z)
-
-
-def from_unit_cube(u: Array) -> Array:
-    """Standard-normal coordinates of points in the unit cube, for nested samplers."""
-    return ndtri(u)
 
 
 def shifted(problem: Problem, by: float) -> Problem:

@@ -71,9 +71,9 @@ def test_every_exact_minimum_of_the_frequencies_is_listed(on_frequencies, name):
 
 
 def test_the_weight_of_shapes_is_that_of_the_likelihood(model_classes):
-    by_default = bs.calibrate(model_classes["2"])
+    by_default = bs.calibrate(model_classes["2"], n_starts=16)
     assert by_default.shape_weight == pytest.approx(0.01 / 0.05)
-    given = bs.calibrate(model_classes["2"], shape_weight=0.2)
+    given = bs.calibrate(model_classes["2"], shape_weight=0.2, n_starts=16)
     assert by_default.best.values == pytest.approx(given.best.values, rel=1e-6)
     assert by_default.best.values != pytest.approx(TABLE_1["2"][0], abs=1e-3)
 
@@ -122,7 +122,7 @@ def test_modes_without_shape_have_no_mac(model_classes):
 def test_what_the_frequencies_leave_undetermined(model_classes, pairing, undetermined):
     three = model_classes["2"]
     few = bs.ModelClass("few", three.structure, three.data, three.error, pairing=pairing)
-    calibration = bs.calibrate(few, shape_weight=0.0)
+    calibration = bs.calibrate(few, shape_weight=0.0, n_starts=16)
     assert calibration.undetermined_directions == undetermined
     assert calibration.best.objective < 1e-6
     assert [fit for fit in calibration.minima if fit.objective < 1e-6] == [calibration.best]

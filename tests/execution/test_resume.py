@@ -309,13 +309,6 @@ def test_files_of_a_result_that_cannot_be_written_lose_nothing(sampled_command, 
     sampled_command.assert_result_is(uninterrupted)
 
 
-def test_another_seed_is_refused_and_nothing_is_lost(sampled_command):
-    before = sampled_command.journals
-    assert sampled_command.run("--seed", "1") == 2
-    sampled_command.assert_one_line_error("the checkpoint of another run, with seed 0 there and 1")
-    assert sampled_command.journals == before
-
-
 def test_a_result_that_was_there_before_is_not_overwritten(sampled_command, uninterrupted):
     command = with_old_result(sampled_command, uninterrupted)
     before = command.journals
@@ -341,14 +334,3 @@ def test_the_result_of_other_classes_is_not_overwritten(sampled_command):
     assert sampled_command.run("--class", "each k") == 2
     sampled_command.assert_one_line_error("exists already and is not overwritten")
     assert load_result(sampled_command.result).comparison.best.name == "one k"
-
-
-def test_two_runs_do_not_share_a_checkpoint(command):
-    process = command.start()
-    command.wait_for_journals_of(0)
-    os.kill(process.pid, signal.SIGSTOP)
-    before = command.journals
-    for options in ([], ["--overwrite"]):
-        assert command.run(*options) == 2
-        command.assert_one_line_error("another run is using this checkpoint")
-        assert command.journals == before

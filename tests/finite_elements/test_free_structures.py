@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import searches
 
 import bayes_ssi as bs
 
@@ -141,7 +142,8 @@ def test_a_free_beam_is_ranked_and_searched():
     error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
     baseline = bs.ModelClass("beam", free, data, error, pairing="any")
     one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
-    result = bs.search(baseline, one, settings=bs.SamplingSettings(log_evidence_error=0.2))
+    places = [bs.Candidate(place, place) for place in ("left", "middle", "right")]
+    result = bs.search(baseline, one, settings=searches.COARSE, candidates=places)
     assert result.record.probability_of_any > 0.99
     (pendulum,) = result.record.matched
     assert "middle" in [each.place.candidate.name for each in pendulum.places_by_data]

@@ -54,6 +54,12 @@ def test_unsorted_modes_are_put_in_order():
     np.testing.assert_array_equal(shapes[0], np.eye(2))
 
 
+def test_exchanged_axes_are_named():
+    exchanged = structure(lambda a: ([a, 2.0], np.ones((2, 3))), sensors=("x", "y", "z"), a=1.0)
+    with pytest.raises(ValueError, match=r"\(3, 2\), got ndarray of shape \(2, 3\), its transpose"):
+        exchanged.modes(np.empty((1, 0)))
+
+
 def test_frequencies_alone():
     def only(a):
         return (a, 2.0 * a), None
@@ -123,12 +129,14 @@ def test_each_set_of_values_is_computed_once():
     assert calls == [1.0, -1.0]
 
 
-@pytest.mark.parametrize("workers", [None, 2])
+FELL_APART = [4.0, 1.0], "at k1 = 4, k2 = 1: ZeroDivisionError: the mesh fell apart"
+NOT_FINITE = [1.0, 4.0], "at k1 = 1, k2 = 4: modes returned numbers that are not finite"
+
+
 @pytest.mark.parametrize(
-    ("values", "message"),
-    [([4.0, 1.0], "at k1 = 4, k2 = 1: ZeroDivisionError: the mesh fell apart"),
-     ([1.0, 4.0], "at k1 = 1, k2 = 4: modes returned numbers that are not finite")],
-)  # fmt: skip
+    ("workers", "values", "message"),
+    [(None, *FELL_APART), (None, *NOT_FINITE), (2, *FELL_APART)],
+)
 def test_errors_and_nan_of_a_function_are_reported_from_workers(workers, values, message):
     from bayes_ssi.inference.sampling.target import Target
     from bayes_ssi.inference.workers.run import Run

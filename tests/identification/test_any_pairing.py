@@ -290,15 +290,6 @@ def test_an_inferred_pairing_is_stored_and_loaded(ranking, tmp_path):
     assert loaded.configurations == sampled.configurations
 
 
-def test_notes_say_which_mode_is_which(ranking):
-    (posterior,) = ranking.posteriors
-    ((heading, items),) = pairing_notes(posterior)
-    assert heading == "Modes of 'one k':"
-    assert items[0].startswith("identified mode 1 is model mode 1 with probability ")
-    assert items[1].startswith("identified mode 2 is model mode 2 with probability ")
-    assert items[2].startswith("pairing 1-1, 2-2: probability ")
-
-
 def test_notes_begin_with_what_is_most_probable(make_posterior):
     """Of model modes 1, 2 and 3 and none; what rounds to 0.000 is left out."""
     shares = (PairingShare({"1": 1}, 0.6), PairingShare({"1": 3}, 0.2995), PairingShare({}, 0.1))

@@ -1,6 +1,5 @@
 """Correlated prediction errors against multivariate normal densities and quadrature."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest, in_common_plane, tangents
+from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 from bayes_ssi.parameters.parameters import as_product
 
@@ -100,37 +99,6 @@ def covariances(candidate, values, rows):
     return covariance
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        bs.ErrorModel(SD, SHAPE_SD, 0.8),
-        bs.ErrorModel(SD, SHAPE_SD, between_modes=0.6),
-        bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.6),
-        bs.ErrorModel(SIZE, SHAPE_SD, RHO),
-        bs.ErrorModel(SIZE, SHAPE_SD, RHO, NEXT),
-    ],
-    ids=["tests", "modes", "both", "tests inferred", "both inferred"],
-)
-def test_frequencies_have_their_joint_normal_density(error):
-    candidate = model_class(error)
-    values = values_of(candidate)
-    alone = model_class(bs.ErrorModel(error.frequency_cov, SHAPE_SD))
-    assert alone.parameter_names == candidate.parameter_names[: len(alone.parameters)]
-    rows = paired(candidate, values)
-    covariance = covariances(candidate, values, rows)
-    residuals = np.stack([row[-1] for row in rows], axis=1)
-    expected = alone.log_likelihood(values[:, : len(alone.parameters)])
-    for k in range(len(values)):
-        expected[k] += multivariate_normal.logpdf(residuals[k], cov=covariance[k])
-        expected[k] -= norm.logpdf(residuals[k], scale=np.sqrt(np.diag(covariance[k]))).sum()
-    np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-11)
-    # Their independent numbers have the squared distance of the joint normal density.
-    modes = [each.compared_modes(own) for _, each, own in candidate.parts(values)]
-    independent, _ = candidate.correlated_errors.independent_residuals(values, modes)
-    distances = [r @ np.linalg.solve(c, r) for r, c in zip(residuals, covariance, strict=True)]
-    np.testing.assert_allclose((independent**2).sum(axis=1), distances, rtol=1e-9)
-
-
 def plane_class(angles, rho, masses=(1.0, 1.0)):
     """Two tests whose shapes at two sensors are at the given angles, in the first mode."""
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
@@ -169,61 +137,12 @@ def test_shapes_in_a_plane_have_the_bivariate_normal_density_of_their_angles(mas
         assert joint - alone == pytest.approx(ratio + of_frequencies, abs=1e-10)
 
 
-def test_the_joint_density_of_shapes_integrates_to_one():
-    """Over the angles of two shapes; the circle's curvature changes it by ρ²σ⁴/32, 2·10⁻⁷."""
-    rho, values = 0.9, np.ones((1, 1))
-    tests = plane_class((0.0, 0.0), rho).configurations
-    of_model = [math.atan2(*test.structure.modes(values).shapes[0, ::-1, 0]) for test in tests]
-    no_shapes = tuple(
-        replace(
-            test,
-            data=bs.ModalData((replace(test.data.modes[0], shape=None),), test.data.band_hz),
-        )
-        for test in tests
-    )
-    of_frequencies = model_class(bs.ErrorModel(SD, SHAPE_SD, rho), no_shapes).log_likelihood(values)
-    factor = SHAPE_SD * np.linalg.cholesky([[1.0, rho], [rho, 1.0]])
-    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
-    integral = 0.0
-    for (x, wx), (y, wy) in itertools.product(zip(nodes, weights, strict=True), repeat=2):
-        angles = of_model + factor @ [x, y]
-        log_density = plane_class(angles, rho).log_likelihood(values) - of_frequencies
-        integral += wx * wy * math.exp(log_density[0] + 0.5 * (x * x + y * y))
-    # Either sign of either shape has the same density.
-    assert 4.0 * integral * np.linalg.det(factor) == pytest.approx(1.0, abs=1e-6)
-
-
 def _ratio_of_frequencies(candidate, values):
     rows = paired(candidate, values)
     (covariance,) = covariances(candidate, values, rows)
     residuals = np.array([row[-1][0] for row in rows])
     ratio = multivariate_normal.logpdf(residuals, cov=covariance)
     return ratio - norm.logpdf(residuals, scale=np.sqrt(np.diag(covariance))).sum()
-
-
-def test_errors_of_shapes_are_turned_into_one_plane():
-    sensors = ("floor 1", "floor 2", "floor 3", "floor 4")
-    tests = tuple(
-        configuration(name, mass, (2, 3), seed, sensors)
-        for name, mass, seed in (("a", 1.0, 1), ("b", 1.4, 2), ("c", 1.8, 3))
-    )
-    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.7), tests)
-    values = values_of(candidate, 3)
-    of_tests = [own.modes(rows) for _, own, rows in candidate.parts(values)]
-    compared = [own.compared_modes(rows) for _, own, rows in candidate.parts(values)]
-    at_model = np.stack([modes.unit_shapes.reshape(3, 2, 4) for modes in compared], axis=2)
-    identified = np.stack([own.pairs.unit_shapes.T for own in candidate.likelihoods], axis=1)
-    # (3 rows, 2 modes, 3 tests, 4 sensors)
-    errors = in_common_plane(tangents(at_model, identified), at_model)
-    distances = [modes.shape_distances for modes in compared]
-    np.testing.assert_allclose(
-        (errors**2).sum(axis=3), 2.0 * np.stack(distances, axis=-1), rtol=1e-12
-    )
-    for row, (group, number) in itertools.product(range(3), enumerate((2, 3))):
-        seen = np.array([modes.shapes[row, :, number - 1] for modes in of_tests])
-        seen *= np.where(seen @ seen[0] < 0.0, -1.0, 1.0)[:, None]
-        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-        np.testing.assert_allclose(errors[row, group] @ seen.sum(axis=0), 0.0, atol=1e-15)
 
 
 THREE = ("floor 1", "floor 3", "floor 4")

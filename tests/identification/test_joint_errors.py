@@ -137,24 +137,6 @@ def test_residuals_have_their_joint_normal_density(building, error, missing):
     np.testing.assert_allclose(joint.log_likelihood(values), expected, rtol=1e-10)
 
 
-def test_equal_independent_errors_are_as_without_a_covariance(building):
-    data = identified(building)
-    covariance = np.diag(np.repeat([0.002**2, 0.003**2, 0.004**2, 0.01**2, 0.02**2, 0.03**2],
-                                   [1, 1, 1, 3, 3, 3]))  # fmt: skip
-    data = replace(data.without_covariance(), modes=tuple(
-        replace(mode, frequency_cov=None, shape_sd=None) for mode in data.modes
-    ), covariance=covariance)  # fmt: skip
-    np.testing.assert_allclose([m.frequency_cov for m in data.modes], [0.002, 0.003, 0.004])
-    np.testing.assert_allclose([m.shape_sd for m in data.modes[:2]], [0.01, 0.02])
-    joint = bs.ModelClass("joint", building, data, INFERRED, pairing=PAIRING)
-    values = drawn(joint)
-    np.testing.assert_allclose(
-        joint.log_likelihood(values),
-        joint.with_independent_errors().log_likelihood(values),
-        rtol=1e-12,
-    )
-
-
 def test_any_pairing_takes_each_modes_own_part(building):
     data = identified(building)
     m, n = 3, 3
@@ -173,72 +155,6 @@ def test_any_pairing_takes_each_modes_own_part(building):
     np.testing.assert_allclose(
         model_class.log_likelihood(values), logsumexp(terms, axis=0), rtol=1e-11
     )
-
-
-class Rigid(bs.Structure):
-    """Two modes at 2 and 3 Hz with shapes in given directions."""
-
-    parameters = (bs.Parameter("unused", bs.Normal(0.0, 1.0)),)
-    degrees_of_freedom = ()
-    n_modes = 2
-
-    def __init__(self, shapes):
-        self.shapes = np.array(shapes, dtype=float)
-        self.degrees_of_freedom = tuple("xyz"[: len(self.shapes)])
-
-    def modes(self, values):
-        n = len(values)
-        return bs.Modes(np.tile([2.0, 3.0], (n, 1)), np.tile(self.shapes, (n, 1, 1)))
-
-
-@pytest.mark.parametrize("n", [2, 3])
-def test_the_density_integrates_to_one_over_all_data(n):
-    """Over frequencies and shapes about the model's, by Gauss-Hermite quadrature.
-
-    A frequency's density, of the size of its error, integrates to 1 + σ², and the sphere's
-    curvature adds as much: deviations are of the order of 10⁻⁵.
-    """
-    angles = np.array([0.4, 1.7])
-    shapes = np.array([np.cos(angles), np.sin(angles), 0.3 * np.ones(2)])[:n]
-    shapes /= np.linalg.norm(shapes, axis=0)
-    size = 0.004
-    factor = size * np.random.default_rng(n).standard_normal((2 * n, 2 * n))
-    in_planes = factor @ factor.T + size**2 * np.eye(2 * n)
-    planes = [np.linalg.svd(shape[None])[2][1:].T for shape in shapes.T]
-    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
-    error = bs.ErrorModel(0.1 * size, 0.3 * size)
-    scale = np.linalg.cholesky(
-        in_planes + np.diag(np.repeat([error.frequency_cov, error.shape_sd], [2, 2 * n - 2]) ** 2)
-    )
-    structure, total = Rigid(shapes), 0.0
-    identification = bs.IdentificationModel(0.5, 1e-9)
-    for places in itertools.product(range(3), repeat=2 * n):
-        x = scale @ nodes[list(places)]
-        weight = weights[list(places)].prod() * math.exp(0.5 * np.square(nodes[list(places)]).sum())
-        frequencies = np.array([2.0, 3.0]) * np.exp(x[:2])
-        basis = np.zeros((2 + 2 * n, 2 * n))
-        basis[:2, :2] = np.eye(2)
-        modes, jacobian = [], np.linalg.det(scale) * frequencies.prod()
-        for j, (shape, plane) in enumerate(zip(shapes.T, planes, strict=True)):
-            at = plane @ x[2 + (n - 1) * j : 2 + (n - 1) * (j + 1)]
-            length = np.linalg.norm(at)
-            # The shape at this distance along the sphere, and the plane turned there.
-            moved = math.cos(length) * shape + np.sinc(length / math.pi) * at
-            turned = plane - np.outer(shape + moved, moved @ plane) / (1.0 + shape @ moved)
-            rows = slice(2 + n * j, 2 + n * (j + 1))
-            basis[rows, 2 + (n - 1) * j : 2 + (n - 1) * (j + 1)] = turned
-            jacobian *= np.sinc(length / math.pi) ** (n - 2)
-            modes.append(bs.IdentifiedMode("ab"[j], frequencies[j], moved))
-        data = bs.ModalData(
-            tuple(modes), (0.0, 5.0), structure.degrees_of_freedom,
-            covariance=basis @ in_planes @ basis.T,
-        )  # fmt: skip
-        candidate = bs.ModelClass(
-            "rigid", structure, data, error, pairing={"a": 1, "b": 2}, identification=identification
-        )
-        total += weight * jacobian * math.exp(candidate.log_likelihood(np.zeros((1, 1)))[0])
-    # Each mode is identified with probability 1/2; either sign of a shape has the same density.
-    assert total * 4.0 * 4.0 == pytest.approx(1.0, abs=1e-4)
 
 
 class Turning(bs.Structure):

@@ -19,7 +19,7 @@ STUDIES = {
     for path in sorted((ROOT / "model_classes").glob("*.py"))
     for model_class in load_study(path).model_classes
 }
-PARTS, MOST_PARTS = (1, 2, 3, 7, 64), 20
+PARTS, MOST_PARTS = (1, 2, 3, 7, 64), 8
 
 
 def parameter(name, median=1.0, cov=0.3):

@@ -112,7 +112,7 @@ def test_drawing_on_given_axes(data, posteriors, draw):
 
 def test_corner(make_posterior):
     posterior = make_posterior("3", names=("k1", "k2", "ks"))
-    figure = plot_corner(posterior, plt.figure(), parameters=("k1", "ks"))
+    figure = plot_corner(posterior, parameters=("k1", "ks"))
     k1, _, ks_k1, ks = figure.axes
     assert (ks_k1.get_xlabel(), ks.get_xlabel()) == ("k1", "ks")
     assert (k1.get_ylabel(), ks_k1.get_ylabel()) == ("", "ks")

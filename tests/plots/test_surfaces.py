@@ -76,7 +76,7 @@ def test_flat_shells_have_lines_at_their_border_only():
 
 def test_places_are_drawn_on_the_faces_of_a_structure(cube):
     with figures_for_files():
-        ax = axes_in_space(None, "cube", np.array(list(cube.nodes.values())), 0.1, cube)
+        ax = axes_in_space("cube", np.array(list(cube.nodes.values())), 0.1, cube)
         ax.figure.draw_without_rendering()
     faces, lines = ax.collections
     assert faces.get_alpha() < 0.2

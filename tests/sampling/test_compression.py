@@ -199,7 +199,7 @@ def test_particles_that_fall_behind_enlarge_the_error():
 
     target = Target(log_likelihood, 2)
     maxima = find_maxima(target, np.zeros((1, 2)))
-    result = compression_estimate(compress_prior(target, 1000, maxima, seeds(0)))
+    result = compression_estimate(compress_prior(target, 120, maxima, seeds(0)))
     assert abs(result.log_evidence - exact) < 4.0 * result.error
 
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 import bayes_ssi as bs
 
@@ -14,19 +13,6 @@ NO_VALUES = np.empty((1, 0))
 @pytest.fixture
 def fixed():
     return bs.ShearBuilding((1.0, 1.0), (1.0, 1.0))
-
-
-def test_batch_against_hand_assembled_matrices(augmented):
-    k1, k2, k3, ks = values = np.array([1.2, 0.8, 1.1, 0.9])
-    storey = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
-    stiffness = np.zeros((4, 4))
-    stiffness[:3, :3] = [[k1 + k2, -k2, 0], [-k2, k2 + k3, -k3], [0, -k3, k3]]
-    v = np.array([-0.5, -0.5, 0.0, 1.0])
-    second = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
-    stiffness = storey * stiffness + ks * 0.075 * (math.tau * second) ** 2 * np.outer(v, v)
-    squares = eigh(stiffness, np.diag([1.0375, 1.0375, 1.0, 0.075]), eigvals_only=True)
-    modes = augmented.modes(np.array([np.ones(4), values]))
-    np.testing.assert_allclose(modes.frequencies_hz[1], np.sqrt(squares) / math.tau, rtol=1e-12)
 
 
 def test_a_structure_without_parameters_answers_for_every_row(fixed):
@@ -80,20 +66,6 @@ def test_medians_are_one_row(augmented):
     building = bs.ShearBuilding((1.0,), (k,))
     np.testing.assert_allclose(building.prior_medians(), [[4.0]], rtol=1e-14)
     np.testing.assert_allclose(augmented.prior_medians(), np.ones((1, 4)), rtol=1e-14)
-
-
-def test_sensors_are_rows_of_the_shapes(augmented):
-    matrix = augmented.sensor_matrix(["infill 1-2", "floor 1", "floor 3"])
-    rows = matrix.apply(np.eye(4), axis=0)
-    assert rows.tolist() == [[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0]]
-    assert augmented.sensor_matrix([]).apply(np.eye(4), axis=0).shape == (0, 4)
-
-
-def test_a_sensor_off_the_structure_is_refused(frame):
-    with pytest.raises(
-        ValueError, match=r"sensor 'roof': .*choose from 'floor 1', 'floor 2', 'floor 3'"
-    ):
-        frame.sensor_matrix(["floor 1", "roof"])
 
 
 @pytest.mark.parametrize(

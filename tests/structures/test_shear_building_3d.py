@@ -113,6 +113,7 @@ def test_parameters_stand_in_any_field():
          "1 torsional_stiffnesses, 2 eccentricities"),
         (lambda: bs.FloorBlock(0, 1.0), "on must be a floor from 1 upwards, or three labels"),
         (lambda: bs.FloorBlock(1, 0.0), "block on floor 1: mass must be positive"),
+        (lambda: bs.FloorBlock(1, 1.0, 3), "at must be two coordinates, "),
         (lambda: bs.FloorBlock(1, 1.0, radius=0.0), "block on floor 1: radius must be positive"),
         (lambda: one_storey().with_element(bs.FloorBlock(2, 1.0, radius=1.0)),
          "block on floor 2: the structure has no degree of freedom 'floor 2 x'; choose from "

@@ -228,16 +228,3 @@ def test_bad_fields_are_refused():
     refused("elastic_modulus must be positive", elastic_modulus=-1.0)
     refused("beam_inertias_y, number 1 from below, must be a number", beam_inertias_y=("I",))
     refused("ground_motion must be 'x' or 'y', got 'z'", ground_motion="z")
-
-
-def test_elements_stand_on_degrees_of_freedom():
-    with pytest.raises(ValueError, match="no degree of freedom 1; choose from 'floor 1 x'"):
-        portal().with_element(bs.Pendulum(1, 1.0, 1.0))
-    with pytest.raises(ValueError, match="block on floor 2: the structure has no degree"):
-        portal().with_element(bs.FloorBlock(2, 1.0, (0.0, 0.0)))
-    with pytest.raises(ValueError, match="on must be a floor from 1"):
-        bs.FloorBlock(0, 1.0, (0.0, 0.0))
-    with pytest.raises(ValueError, match=r"at must be two coordinates, \(x, y\), got 3"):
-        bs.FloorBlock(1, 1.0, 3)
-    block = bs.FloorBlock(1, 1.0, (0.0, 1.0))
-    assert block.as_mass() is block

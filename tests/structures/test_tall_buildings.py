@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
@@ -81,26 +80,3 @@ def test_a_row_without_modes_is_nan_and_leaves_the_others_alone():
     for row in (0, 3):
         alone = building.modes(values[[row]]).frequencies_hz[0]
         np.testing.assert_array_equal(frequencies[row], alone)
-
-
-@pytest.fixture
-def tall():
-    groups = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(3)]
-    building = bs.ShearBuilding((1.0,) * N, tuple(groups[3 * i // N] for i in range(N)))
-    omegas, shapes = of_uniform_storeys(np.arange(1, 4))
-    sensors = [20, 40, 60, N - 1]
-    modes = tuple(
-        bs.IdentifiedMode(str(i), omega / math.tau, shape[sensors])
-        for i, (omega, shape) in enumerate(zip(omegas, shapes.T, strict=True), 1)
-    )
-    names = tuple(f"floor {i + 1}" for i in sensors)
-    data = bs.ModalData(modes, (0.0, 1.1 * omegas[-1] / math.tau), names)
-    return bs.ModelClass("tall", building, data, pairing={"1": 1, "2": 2, "3": 3})
-
-
-def test_a_row_of_the_likelihood_depends_on_that_row_alone(tall):
-    z = 1.5 * np.random.default_rng(4).standard_normal((80, 5))
-    together = tall.log_likelihood_at(z)
-    np.testing.assert_array_equal(
-        together[::7], [tall.log_likelihood_at(z[[i]])[0] for i in range(0, 80, 7)]
-    )
