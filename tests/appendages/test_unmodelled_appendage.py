@@ -5,11 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.studies.appendages import unmodelled as module
@@ -106,9 +104,8 @@ def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
 
 
 @pytest.mark.usefixtures("no_drawings")
-def test_the_warning_comes_first_and_fails(tmp_path):
-    arguments = ["rank", str(MODEL_CLASSES / "bare_building.py"), "--error", "0.1"]
-    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
+def test_the_warning_comes_first_and_fails(run):
+    result = run("rank", MODEL_CLASSES / "bare_building.py", "--error", "0.1", "--out", "out")
     assert result.exit_code == 3
     warning = result.stdout.index("(!) The data look as if an appendage split a mode")
     assert warning < result.stdout.index("log evidence")
@@ -117,9 +114,9 @@ def test_the_warning_comes_first_and_fails(tmp_path):
     # Either of two modes may be the spurious one, and a class alone has no probability.
     assert re.search(r"in the most probable pairing \(probability 0\.5\d+\), and takes", said)
     assert re.search(r"bare frame -2\.\d+ ± 0\.\d+ 0\.00 - ", said)
-    again = CliRunner().invoke(main, ["report", str(tmp_path / "out")])
+    again = run("report", "out")
     assert again.exit_code in (0, 3), again.output
-    stored = bs.load_result(tmp_path / "out").comparison
+    stored = bs.load_result("out").comparison
     assert "ask with a search" in stored.unmodelled_appendage
 
 

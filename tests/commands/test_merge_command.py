@@ -5,15 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from identified_records import identified
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, ["merge", *map(str, arguments)])
 
 
 @pytest.fixture
@@ -28,9 +22,9 @@ def files(tmp_path):
     return tmp_path / "one.csv", tmp_path / "two.csv"
 
 
-def test_setups_become_one_file(files, tmp_path):
+def test_setups_become_one_file(run, files, tmp_path):
     out = tmp_path / "merged.csv"
-    done = run(*files, "--out", out, "--json")
+    done = run("merge", *files, "--out", out, "--json")
     assert done.exit_code == 0
     modes = bs.read_modal_data(out)
     assert modes.sensors == ("a", "b", "c")
@@ -41,43 +35,43 @@ def test_setups_become_one_file(files, tmp_path):
     assert row["labels"] == {"one.csv": "1", "two.csv": "1"}
     # ln(1.002) over 0.002 √2
     assert row["frequency_scatter"]["ratio"] == pytest.approx(np.log(1.002) / 0.002 / np.sqrt(2.0))
-    again = run(*files, "--out", out)
+    again = run("merge", *files, "--out", out)
     assert (again.exit_code, "merged.csv exists" in again.stderr) == (2, True)
 
 
-def test_files_that_disagree_end_with_3_and_are_written(files, tmp_path):
+def test_files_that_disagree_end_with_3_and_are_written(run, files, tmp_path):
     text = files[1].read_text().replace("1.002", "1.02")
     files[1].write_text(text)
     out = tmp_path / "merged.csv"
-    done = run(*files, "--out", out)
+    done = run("merge", *files, "--out", out)
     assert done.exit_code == 3
     assert "Failed check: mode '1' at 1.01 Hz: the tests' frequencies scatter by 7.0" in done.stdout
     assert out.exists()
 
 
-def test_a_file_given_twice_is_refused(files):
-    done = run(files[0], files[0])
+def test_a_file_given_twice_is_refused(run, files):
+    done = run("merge", files[0], files[0])
     assert done.exit_code == 2
     assert "one.csv: given twice" in done.stderr
 
 
-def test_bands_that_overlap_become_one_in_a_new_folder(files, tmp_path):
+def test_bands_that_overlap_become_one_in_a_new_folder(run, files, tmp_path):
     files[1].write_text(files[1].read_text().replace("0.5,2.0", "0.9,3.0"))
     out = tmp_path / "new" / "merged.csv"
-    done = run(*files, "--out", out)
+    done = run("merge", *files, "--out", out)
     assert (done.exit_code, "Band: 0.5 to 3 Hz." in done.stdout) == (0, True)
     assert bs.read_modal_data(out).band_hz == (0.5, 3.0)
     files[1].write_text(files[1].read_text().replace("0.9,3.0", "2.5,3.0").replace("1.002", "2.6"))
-    refused = run(*files)
+    refused = run("merge", *files)
     assert refused.exit_code == 2
     assert "no modes were sought from 2 to 2.5 Hz, below the band of two.csv" in refused.stderr
 
 
-def test_failed_checks_of_an_identification_end_with_3(files):
+def test_failed_checks_of_an_identification_end_with_3(run, files):
     modes = bs.read_modal_data(files[0])
     files[0].unlink()
     failed = identified("one.npz", doubts=("the methods differ",))
     bs.write_modal_data(replace(modes, identifications=(failed,)), files[0])
-    done = run(*files)
+    done = run("merge", *files)
     assert done.exit_code == 3
     assert "Failed check: identified from one.npz: the methods differ" in done.stdout

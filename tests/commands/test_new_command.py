@@ -2,23 +2,17 @@
 
 import ast
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from bayes_ssi.cli import main
 from bayes_ssi.commands.new import KINDS
 from bayes_ssi.studies.ranking.study import load_study
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, list(arguments))
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_new_study_runs(tmp_path, monkeypatch, kind):
-    monkeypatch.chdir(tmp_path)
+def test_a_new_study_runs(run, kind):
     done = run("new", "mine", "--kind", kind)
     assert done.exit_code == 0, done.output
     assert "bayes-ssi rank mine.py" in done.output
@@ -42,41 +36,38 @@ def test_a_new_study_runs(tmp_path, monkeypatch, kind):
 @pytest.mark.parametrize(
     "name", ["2 storeys ü", "it's", 'a"""b', "back\\slash", "$HOME;ls", "v1.2"]
 )
-def test_suggested_commands_are_quoted_for_a_shell(tmp_path, monkeypatch, name, kind):
-    monkeypatch.chdir(tmp_path)
+def test_suggested_commands_are_quoted_for_a_shell(run, name, kind):
     done = run("new", name, "--kind", kind)
     assert done.exit_code == 0, done.output
     suggested = [shlex.split(line) for line in done.stdout.splitlines()[1:]]
     assert suggested == [["bayes-ssi", "check", f"{name}.csv"], ["bayes-ssi", "rank", f"{name}.py"]]
     assert run(*suggested[0][1:]).exit_code == 0
     load_study(f"{name}.py")
-    written = ast.get_docstring(ast.parse((tmp_path / f"{name}.py").read_text("utf-8")))
+    written = ast.get_docstring(ast.parse(Path(f"{name}.py").read_text("utf-8")))
     assert shlex.split(written.splitlines()[-1].removeprefix("Run it with: ")) == suggested[1]
 
 
-def test_nothing_is_overwritten(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.csv").write_text("precious")
+def test_nothing_is_overwritten(run):
+    Path("mine.csv").write_text("precious")
     done = run("new", "mine.py")
     assert done.exit_code == 2
     assert done.stderr.startswith("Error: mine.csv, line 1: columns must be separated by")
-    assert (tmp_path / "mine.csv").read_text() == "precious"
-    assert not (tmp_path / "mine.py").exists()
+    assert Path("mine.csv").read_text() == "precious"
+    assert not Path("mine.py").exists()
     assert run("new", "none/mine").exit_code == 2
     unknown = run("new", "other", "--kind", "bridge")
     assert unknown.exit_code == 2
     assert "'bridge' is not one of" in unknown.stderr
 
 
-def test_a_study_of_modes_that_are_there(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_study_of_modes_that_are_there(run):
     text = (
         "# band_hz,0,9\nlabel,frequency_hz,floor 1,floor 3\n1,1.1,0.4,1\n2,2.9,1,-0.5\n3,4.3,1,0\n"
     )
-    (tmp_path / "mine.csv").write_text(text)
+    Path("mine.csv").write_text(text)
     done = run("new", "mine")
     assert done.exit_code == 0, done.output
     assert "are named 'floor 1', 'floor 3', and say" in done.output
-    assert (tmp_path / "mine.csv").read_text() == text
+    assert Path("mine.csv").read_text() == text
     assert load_study("mine.py").model_classes[0].data.frequencies_hz.tolist() == [1.1, 2.9, 4.3]
     assert run("new", "mine").stderr == "Error: mine.py: exists already and is not overwritten\n"

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from conftest import assert_one_line_error
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.commands.options import read_covariate
 from bayes_ssi.inference.criticism.adequacy import PValue
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
@@ -252,9 +251,9 @@ def saved(directory, monkeypatch):
 
 
 @pytest.mark.usefixtures("coarse_command")
-def test_the_command(saved, made):
+def test_the_command(run, saved, made):
     command = ["hierarchy", *saved, "--covariate", "t.csv", "--next", "30", "--out", "made"]
-    done = CliRunner().invoke(main, [*command, "--json"])
+    done = run(*command, "--json")
     assert done.exit_code in (0, 3), done.output  # coarse as it is, the sampling may fail a check
     record = json.loads(done.stdout)
     ours = {each["name"]: each["log_evidence"] for each in record["populations"]}
@@ -270,21 +269,17 @@ def test_the_command(saved, made):
     assert names == ["k1", "k2"]
     np.testing.assert_allclose(np.array(rows, dtype=float), loaded.next_test(1000, 30.0), rtol=1e-6)
 
-    again = CliRunner().invoke(main, command)
-    assert again.exit_code == 2
-    assert "made: exists already and is not overwritten" in again.stderr
+    assert_one_line_error(run(*command), "made: exists already and is not overwritten")
 
 
-def test_the_command_refuses(saved):
+def test_the_command_refuses(run, saved):
     for arguments, problem in (
         ([*saved, "--next", "3"], "--next: there is no covariate"),
         ([*saved, saved[0]], "January: given twice"),
         ([*saved, "missing"], "missing: not a result directory: no result.json"),
         ([*saved, "--spread", "0"], "HalfNormal: scale must be positive, got 0.0"),
     ):
-        done = CliRunner().invoke(main, ["hierarchy", *arguments])
-        assert done.exit_code == 2
-        assert problem in done.stderr
+        assert_one_line_error(run("hierarchy", *arguments), problem)
 
 
 def test_a_damaged_hierarchy_is_refused(made, tmp_path):

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from searches import COARSE
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.posterior import draws_with_shapes, known_at_draws
-
-COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=100)
 
 
 def two_tests(case_c, frame, augmented, fixed_error):

@@ -2,14 +2,14 @@
 
 import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
-from click.testing import CliRunner
+from conftest import assert_one_line_error
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.results.predictions.nodal_modes import (
     nodal_modes,
     write_modes_csv,
@@ -112,10 +112,9 @@ def test_nodes_that_have_names_are_numbered(tmp_path):
 
 
 @pytest.mark.usefixtures("coarse_command")
-def test_export(tmp_path, monkeypatch):
+def test_export(run):
     pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "study.py").write_text(
+    Path("study.py").write_text(
         "import numpy as np\nimport bayes_ssi as bs\n"
         "k = bs.Parameter('columns', bs.LogNormal(1.0, 0.3))\n"
         "top = bs.MatrixStructure([(k, [[8.0, -4.0], [-4.0, 4.0]])], np.eye(2),\n"
@@ -126,12 +125,11 @@ def test_export(tmp_path, monkeypatch):
         "study = bs.Study('one', [bs.ModelClass('one', top, modes, error,\n"
         "    pairing={'1': 1, '2': 2})])\n"
     )
-    run = CliRunner().invoke
-    ranked = run(main, ["rank", "study.py", "--accept-failed-checks"])
+    ranked = run("rank", "study.py", "--accept-failed-checks")
     assert ranked.exit_code == 0, ranked.output
-    done = run(main, ["export", "runs/results/study"])
+    done = run("export", "runs/results/study")
     assert done.exit_code == 0, done.output
-    folder = tmp_path / "runs" / "results" / "study" / "updated"
+    folder = Path("runs/results/study/updated")
     assert sorted(each.name for each in folder.iterdir()) == [
         "modes.csv", "modes.uff", "parameters.csv",
     ]  # fmt: skip
@@ -145,10 +143,8 @@ def test_export(tmp_path, monkeypatch):
     # 4 k (3 ∓ √5)/2 are the eigenvalues of a fixed chain of two.
     expected = np.sqrt(4.0 * factor * (3.0 + np.array([-1.0, 1.0]) * math.sqrt(5.0)) / 2.0)
     np.testing.assert_allclose(np.array(frequencies, float), expected / (2.0 * math.pi))
-    again = run(main, ["export", "runs/results/study"])
-    assert again.exit_code == 2
-    assert "exists already and is not overwritten" in again.output
-    assert run(main, ["export", "runs/results/study", "--overwrite"]).exit_code == 0
-    wrong = run(main, ["export", "runs/results/study", "--class", "two", "--out", "other"])
-    assert wrong.exit_code == 2
-    assert "no model class 'two'; choose from 'one'" in wrong.output
+    again = run("export", "runs/results/study")
+    assert_one_line_error(again, "exists already and is not overwritten")
+    assert run("export", "runs/results/study", "--overwrite").exit_code == 0
+    wrong = run("export", "runs/results/study", "--class", "two", "--out", "other")
+    assert_one_line_error(wrong, "no model class 'two'; choose from 'one'")

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from searches import COARSE
 
 import bayes_ssi as bs
 
@@ -47,8 +48,7 @@ def sampled():
         configurations=tuple(configurations(identified, 0.01)),
         error=bs.ErrorModel(SD, 0.05, RHO, 0.5),
     )
-    settings = bs.SamplingSettings(0.2, particles=64, searches=1, max_steps=100)
-    return candidate, bs.sample(candidate, settings=settings)
+    return candidate, bs.sample(candidate, settings=COARSE)
 
 
 def expected(further):

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from searches import COARSE
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
@@ -271,8 +272,7 @@ def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranki
         "own", tiny.structure, tiny.data, bs.ErrorModel(shape_sd=0.05 * ratio), pairing="any",
         identification=bs.IdentificationModel(0.9, 0.3), priors={"k": bs.Normal(1.0, 0.1)},
     )  # fmt: skip
-    coarse = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=100)
-    ranking = bs.rank(bs.Study("s", [tiny, own]), settings=coarse)
+    ranking = bs.rank(bs.Study("s", [tiny, own]), settings=COARSE)
     stored = save_result(ranking, tmp_path / "r")
     for model_class, posterior in zip(ranking.study.model_classes, ranking.posteriors, strict=True):
         recorded = recorded_class(stored, model_class.name)
