@@ -325,29 +325,6 @@ def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     )
 
 
-def test_averaged_parameters_are_those_of_the_mixture(frame, case_c, fake_sampling):
-    """With an inferred error, whose column moves as appendages add theirs."""
-    log_evidence = by_count(0.0, 0.5, 1.0)
-    fake_sampling(log_evidence)
-    result = search(bs.ModelClass("b", frame, case_c, pairing={}))
-    expected = shares(result, log_evidence)
-    draws = {p.name: dict(zip(p.parameter_names, p.values.T, strict=True))
-             for p in result.ranking.posteriors}  # fmt: skip
-    naive = draws["no appendage"]
-    assert [row.name for row in result.record.averaged_parameters] == list(naive)
-    for row in result.record.averaged_parameters:
-        x = np.concatenate([own[row.name] for own in draws.values()])
-        w = np.repeat([expected[name] / 1000 for name in draws], 1000)
-        mean = float(w @ x)
-        assert row.mean == pytest.approx(mean, rel=1e-9)
-        assert row.sd == pytest.approx(math.sqrt(w @ (x - mean) ** 2), rel=1e-9)
-        levels = np.multiply([0.05, 0.95], 1.0 - 1e-12)  # of equal draws, the lower at a tie
-        quantiles = np.quantile(x, levels, weights=w, method="inverted_cdf")
-        assert (row.quantile_05, row.quantile_95) == pytest.approx(tuple(quantiles), rel=1e-3)
-        assert row.naive_mean == pytest.approx(naive[row.name].mean())
-        assert row.naive_sd == pytest.approx(naive[row.name].std())
-
-
 @pytest.mark.usefixtures("quick_screening")
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []

@@ -20,6 +20,20 @@ QUICK = bs.SamplingSettings(log_evidence_error=0.1, searches=2, effective_sample
 pytestmark = pytest.mark.usefixtures("screening_for_appendages")
 
 
+@pytest.fixture
+def screened_once(monkeypatch):
+    """The hypotheses of a test are screened once, however often they are asked for."""
+    known, screened = {}, module._screened
+
+    def remembered(classes, *others):
+        names = tuple(made.name for made in classes)
+        if names not in known:
+            known[names] = screened(classes, *others)
+        return known[names]
+
+    monkeypatch.setattr(module, "_screened", remembered)
+
+
 def ranked(study, *names):
     chosen = load_study(MODEL_CLASSES / f"{study}.py")
     return bs.rank(chosen.only(names) if names else chosen, settings=QUICK)
@@ -43,6 +57,7 @@ def test_nothing_is_said_where_the_best_class_has_the_appendage():
     assert not comparison.hidden_appendage
 
 
+@pytest.mark.usefixtures("screened_once")
 def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     """f1, f2a and f3 alone: nothing is spurious, and k2 is 13 % too stiff (true value 1)."""
     (first, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
@@ -68,6 +83,7 @@ def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     assert [each.label for each in hidden_appendages(ranking, Run())] == ["1", "2a"]
 
 
+@pytest.mark.usefixtures("screened_once")
 def test_a_test_of_torsion_alone_has_no_places_of_appendages():
     """Bending and torsion are configurations; the structure of the latter has other places."""
     k, kt = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("k", "kt"))

@@ -82,18 +82,10 @@ def test_frequencies_relative_to_the_identified_ones(data, posteriors):
     assert texts(ax.figure.legends[0]) == ["a", "b", "called spurious"]
     assert [t.get_text() for t in ax.get_xticklabels()] == ["1\n1 Hz", "2\n2 Hz", "x\n2.2 Hz"]
     assert "%" in ax.get_ylabel()
-
-
-def test_the_band_of_an_identified_mode_is_its_90_per_cent(data, posteriors):
-    ax = plot_frequencies(data, posteriors)
-    (band,) = ax.collections[:1]
-    heights = band.get_paths()[0].vertices[:, 1]
+    # The band of an identified mode is its 90 per cent; one class is drawn in the middle of it.
+    heights = ax.collections[0].get_paths()[0].vertices[:, 1]
     assert (heights.min(), heights.max()) == pytest.approx((-1.645, 1.645), abs=0.01)
-
-
-def test_one_class_is_drawn_in_the_middle(data, posteriors):
-    ax = plot_frequencies(data, posteriors[:1])
-    np.testing.assert_allclose(points(ax)[:, 0], [0.0, 1.0])
+    np.testing.assert_allclose(points(plot_frequencies(data, posteriors[:1]))[:, 0], [0.0, 1.0])
 
 
 @pytest.mark.parametrize("draw", ["evidence", "frequencies"])
@@ -162,40 +154,18 @@ def test_the_style_does_not_outlive_its_block():
     assert dict(mpl.rcParams) == before
 
 
-def ranking_figures(data, posteriors, comparison):
-    yield "corner", plot_corner(posteriors[0])
-    yield "frequencies", plot_frequencies(data, posteriors)
-    yield "evidence", plot_evidence(comparison)
-
-
-def test_figures_are_written_and_closed(tmp_path, data, posteriors):
-    comparison = bs.compare(posteriors)
+def test_many_classes_are_drawn_by_their_names_literally(tmp_path, data, make_posterior):
+    odd = ("k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ")
+    names = [*odd, *(f"class {i}" for i in range(6))]
+    posteriors = [make_posterior(name, -i, names=odd) for i, name in enumerate(names)]
     with figures_for_files():
-        figures = ranking_figures(data, posteriors[::-1], comparison)
-        paths = [save_figure(figure, tmp_path / f"{name}.png") for name, figure in figures]
-    for path in paths:
-        assert path.read_bytes()[: len(PNG)] == PNG
+        frequencies = plot_frequencies(data, posteriors)
+        evidence = plot_evidence(bs.compare(posteriors))
+        figures = frequencies.figure, evidence.figure, plot_corner(posteriors[0])
+        paths = [save_figure(each, tmp_path / f"{i}.png") for i, each in enumerate(figures)]
+    assert all(path.read_bytes()[: len(PNG)] == PNG for path in paths)
     assert plt.get_fignums() == []
-
-
-def test_names_are_drawn_literally(tmp_path, data, make_posterior):
-    names = ("k_1 & k^2", "50 %", "cost $5 or $6", "[a]", "_hidden", "θ")
-    posteriors = [make_posterior(name, -i, names=names) for i, name in enumerate(names)]
-    with figures_for_files():
-        for file, figure in ranking_figures(data, posteriors, bs.compare(posteriors)):
-            save_figure(figure, tmp_path / f"{file}.png")
-    ax = plot_frequencies(data, posteriors)
-    assert texts(ax.figure.legends[0]) == [*names, "called spurious"]
-
-
-def test_many_classes(data, make_posterior):
-    posteriors = [make_posterior(f"class {i}", -i) for i in range(12)]
-    names = [posterior.name for posterior in posteriors]
-    frequencies = plot_frequencies(data, posteriors)
-    frequencies.figure.canvas.draw()
     assert texts(frequencies.figure.legends[0]) == [*names, "called spurious"]
-    evidence = plot_evidence(bs.compare(posteriors))
-    evidence.figure.canvas.draw()
     assert [tick.get_text().split("\n")[0] for tick in evidence.get_yticklabels()] == names
 
 

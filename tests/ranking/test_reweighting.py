@@ -47,7 +47,6 @@ def with_band(high):
 
 
 CHANGES = {
-    "wider": with_prior(bs.LogNormal(1.0, 0.6)),
     "twice as wide": partial(with_wider_priors, 2.0, {"k", "k1"}),
     "half as wide": partial(with_wider_priors, 0.5, {"k", "k1"}),
     "moved": with_prior(bs.LogNormal(1.2, 0.1)),
@@ -125,3 +124,12 @@ def test_times_as_many_missed_or_spurious_modes(one_k, p, factor, expected):
         changed = change(factor, changed)
     assert changed.identification.detection_probability == pytest.approx(expected, rel=1e-12)
     assert changed.identification.expected_spurious_modes == pytest.approx(0.1 * factor, rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+def test_priors_of_the_named_parameters_become_wider(one_k, factor):
+    (k,) = with_wider_priors(factor, {"k"}, one_k).parameters
+    x, log_sd = np.linspace(0.5, 2.0, 9), factor * math.sqrt(math.log(1.09))
+    expected = bs.LogNormal(1.0, math.sqrt(math.expm1(log_sd**2))).log_density(x)
+    np.testing.assert_allclose(k.prior.log_density(x), expected, rtol=1e-9)
+    assert with_wider_priors(factor, {"k1"}, one_k).parameters == one_k.parameters

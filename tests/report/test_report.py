@@ -66,16 +66,6 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
     assert not re.findall(r"(?:src|@import|url\()\s*=?\s*[\"']?https?:", text)
 
 
-@pytest.mark.usefixtures("no_drawings")
-def test_remarks_of_a_class(tiny_ranking, tmp_path):
-    """For instance, the error of a reduced model and its cost."""
-    remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
-    first, *others = tiny_ranking.posteriors
-    posteriors = (replace(first, remarks=(remark,)), *others)
-    page = page_of(replace(tiny_ranking, posteriors=posteriors), tmp_path / "r")
-    assert f"{first.name}: {remark}." in page.text
-
-
 def test_the_page_holds_what_is_stored(page, tiny_ranking):
     best = tiny_ranking.comparison.best
     shown = page.text
@@ -167,12 +157,23 @@ def two_classes(make_posterior, **changes):
 
 
 @pytest.mark.usefixtures("no_drawings")
-def test_classes_that_are_not_distinguishable(make_posterior, tmp_path):
-    page = page_of(two_classes(make_posterior), tmp_path / "r")
+def test_classes_that_are_not_distinguishable_and_their_remarks(make_posterior, tmp_path):
+    """Remarks on samples, as of the error of a reduced model, and on settings are no failures."""
+    remark = "2302 degrees of freedom reduced to 93 by 19 full solutions"
+    ranking = two_classes(make_posterior, remarks=(remark,))
+    first, *others = ranking.comparison.classes
+    setting = Check("setting", "the band's end hardly matters", fails=False)
+    rows = (replace(first, checks=(setting,)), *others)
+    comparison = replace(ranking.comparison, classes=rows)
+    page = page_of(replace(ranking, comparison=comparison), tmp_path / "r")
     shown = page.text
     assert "the data do not distinguish between class 'b*c_d' (probability 0.5498) and" in shown
     assert "2 counts as spurious" in shown
     assert "is the most probable" not in shown
+    assert f"{first.name}: {remark}." in shown
+    assert "All checks passed" in shown
+    assert shown.index("What does not change the answer") > shown.index("Model classes")
+    assert f"{first.name!r}: the band's end hardly matters" in shown
     # Names are no markup.
     assert "<script>alert" not in page.source
     assert "<b>x</b>" not in page.source
@@ -186,19 +187,6 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
     assert "2 checks failed. Do not trust the ranking" in shown
     assert shown.index("'b*c_d': the ensembles differ") < shown.index("Ranking")
     assert "All checks passed" not in shown
-
-
-@pytest.mark.usefixtures("no_drawings")
-def test_remarks_on_settings_are_no_failed_checks(make_posterior, tmp_path):
-    ranking = two_classes(make_posterior)
-    first, *others = ranking.comparison.classes
-    remark = Check("setting", "the band's end hardly matters", fails=False)
-    rows = (replace(first, checks=(remark,)), *others)
-    comparison = replace(ranking.comparison, classes=rows)
-    shown = page_of(replace(ranking, comparison=comparison), tmp_path / "r").text
-    assert "All checks passed" in shown
-    assert shown.index("What does not change the answer") > shown.index("Model classes")
-    assert f"{first.name!r}: the band's end hardly matters" in shown
 
 
 @pytest.mark.usefixtures("no_drawings")

@@ -102,16 +102,6 @@ def test_arviz_judges_by_leaving_data_out(tiny_ranking, tiny_result):
     assert abs(float(elpd) - expected) < 0.2
 
 
-def test_r_hat_is_that_of_arviz_from_the_same_file(tiny_ranking, tiny_result):
-    tree = open_with_arviz(tiny_result.directory / "posteriors" / "each_k.nc")
-    import arviz
-
-    rhat = arviz.rhat(tree["posterior"] if hasattr(tree, "groups") else tree)
-    rhat = rhat.ds if hasattr(rhat, "ds") else rhat
-    largest = max(float(rhat[name]) for name in rhat.data_vars)
-    assert tiny_ranking.posteriors[1].r_hat == pytest.approx(largest, rel=1e-9)
-
-
 @pytest.mark.parametrize("rounding", [0.0, 1e-16])
 def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_varies(rounding):
     """A model mode far above the band is missed at all draws with a probability of nearly one."""
