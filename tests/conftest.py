@@ -26,7 +26,7 @@ from bayes_ssi.cli import main
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, UpdatedModes
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
-from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.questions import search
@@ -381,14 +381,14 @@ def nothing_hangs():
 @pytest.fixture(scope="session")
 def two_workers():
     """Two processes of this machine."""
-    with LocalWorkers(2) as pool:
+    with Workers(n_workers=2) as pool:
         yield pool
 
 
 @pytest.fixture
 def copied_workers():
     """Two copies of this process, which start at once."""
-    with LocalWorkers(2, copies=True) as pool:
+    with Workers(n_workers=2, copies=True) as pool:
         yield pool
 
 

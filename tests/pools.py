@@ -7,7 +7,6 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.inference.workers.workers import Workers
 
 
@@ -55,19 +54,19 @@ class Death(BaseException):
     """What kills a worker of a :class:`Crew`; no model's own error."""
 
 
-class Crew(LocalWorkers):
+class Crew(Workers):
     """Workers in one process that break as processes do: with all calls under way.
 
     ``n_calls`` is the number of calls begun, ``n_deaths`` the number of deaths.
     """
 
     def __init__(self, n_workers=2):
-        super().__init__(n_workers)
+        super().__init__(n_workers=n_workers)
         self.n_calls = self.n_deaths = 0
 
     def _running(self):
-        self._executor = self._executor or _Breaking(self)
-        return self._executor
+        self._processes = self._processes or _Breaking(self)
+        return self._processes
 
     def _content(self, data):
         return data

@@ -54,8 +54,8 @@ def plan(
     class holds, or about parameters. The study's data give the band and the errors alone. The exit
     code is 3 where the computation is too rough.
     """
+    from bayes_ssi.inference.workers.packing import STUDY_MODULE
     from bayes_ssi.inference.workers.run import Run
-    from bayes_ssi.inference.workers.workers import STUDY_MODULE
     from bayes_ssi.report.tables.plan_tables import (
         layout_table,
         number_table,

@@ -152,7 +152,7 @@ class RunOptions:
             sys.exit(terminal.INTERRUPTED)
 
     def _workers(self, candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
-        from bayes_ssi.inference.workers.executors import usable_cores
+        from bayes_ssi.inference.workers.workers import usable_cores
         from bayes_ssi.studies.ranking.class_sampling import automatic_workers, chosen_workers
 
         if self.workers is None:

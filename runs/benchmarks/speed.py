@@ -205,10 +205,10 @@ def batch_seconds(
 
 
 def workers(_: argparse.Namespace) -> None:
-    from bayes_ssi.inference.workers.executors import LocalWorkers
+    from bayes_ssi.inference.workers.workers import Workers
 
     _, here = batch_seconds("without workers", 1, nullcontext)
-    one, two = (batch_seconds(f"{n} workers", n, lambda: LocalWorkers(n)) for n in (1, 2))  # noqa: B023
+    one, two = (batch_seconds(f"{n} workers", n, lambda: Workers(n_workers=n)) for n in (1, 2))  # noqa: B023
     print(f"speed-up of two over one: {one[0] / two[0]:.2f}", flush=True)
     same = all(there.tobytes() == here.tobytes() for _, there in (one, two))
     print(f"values identical everywhere: {same}")

@@ -149,11 +149,11 @@ def test_no_more_workers_than_cores(run, tiny_study_file, tmp_path, monkeypatch)
     monkeypatch.setattr("loky.cpu_count", lambda: 3)
     chosen = []
 
-    def refuse(n, **_):
-        chosen.append(n)
+    def refuse(n_workers, **_):
+        chosen.append(n_workers)
         raise ValueError("not sampled here")
 
-    monkeypatch.setattr("bayes_ssi.studies.ranking.class_sampling.LocalWorkers", refuse)
+    monkeypatch.setattr("bayes_ssi.studies.ranking.class_sampling.Workers", refuse)
     arguments = ("rank", tiny_study_file, "--out", tmp_path / "r", "--workers")
     assert "reduced" not in run(*arguments, 2).stderr
     assert run(*arguments, 1000).stderr.startswith("--workers 1000: reduced to 3, the number of")

@@ -11,7 +11,6 @@ from delegating import DelegatingStructure
 from pools import spawning
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.executors import LocalWorkers
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _side_by_side, sample_all
@@ -100,7 +99,9 @@ def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, two_wo
 def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):
     small, other = tiny_study.model_classes
     other = replace(other, structure=DelegatingStructure(other.structure))
-    assert_same(sample_all([small, other], 7, COARSE, bs.Run(LocalWorkers(3, copies=True))), alone)
+    assert_same(
+        sample_all([small, other], 7, COARSE, bs.Run(Workers(n_workers=3, copies=True))), alone
+    )
     assert shared == {other.name}
 
 
@@ -127,7 +128,7 @@ def test_classes_whose_worker_died_are_sampled_all_the_same(
     monkeypatch.setenv("DIES_ONCE", str(tmp_path / "died"))
     monkeypatch.setenv("DIES_NOT", str(os.getpid()))
     classes = [with_structure(each, DiesOnce, each.name) for each in tiny_study.model_classes]
-    assert_same(sample_all(classes, 7, COARSE, bs.Run(LocalWorkers(2, copies=True))), alone)
+    assert_same(sample_all(classes, 7, COARSE, bs.Run(Workers(n_workers=2, copies=True))), alone)
     assert (tmp_path / "died").exists()
     assert shared
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pools import Crew, Death, numbered, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.executors import LocalWorkers, can_copy
+from bayes_ssi.inference.workers.workers import Workers, can_copy
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -29,7 +29,7 @@ def test_dead_processes_are_replaced_and_their_points_isolated(tmp_path):
     z[3] = 11.0
     expected = sums(z)
     expected[3] = np.nan
-    with LocalWorkers(2) as pool:
+    with Workers(n_workers=2) as pool:
         there = pool.evaluate(function, z)
         again = pool.evaluate(function, z[:3])
     assert marker.exists()
@@ -114,10 +114,10 @@ def test_a_worker_that_is_killed_while_the_pool_starts_ends_the_run(monkeypatch)
         os.kill(os.getpid(), signal.SIGKILL)
 
     with monkeypatch.context() as patched:
-        patched.setattr("bayes_ssi.inference.workers.executors.end_with_parent", killed)
+        patched.setattr("bayes_ssi.inference.workers.workers.end_with_parent", killed)
         # Also where a thread of an earlier pool has not ended yet.
-        patched.setattr("bayes_ssi.inference.workers.executors.can_copy", lambda: True)
-        pool = LocalWorkers(2, copies=True)
+        patched.setattr("bayes_ssi.inference.workers.workers.can_copy", lambda: True)
+        pool = Workers(n_workers=2, copies=True)
         with (
             pytest.raises(ValueError, match=r"^workers: one of 2 died while they started; is"),
             pool,

@@ -13,15 +13,14 @@ import numpy as np
 import pytest
 from pools import Minimal, points, spawning, sums, workers_of
 
-from bayes_ssi.inference.workers.executors import LocalWorkers, as_workers
-from bayes_ssi.inference.workers.workers import evaluate
+from bayes_ssi.inference.workers.workers import Workers, as_workers, evaluate
 from bayes_ssi.studies.ranking.study import load_study
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 WORKERS = {
     "1 process": lambda: as_workers(np.uint8(1)),
-    "3 processes": lambda: LocalWorkers(3),
+    "3 processes": lambda: Workers(n_workers=3),
     "threads": lambda: workers_of(ThreadPoolExecutor(2)),
     "spawned processes": lambda: workers_of(spawning(2)),
     "submit alone": lambda: workers_of(Minimal()),
@@ -153,7 +152,7 @@ def test_an_executor_that_was_given_is_not_shut_down():
 
 
 def test_no_points_are_no_work():
-    values, failures = LocalWorkers(2).evaluate(sums, np.empty((0, 2)))
+    values, failures = Workers(n_workers=2).evaluate(sums, np.empty((0, 2)))
     assert (values.shape, failures) == ((0,), {})
 
 
@@ -183,7 +182,7 @@ def is_running(process):
 
 
 def test_processes_are_kept_until_the_outermost_exit():
-    with LocalWorkers(2) as workers:
+    with Workers(n_workers=2) as workers:
         with workers:
             processes = set(workers.evaluate(process_ids, points(64)).values)
         assert all(map(is_running, processes))
@@ -195,7 +194,7 @@ def test_processes_are_ended_after_an_error_too():
     processes = []
 
     def fail():
-        with LocalWorkers(1) as workers:
+        with Workers(n_workers=1) as workers:
             processes.extend(workers.evaluate(process_ids, points(64)).values)
             workers.evaluate(lambda z: z, points(64))
 
@@ -213,7 +212,7 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
         time.sleep(50.0)
         return sums(z)
 
-    with LocalWorkers(1) as workers:
+    with Workers(n_workers=1) as workers:
         processes = set(workers.evaluate(process_ids, points(64)).values)
         threading.Thread(target=interrupt).start()
         begun = time.monotonic()
@@ -226,9 +225,9 @@ def test_an_interrupted_run_does_not_wait_for_what_is_under_way():
 ENDS_AT_ONCE = """
 import os
 import numpy as np
-from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.inference.workers.workers import Workers
 
-workers = LocalWorkers(1)
+workers = Workers(n_workers=1)
 process = workers.evaluate(lambda z: np.full(len(z), float(os.getpid())), np.zeros((1, 1)))
 print(process.values[0], flush=True)
 os.kill(os.getpid(), 9)
@@ -252,7 +251,7 @@ def n_threads(z):
 
 def test_blas_works_in_one_thread_in_workers(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with LocalWorkers(1) as workers:
+    with Workers(n_workers=1) as workers:
         assert workers.evaluate(n_threads, points(1)).values == [1.0]
 
 
@@ -268,7 +267,7 @@ def test_no_thread_is_left_when_workers_stop(monkeypatch):
 
     monkeypatch.setattr(Queue, "_feed", staticmethod(slowly))
     before = set(threading.enumerate())
-    with LocalWorkers(1) as workers:
+    with Workers(n_workers=1) as workers:
         workers.evaluate(sums, points(3))
         assert set(threading.enumerate()) > before
     assert set(threading.enumerate()) == before
@@ -278,7 +277,7 @@ WORK_AND_DIE = """
 import os
 import sys
 import numpy as np
-from bayes_ssi.inference.workers.executors import LocalWorkers
+from bayes_ssi.inference.workers.workers import Workers
 
 def function(z):
     if (z == 3.0).all():
@@ -287,7 +286,7 @@ def function(z):
 
 sys.modules["a module of this process"] = sys
 for copies in (True, False):
-    with LocalWorkers(2, copies=copies) as workers:
+    with Workers(n_workers=2, copies=copies) as workers:
         print(*workers.try_each(function, [np.zeros(1), np.ones(1)]).values())
         print(*np.isnan(workers.evaluate(function, np.arange(5.0)[:, None]).values))
         print(*workers.call_each(function, [np.zeros(1), np.ones(1)]))

@@ -405,7 +405,7 @@ class ModalLikelihood:
         return frequencies, modes.unit_shapes, self.prediction_var(values)
 
     def _frequency_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
-        variance = (prediction_var.T + self._own_var[0]).T
+        variance = prediction_var + self.pairs.frequency_var
         residuals = self.pairs.frequency_residuals(modes.frequencies_hz)
         terms = residuals * residuals / variance + np.log(variance)
         return self._frequency_constants - 0.5 * terms
@@ -418,20 +418,16 @@ class ModalLikelihood:
     def _shape_terms(self, modes: ComparedModes, prediction_var: FloatArray) -> FloatArray:
         if not len(self.pairs.with_shape):
             return modes.shape_distances
-        variance = (prediction_var.T + self._own_var[1]).T
+        variance = prediction_var + self.pairs.shape_var
         normalisers = self._log_normalisers(variance)
         return modes.turned - modes.shape_distances / variance - normalisers
 
     def _log_normalisers(self, variance: FloatArray) -> FloatArray:
-        """log Z_d(σ) for shape variances (B, S) or (B, 1), as many columns as differ."""
+        """log Z_d(σ) for shape variances (B, S), computed once for shapes with one error."""
         kinds = list(zip(self.pairs.shape_var.tolist(), self.pairs.n_measured, strict=True))
-        columns = kinds if len(set(kinds)) > 1 else kinds[:1]
-        known: dict[tuple[float, int], FloatArray] = {}
-        for column, (own, d) in enumerate(columns):
-            if (own, d) not in known:
-                shared = variance[:, min(column, variance.shape[1] - 1)]
-                known[own, d] = log_shape_normaliser(np.sqrt(shared), d)
-        return np.array([known[kind] for kind in columns]).T
+        known = {kind: log_shape_normaliser(np.sqrt(variance[:, kinds.index(kind)]), kind[1])
+                 for kind in set(kinds)}  # fmt: skip
+        return np.array([known[kind] for kind in kinds]).T
 
     @cached_property
     def _unpaired_data(self) -> float:
@@ -440,23 +436,9 @@ class ModalLikelihood:
         return spurious - self.identification.expected_spurious_modes
 
     @cached_property
-    def _own_var(self) -> tuple[FloatArray, FloatArray]:
-        """Squared identification errors of the pairs' frequencies and shapes, as columns.
-
-        With those of prediction (1, B) they make (P, B), which lets operations run along the batch.
-        """
-        return _column(self.pairs.frequency_var), _column(self.pairs.shape_var)
-
-    @cached_property
     def _sensor_matrix(self) -> SensorMatrix:
         return self.structure.sensor_matrix(self.data.sensors)
 
     @cached_property
     def _unpaired_model_modes(self) -> list[int]:
         return sorted(set(range(self.structure.n_modes)) - set(self.pairs.model_modes.tolist()))
-
-
-def _column(variances: FloatArray) -> FloatArray:
-    """Variances (P, 1), or (1, 1) where all are the same."""
-    differ = not len(variances) or bool((variances != variances[0]).any())
-    return variances[:, None] if differ else variances[:1, None]

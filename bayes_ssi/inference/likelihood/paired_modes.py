@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
-from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, row_sums
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
@@ -106,20 +105,13 @@ class PairedModes:
 
     def frequency_residuals(self, frequencies_hz: FloatArray) -> FloatArray:
         """r_f = f/f_e - 1, (B, P), for model frequencies (B, n_modes)."""
-        return of_modes(frequencies_hz, self._modes) / self.frequencies_hz - 1.0
+        return frequencies_hz[:, self.model_modes] / self.frequencies_hz - 1.0
 
     def shape_distances(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """1 - |φ_e·φ| = ½ r_φ², (B, S), for model shapes (B, s, n_modes)."""
-        shapes = of_modes(shapes_at_sensors, self._modes_with_shape)
-        if shapes.strides[0] > shapes.itemsize:  # rows of the batch are not next to each other
-            shapes = np.asfortranarray(shapes)
-        cosine, length_sq = np.zeros((2, shapes.shape[2], len(shapes))).transpose(0, 2, 1)
-        # Sensor by sensor, for arrays that stay in the processor's cache.
-        for i, (unit, measured) in enumerate(self._sensors):
-            component = shapes[:, i]
-            cosine += component * unit
-            square = component * component
-            length_sq += square if measured is None else square * measured
+        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]]
+        cosine = row_sums(shapes * self.unit_shapes)
+        length_sq = row_sums(shapes * shapes * self.measured)
         # A model shape that vanishes at every sensor has no direction.
         with np.errstate(divide="ignore", invalid="ignore"):
             aligned = np.where(length_sq == 0.0, 0.0, np.abs(cosine) / np.sqrt(length_sq))
@@ -127,7 +119,7 @@ class PairedModes:
 
     def shape_differences(self, shapes_at_sensors: FloatArray) -> FloatArray:
         """φ - φ_e of unit shapes of matching sign, (B, s, S), whose norm over s is r_φ."""
-        shapes = of_modes(shapes_at_sensors, self._modes_with_shape) * self.measured
+        shapes = shapes_at_sensors[:, :, self.model_modes[self.with_shape]] * self.measured
         length = np.sqrt(row_sums(shapes * shapes))[:, None]
         sign = np.where(row_sums(shapes * self.unit_shapes) < 0, -1.0, 1.0)[:, None]
         return shapes * (sign / np.where(length == 0.0, 1.0, length)) - self.unit_shapes
@@ -143,25 +135,6 @@ class PairedModes:
         length = np.sqrt(row_sums(seen * seen))[:, None]
         sign = np.where(row_sums(seen * self.unit_shapes.T[columns]) < 0, -1.0, 1.0)[:, None]
         return np.asarray(seen * (sign / np.where(length == 0.0, 1.0, length)))
-
-    @cached_property
-    def _sensors(self) -> list[tuple[FloatArray, FloatArray | None]]:
-        """Each sensor's part of the unit shapes, and which of them it measured; None for all."""
-        each = zip(self.unit_shapes, self.measured, strict=True)
-        return [(unit, None if measured.all() else measured) for unit, measured in each]
-
-    @cached_property
-    def _modes(self) -> Places:
-        return as_slice(self.model_modes)
-
-    @cached_property
-    def _modes_with_shape(self) -> Places:
-        return as_slice(self.model_modes[self.with_shape])
-
-
-def of_modes(quantity: FloatArray, modes: Places) -> FloatArray:
-    """Some modes' quantity (B, …, m), from that of all."""
-    return quantity.T[modes].T  # rows of the batch remain next to each other
 
 
 def check_pairing(pairing: Mapping[str, int], data: ModalData, n_modes: int) -> None:

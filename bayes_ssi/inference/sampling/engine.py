@@ -53,7 +53,7 @@ from bayes_ssi.inference.sampling.multistart import MultistartSearch, search_max
 from bayes_ssi.inference.sampling.proposals import Independence, drawn_anew
 from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions, find_regions
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress, part
+from bayes_ssi.inference.sampling.settings import SamplingSettings, StepProgress
 from bayes_ssi.inference.sampling.target import Target
 
 # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
@@ -112,7 +112,7 @@ class _Sampling:
         return max(WALKERS, 2 * self.target.n_dimensions)
 
     def result(self) -> SamplingResult:
-        progress = part(self.progress, "searches")
+        progress = partial(self.progress, "searches")
         search = search_maxima(self.target, self.settings.searches, self.seeds[4], progress)
         result = None
         if self.target.suggest_starts is not None and search.converged:
@@ -168,7 +168,7 @@ class _Sampling:
             self.settings.n_particles(self.target.n_dimensions),
             search.maxima,
             self.seeds[0:2],
-            part(self.progress, "compression of the prior"),
+            partial(self.progress, "compression of the prior"),
         )
         ridges = along_ridges(self.target, search.maxima, self.rng)
         around_maxima = ridges or search.maxima.as_mixture()
@@ -198,7 +198,7 @@ class _Sampling:
         rngs = [np.random.default_rng(seed) for seed in self.seeds[2:4]]
         run = partial(
             run_ensembles, self.target, walkers, settings=self.settings, rngs=rngs,
-            progress=part(self.progress, "ensembles"),
+            progress=partial(self.progress, "ensembles"),
         )  # fmt: skip
         if self._serves(trial):
             first, regions = self._importance(trial, compressions)

@@ -8,13 +8,6 @@ from dataclasses import dataclass
 StepProgress = Callable[[str, float], None]
 
 
-def part(
-    progress: StepProgress, step: str, index: int = 0, count: int = 1
-) -> Callable[[float], None]:
-    """Progress of one of ``count`` parts as progress of the whole step."""
-    return lambda done: progress(step, (index + done) / count)
-
-
 @dataclass(frozen=True)
 class SamplingSettings:
     """How precisely to sample.

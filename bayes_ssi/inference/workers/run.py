@@ -26,9 +26,8 @@ from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_stem
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.workers.executors import as_workers
 from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal, OtherRunError
-from bayes_ssi.inference.workers.workers import Workers
+from bayes_ssi.inference.workers.workers import Workers, as_workers
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -1,30 +1,32 @@
-"""Evaluation of a batch, some points of which may fail: here, or by the workers of an executor.
+"""Evaluation of a batch, some points of which may fail: here, or by workers.
 
-Executors come from other packages: loky's processes, or any ``concurrent.futures.Executor``, such
-as mpi4py's ``MPIPoolExecutor`` or that of a Dask client. Since row i of an answer depends on row i
-alone, results do not depend on the number of workers. Functions arrive there pickled, and a worker
-unpickles each of them only once.
+These are loky's processes, or those of any ``concurrent.futures.Executor``, such as mpi4py's
+``MPIPoolExecutor`` or that of a Dask client. Since row i of an answer depends on row i alone,
+results do not depend on the number of workers.
 """
 
-import hashlib
-import multiprocessing.connection
-import os
+import multiprocessing
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
-from threading import Thread
-from time import sleep
-from typing import Any, NamedTuple, TypeVar
+from tempfile import NamedTemporaryFile
+from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.error_places import rows_at_fault, with_place
+from bayes_ssi.inference.workers.packing import (
+    PackedFunction,
+    call_packed,
+    end_with_parent,
+    pickled,
+)
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -74,10 +76,18 @@ class SafeFunction:
 
 
 class Workers:
-    """The workers of any executor, which its creator shuts down.
+    """Processes on this machine, or the workers of an executor, which its creator shuts down.
 
-    A context manager that may be entered repeatedly. Subclasses start their own workers at the
-    outermost entry, or at the first call, and stop them at the outermost exit.
+    A context manager that may be entered repeatedly. Processes start at the first call, are
+    replaced if they die, and stop at the outermost exit.
+
+    Attributes:
+        executor: the one that was given; None for processes.
+        n_workers: number of processes, or of workers as far as it is known, by which batches are
+            divided into parts.
+        copies: whether processes start as copies of this one, where that is possible: at once, at
+            the outermost entry, while a new process imports the package for about a second. There
+            must be no state of other threads and libraries that a copy could stumble over.
     """
 
     parts_per_worker = 4  # of a batch: none should wait long for the slowest
@@ -86,34 +96,39 @@ class Workers:
     groups = 4
     most_deaths = 100  # enough to find some twenty points at which workers die
 
-    def __init__(self, executor: Executor | None, n_workers: int = 8) -> None:
-        """Use an executor; by ``n_workers``, where known, batches are divided into parts."""
-        self._executor = executor
-        self._n_workers = n_workers
-        self._n_entered = 0
-        self._n_deaths = 0
+    def __init__(
+        self, executor: Executor | None = None, n_workers: int = 8, *, copies: bool = False
+    ) -> None:
+        if n_workers < 1:
+            raise ValueError(f"workers must be at least 1, got {n_workers!r}")
+        self.executor, self.n_workers, self.copies = executor, n_workers, copies
+        self._processes: Executor | None = None
+        self._n_entered = self._n_deaths = 0
         self._packed: tuple[Callable[..., Any], PackedFunction] | None = None
-
-    @property
-    def n_workers(self) -> int:
-        """Number of workers, where known."""
-        return self._n_workers
+        self._file: IO[bytes] | None = None
 
     @property
     def n_parts(self) -> int:
         """Best number of parts to divide a batch into."""
-        return self.parts_per_worker * max(self.n_workers, 1)
+        return self.parts_per_worker * self.n_workers
 
     def __enter__(self) -> "Workers":
-        if not self._n_entered:
-            self._start()
+        if not self._n_entered and self.executor is None and self.copies and can_copy():
+            self._processes = self._started(multiprocessing.get_context("fork"))
+            try:
+                self._processes.submit(int).result()  # now, before a thread of this process begins
+            except BrokenExecutor as death:
+                self.abandon()
+                problem = f"one of {self.n_workers} died while they started; is memory short?"
+                raise ValueError(f"workers: {problem}") from death
         self._n_entered += 1
         return self
 
     def __exit__(self, *_: object) -> None:
         self._n_entered -= 1
         if not self._n_entered:
-            self._stop()
+            self.abandon()
+            self._remove_file()
 
     def evaluate(
         self, function: Function, z: FloatArray, n_columns: int | None = None
@@ -187,18 +202,20 @@ class Workers:
         except BrokenExecutor as error:
             death = error
         finally:
-            if waiting:
-                self._abandon(waiting)
+            if waiting:  # for what is no longer needed
+                self.abandon()
+            for future in waiting:
+                future.cancel()
         if death is not None:
             self._recover(death)
         return answers
 
-    def _pack(self, function: Callable[..., Any]) -> "PackedFunction":
+    def _pack(self, function: Callable[..., Any]) -> PackedFunction:
         """The function in the form that is sent, pickled again only when it changes."""
         # Every access creates a new bound method, but bound methods compare equal.
         if self._packed is None or self._packed[0] != function:
             data = pickled(function)
-            packed = PackedFunction(digest_of(data), os.getpid(), self._content(data))
+            packed = PackedFunction.of(data, self._content(data))
             self._packed = (function, packed)
         return self._packed[1]
 
@@ -210,35 +227,54 @@ class Workers:
                 f"workers: died {self._n_deaths} times, the last time with "
                 f"{type(death).__name__}: {death}"
             ) from death
-        self._replace(death)
-
-    # Methods that subclasses override:
-
-    def _start(self) -> None:
-        """Start workers that must be there before the first call."""
-
-    def _stop(self) -> None:
-        """Stop workers that were started here."""
+        if self.executor is not None:
+            raise ValueError(
+                "workers: one died, and the executor that was given does not replace it: "
+                f"{type(death).__name__}: {death}"
+            ) from death
+        self.abandon()
 
     def _running(self) -> Executor:
-        assert self._executor is not None
-        return self._executor
+        if self.executor is not None:
+            return self.executor
+        self._processes = self._processes or self._started(None)
+        return self._processes
 
-    def _content(self, data: bytes) -> Any:
-        """What is sent for a pickled function: here the function itself, with every call."""
-        return data
+    def _started(self, context: Any) -> Executor:
+        from loky import ProcessPoolExecutor
 
-    def _replace(self, death: BrokenExecutor) -> None:
-        """Replace an executor that is broken."""
-        raise ValueError(
-            "workers: one died, and the executor that was given does not replace it: "
-            f"{type(death).__name__}: {death}"
-        ) from death
+        return ProcessPoolExecutor(self.n_workers, context=context, initializer=end_with_parent)
 
-    def _abandon(self, waiting: Collection[Future[Any]]) -> None:
-        """Cancel calls whose results are no longer needed."""
-        for future in waiting:
-            future.cancel()
+    def _content(self, data: bytes) -> bytes | Path:
+        """A file for processes, each of which reads it only once; else the function itself."""
+        if self.executor is not None:
+            return data
+        self._remove_file()
+        self._file = NamedTemporaryFile(prefix="bayes_ssi_")  # noqa: SIM115 - closed at the exit
+        try:
+            self._file.write(data)
+            self._file.flush()
+        except OSError as error:
+            error.filename = self._file.name  # Python names it where opening fails only
+            raise
+        return Path(self._file.name)
+
+    def _remove_file(self) -> None:
+        if self._file is not None:
+            self._file.close()
+        self._file = self._packed = None
+
+    def abandon(self) -> None:
+        """Stop processes in the middle of what they do; the next call starts others."""
+        processes, self._processes = self._processes, None
+        if processes is not None:
+            feeder = getattr(getattr(processes, "_call_queue", None), "_thread", None)
+            # Loky's own argument: otherwise its workers would first finish their tasks.
+            processes.shutdown(wait=True, kill_workers=True)  # type: ignore[call-arg]
+            if feeder is not None:
+                # Loky does not wait for the thread that feeds its queue. If this process ends while
+                # that thread gives a semaphore back, it is half removed, which loky then reports.
+                feeder.join()
 
 
 def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
@@ -246,7 +282,7 @@ def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
     return [part for part in np.array_split(rows, n) if len(part)]
 
 
-def _submitted(executor: Executor, function: "PackedFunction", item: bytes) -> Future[Any]:
+def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Future[Any]:
     try:
         return executor.submit(call_packed, function, item)
     except BrokenExecutor:
@@ -268,83 +304,27 @@ def _as_input_error(error: BaseException) -> BaseException:
     return raised
 
 
-# Modules of study files carry this prefix. No worker could import them, so they are pickled too.
-STUDY_MODULE = "bayes_ssi_study_"
+def usable_cores() -> int:
+    """Number of cores that this process may use, by its affinity and its share of the machine."""
+    from loky import cpu_count
+
+    return cpu_count()
 
 
-@dataclass(frozen=True)
-class PackedFunction:
-    """A pickled function to be sent to workers."""
+def can_copy() -> bool:
+    """Whether this process can be copied: on Linux, and unless it has other threads.
 
-    digest: str
-    sender: int = field(compare=False)
-    content: bytes | Path = field(compare=False, repr=False)
-
-
-def digest_of(data: bytes) -> str:
-    return hashlib.blake2b(data, digest_size=16).hexdigest()
+    Apple's libraries do not work in a copy, and Windows makes none.
+    """
+    return sys.platform == "linux" and threading.active_count() == 1
 
 
-def pickled(what: object) -> bytes:
-    """Any object as bytes, including the code from a study file that it needs."""
-    import cloudpickle
-
-    studies = [m for name, m in sys.modules.items() if name.startswith(STUDY_MODULE)]
-    for module in studies:
-        cloudpickle.register_pickle_by_value(module)
-    try:
-        data: bytes = cloudpickle.dumps(what)
-    except Exception as error:
-        raise ValueError(
-            f"the model cannot be sent to a worker: {type(error).__name__}: {error}"
-        ) from error
-    finally:
-        for module in studies:
-            cloudpickle.unregister_pickle_by_value(module)
-    return data
-
-
-def call_packed(function: PackedFunction, item: bytes) -> Any:
-    """The function's value at a pickled item."""
-    return _unpacked(function)(_unpickled(item))
-
-
-# Batch after batch is evaluated by the same function until a class is done.
-@lru_cache(maxsize=1)
-def _unpacked(function: PackedFunction) -> Callable[[Any], Any]:
-    content = function.content
-    data = content if isinstance(content, bytes) else content.read_bytes()
-    unpacked: Callable[[Any], Any] = _unpickled(data)
-    if os.getpid() != function.sender:  # a worker may be a thread of the same process
-        # BLAS threads of several processes would compete for the same cores.
-        threadpool_limits(limits=1, user_api="blas")
-    return unpacked
-
-
-def _unpickled(data: bytes) -> Any:
-    import cloudpickle
-
-    try:
-        return cloudpickle.loads(data)
-    except Exception as error:
-        raise ValueError(
-            f"the model cannot be rebuilt in a worker: {type(error).__name__}: {error}"
-        ) from error
-
-
-def end_with_parent() -> None:
-    """End this process when its parent process is gone for any reason."""
-    parent = os.getppid()
-    process = multiprocessing.parent_process()
-    # A copy of its parent has a pipe that breaks with it; other processes have to look.
-    pipe: int | None = process.sentinel if process is not None else None
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            if pipe is None:
-                sleep(0.5)
-            else:
-                multiprocessing.connection.wait([pipe], timeout=0.5)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
+def as_workers(workers: int | Executor | Workers | None) -> Workers | None:
+    """The workers from whatever a caller passed."""
+    if workers is None or isinstance(workers, Workers):
+        return workers
+    if isinstance(workers, Integral) and not isinstance(workers, bool):
+        return Workers(n_workers=int(workers))
+    if isinstance(workers, Executor):
+        return Workers(workers)
+    raise TypeError(f"workers must be a number or an executor, got {workers!r}")

@@ -104,12 +104,14 @@ def log_likelihoods(
     first = np.cumsum(counts) - counts
     means, slopes, spreads = population.split(values)
     centres = means[:, None] + slopes[:, None] * np.repeat(covariates, counts)[:, None]
-    # With z = centre + spread·e and e ~ N(0, I), the expectation is a normal integral over e.
-    forms = mapped(joined, centres, spreads[:, None])
     if population.varies:
+        # With z = centre + spread·e and e ~ N(0, I), the expectation is a normal integral over e.
+        forms = mapped(joined, centres, spreads[:, None])
         of_components = log_integrals(forms + standard_form(means.shape[1]))
     else:
-        of_components = -0.5 * forms[..., -1, -1]
+        sloped = np.einsum("bti,tij->btj", centres, joined[:, :-1]) + joined[:, -1]
+        squares = np.einsum("btj,btj->bt", sloped[..., :-1], centres) + sloped[..., -1]
+        of_components = -0.5 * squares
     return np.logaddexp.reduceat(of_components, first, axis=1)
 
 

@@ -28,8 +28,8 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import sample
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.executors import LocalWorkers, can_copy, usable_cores
 from bayes_ssi.inference.workers.run import Checkpoint, Run
+from bayes_ssi.inference.workers.workers import Workers, can_copy, usable_cores
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _side_by_side(
                     if report[1:] != END:
                         run.report(*report)
 
-        if not isinstance(run.workers, LocalWorkers):
+        if run.workers.executor is not None:
             for name in names:
                 run.report(name, "in a worker", 0.0)
         posteriors = run.workers.try_each(
@@ -187,7 +187,7 @@ def holds_user_code(what: object) -> bool:
 CLASSES_FOR_NEW_PROCESSES = 4
 
 
-def automatic_workers(candidates: Sequence[ModelClass], n_classes: int) -> LocalWorkers | None:
+def automatic_workers(candidates: Sequence[ModelClass], n_classes: int) -> Workers | None:
     """One process for each core that can be used, as far as they are busy; None if one is enough.
 
     None, too, where models hold a user's own code (see :func:`holds_user_code`), or classes are
@@ -203,17 +203,17 @@ def automatic_workers(candidates: Sequence[ModelClass], n_classes: int) -> Local
     return _copies(n)
 
 
-def chosen_workers(candidates: Sequence[ModelClass], n: int) -> LocalWorkers:
+def chosen_workers(candidates: Sequence[ModelClass], n: int) -> Workers:
     n = min(n, usable_cores())
     if holds_user_code(list(candidates)):
-        return LocalWorkers(n)
+        return Workers(n_workers=n)
     return _copies(n)
 
 
-def _copies(n: int) -> LocalWorkers:
+def _copies(n: int) -> Workers:
     """Processes that are copies of this one, where that is possible, with all that they need."""
     if can_copy():  # once here, not in every copy; what arviz needs it imports when asked
         import emcee  # noqa: F401
 
         pareto_k(np.arange(100.0))
-    return LocalWorkers(n, copies=True)
+    return Workers(n_workers=n, copies=True)

@@ -25,7 +25,7 @@ from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
-from bayes_ssi.inference.workers.workers import STUDY_MODULE
+from bayes_ssi.inference.workers.packing import STUDY_MODULE
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.studies.ranking.comparison import Comparison, checked_weights, require_same_data
 
