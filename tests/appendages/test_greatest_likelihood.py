@@ -9,7 +9,13 @@ from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.search.approximate_evidence import Screened, ToScreen
+from bayes_ssi.studies.search.approximate_evidence import (
+    FULL,
+    QUICK,
+    Screened,
+    ToScreen,
+    screen,
+)
 from bayes_ssi.studies.search.family import Hypothesis, Key, compact
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
@@ -18,7 +24,7 @@ N, PLACES = 40, (12, 24, 30, 38)
 
 
 class Chain(NamedTuple):
-    """Baselines of a search, hypotheses of one pendulum, and what full screening gives."""
+    """Baselines of a search, hypotheses of one pendulum, and what screening gives."""
 
     baselines: Baselines
     hypotheses: list[ToScreen]
@@ -55,12 +61,20 @@ def chain():
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     chosen = choose_baselines(bs.Study("chain", [baseline]), None, candidates, options=settings)
     chosen.features["chain"] = tuple(chosen.appendages("chain"))  # no other motion
-    without, *ones = screened_hypotheses(chosen, 0, bs.Run())[0].values()
+
+    def screen_best(hypotheses, *_):
+        """The true one in full, to begin with; what is known of the others may be rough."""
+        in_full = {"no appendage", "pendulum 30"}
+        return [screen(each, 0, FULL if each[0].name in in_full else QUICK) for each in hypotheses]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bayes_ssi.studies.search.family_search.screen_best", screen_best)
+        without, *ones = screened_hypotheses(chosen, 0, bs.Run())[0].values()
     wanted = [(each.model_class, without.screened) for each in ones]
     return Chain(chosen, wanted, [each.screened for each in ones])
 
 
-def test_the_greatest_likelihood_is_that_of_full_screening(chain):
+def test_the_greatest_likelihood_is_that_of_screening(chain):
     """Within a few nats, at the true place within a hundredth; evidences are well below it."""
     _, hypotheses, screened = chain
     looks = looks_at(hypotheses, 0, bs.Run())

@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
 from conftest import assert_one_line_error
@@ -73,16 +72,6 @@ def test_where_results_go_by_default_and_the_wanted_error(run, tiny_study_file, 
     assert stored.record.settings.log_evidence_error == 0.2
 
 
-def test_existing_results_are_kept_unless_overwriting_is_asked_for(run, tiny_study_file, tmp_path):
-    arguments = ("rank", tiny_study_file, "--class", "one k", "--out", tmp_path / "r")
-    assert run(*arguments).exit_code == 0
-    before = (tmp_path / "r" / "result.json").read_bytes()
-    assert_one_line_error(run(*arguments, "--seed", 1), "exists already", "--overwrite")
-    assert (tmp_path / "r" / "result.json").read_bytes() == before
-    assert run(*arguments, "--seed", 1, "--overwrite").exit_code == 0
-    assert load_result(tmp_path / "r").record.seed == 1
-
-
 def test_a_failed_check_is_reported_with_exit_code_3(run, tiny_study_file, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.inference.sampling.result.ERROR_OVER_WANTED", 0.0)
     result = run("rank", tiny_study_file, "--class", "one k", "--out", tmp_path / "r")
@@ -101,31 +90,6 @@ def test_a_second_run_with_the_same_directory_is_refused_at_the_start(
         assert not list(checkpoint.glob("*.journal")), "nothing was sampled"
     assert_one_line_error(result, "another run is using this checkpoint")
     assert not checkpoint.exists()
-
-
-@pytest.mark.usefixtures("coarse_command")
-def test_a_full_disk_is_named_and_nothing_is_lost(run, tiny_study_file, tmp_path, monkeypatch):
-    arguments = ("rank", tiny_study_file, "--class", "one k", "--accept-failed-checks", "--out")
-    opened = Path.open
-
-    def on_a_full_disk(path, *mode, **options):
-        draws = path.suffix == ".nc" and mode == ("xb",)
-        return opened(Path("/dev/full"), "wb") if draws else opened(path, *mode, **options)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Path, "open", on_a_full_disk)
-        result = run(*arguments, tmp_path / "r")
-    file = tmp_path / "r" / "posteriors" / "one_k.nc"
-    assert result.stderr.endswith(
-        f"Error: {file}: No space left on device; no evaluation is lost, the same command resumes "
-        "the run\n"
-    )
-    assert sorted(path.name for path in tmp_path.glob("*r*")) == [".r.checkpoint", "work"]
-    resumed = run(*arguments, tmp_path / "r")
-    assert "resumes after" in resumed.stderr
-    assert run(*arguments, tmp_path / "whole").exit_code == 0
-    first, second = (tmp_path / name / "comparison.json" for name in ("r", "whole"))
-    assert first.read_bytes() == second.read_bytes()
 
 
 @pytest.mark.parametrize(

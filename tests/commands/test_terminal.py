@@ -42,6 +42,7 @@ def test_quiet_still_prints_errors_and_failed_checks(run, tiny_study_file, tmp_p
     assert result.stderr.startswith("(!) 1 failed check: 'one k': the ensembles differ")
 
 
+@pytest.mark.usefixtures("coarse_command")
 def test_a_ranking_as_json(run, tiny_study_file, tmp_path):
     result = run("rank", tiny_study_file, "--json", "--out", tmp_path / "r")
     printed, stored = json.loads(result.stdout), load_result(tmp_path / "r")
@@ -198,9 +199,7 @@ def test_an_option_of_another_name_is_named(run, arguments, words):
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    ("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±"), ("utf-8", "shape ±")]
-)
+@pytest.mark.parametrize(("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±")])
 def test_output_of_any_encoding_and_a_closed_standard_error(tmp_path, encoding, column):
     path = tmp_path / "modes.csv"
     path.write_text("# band_hz, 0, 9\nlabel,frequency_hz,σ≈1\n1,1.5,1\n", encoding="utf-8")
@@ -211,7 +210,7 @@ def test_output_of_any_encoding_and_a_closed_standard_error(tmp_path, encoding, 
     assert done.returncode == 0
     printed = done.stdout.decode(encoding)
     assert column in printed
-    assert f"Sensors: {'σ≈1' if encoding == 'utf-8' else 'sd~1'}." in printed
+    assert "Sensors: sd~1." in printed
 
 
 def test_modes_are_written_before_they_are_printed(tmp_path, run, monkeypatch):
