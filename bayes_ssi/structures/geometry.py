@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, as_slice
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import require_name
 
 # A floor from 1 where a structure has floors (0 is the ground), or the label of a degree of
@@ -305,10 +305,6 @@ class SensorMatrix:
             weights[i, : len(motion)] = list(motion.values())
         return cls(rows, weights)
 
-    @cached_property
-    def _is_selection(self) -> bool:
-        return self.rows.shape[1] == 1 and bool((self.weights == 1.0).all())
-
     def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
         """Motions at the sensors: (B, n_dof, n_modes) along an axis become (B, n_sensors, …).
 
@@ -316,19 +312,10 @@ class SensorMatrix:
         product, a row could depend on the size of its batch.
         """
         before = (slice(None),) * (motions.ndim - 1 - axis)
-        if self._is_selection:
-            return motions.T[(*before, self._terms[0])].T
         column = [1] * motions.ndim
         column[axis] = len(self.rows)
-        total: FloatArray | None = None
-        for rows, weights in zip(self._terms, self.weights.T, strict=True):
-            motion: FloatArray = motions.T[(*before, rows)].T
-            own = None if isinstance(rows, slice) else motion  # a slice does not copy
-            part = np.multiply(motion, weights.reshape(column), out=own)
-            total = part if total is None else np.add(total, part, out=total)
-        assert total is not None  # a sensor has one term or more
-        return total
-
-    @cached_property
-    def _terms(self) -> list[Places]:
-        return [as_slice(rows) for rows in self.rows.T]
+        first, *others = (
+            motions.T[(*before, rows)].T * weights.reshape(column)
+            for rows, weights in zip(self.rows.T, self.weights.T, strict=True)
+        )
+        return sum(others, start=first)
