@@ -1,7 +1,5 @@
 """Universal files, in which programs for vibration tests exchange data."""
 
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +12,6 @@ from bayes_ssi.foundations.text_files import damage_named
 def begins_universal(head: bytes) -> bool:
     """Whether a file begins as universal files do, with the delimiter -1 of a data set."""
     return head.split(maxsplit=1)[:1] == [b"-1"]
-
-
-# Codes of directions, of which negative ones mean that a sensor points the other way.
-AXES = {1: "x", 2: "y", 3: "z"}
-
-
-def response_direction(one: Mapping[str, Any]) -> tuple[str, float] | None:
-    """The axis along which the response of a data set 58 was measured, and its sign, 1 or -1.
-
-    None where it was measured about an axis, or the direction is not stated.
-    """
-    code = int(one["rsp_dir"])
-    return (AXES[abs(code)], math.copysign(1.0, code)) if abs(code) in AXES else None
 
 
 def read_data_sets(path: Path, *numbers: int) -> list[dict[str, Any]]:

@@ -265,7 +265,14 @@ def plot_population(hierarchy: Hierarchy) -> Figure:
         ax.fill_between(grid, low, high, color=look.BLUE, alpha=0.4, linewidth=0,
                         label="centre of the population, 90 % interval")  # fmt: skip
         ax.plot(grid, middle, color=look.BLUE)
-        _draw_tests(ax, hierarchy, at, i)
+        for x, test in zip(at, tests, strict=True):
+            low, median, high = test.intervals[i]
+            label = None if test is not tests[0] else "each test by itself, 90 % interval"
+            point = ax.errorbar(
+                x, median, [[median - low], [high - median]], fmt="o", color=look.VERMILION,
+                markersize=3, linewidth=0.8, label=label,
+            )  # fmt: skip
+            look.hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")
         ax.set_ylabel(f"{parameter.name} ({parameter.unit})" if parameter.unit else parameter.name)
         look.without_math(ax.yaxis.label)
     panels[-1].set_xlabel("test" if scale is None else scale.name)
@@ -277,14 +284,3 @@ def plot_population(hierarchy: Hierarchy) -> Figure:
     panels[0].set_title(title, parse_math=False)
     look.legend_of_figure(figure, panels)
     return figure
-
-
-def _draw_tests(ax: Axes, hierarchy: Hierarchy, at: FloatArray, i: int) -> None:
-    for x, test in zip(at, hierarchy.tests, strict=True):
-        low, median, high = test.intervals[i]
-        label = None if test is not hierarchy.tests[0] else "each test by itself, 90 % interval"
-        point = ax.errorbar(
-            x, median, [[median - low], [high - median]], fmt="o", color=look.VERMILION,
-            markersize=3, linewidth=0.8, label=label,
-        )  # fmt: skip
-        look.hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")

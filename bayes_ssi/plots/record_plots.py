@@ -45,18 +45,14 @@ def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> 
                    label=None if i else "peak not identified")  # fmt: skip
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
-    of = f"over those of {found.ground!r}" if found.ground else f"(({_unit(found)})²/Hz)"
+    unit = found.record.unit
+    if found.record.quantity != "acceleration":  # into which records are turned
+        unit = f"{unit.removesuffix('/s')}/s²"
+    of = f"over those of {found.ground!r}" if found.ground else f"(({unit})²/Hz)"
     ax.set_ylabel(f"singular values {of}")
     look.title_of(ax, "Singular values of the spectral matrices")
     look.legend_below(ax, columns=4)
     return ax
-
-
-def _unit(found: ModalIdentification) -> str:
-    """Of accelerations, which records are turned into."""
-    unit = found.record.unit
-    of_length = unit.removesuffix("/s")
-    return unit if found.record.quantity == "acceleration" else f"{of_length}/s²"
 
 
 def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Axes:

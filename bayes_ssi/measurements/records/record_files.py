@@ -24,7 +24,6 @@ from bayes_ssi.foundations.universal_files import (
     begins_universal,
     has_data_set,
     read_data_sets,
-    response_direction,
 )
 from bayes_ssi.measurements.modes.table_spellings import holds_modes
 from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
@@ -39,7 +38,9 @@ from bayes_ssi.measurements.records.record import (
 from bayes_ssi.measurements.records.text_columns import read_columns_of_record
 from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
 
-# Of data sets 58, what the ordinates of time responses are.
+# Of data sets 58, codes of directions, negative where a sensor points the other way; and what the
+# ordinates of time responses are.
+AXES = {1: "x", 2: "y", 3: "z"}
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 SEISMIC = (".mseed", ".miniseed", ".msd", ".sac")
@@ -253,10 +254,10 @@ def read_universal(path: Path) -> Channels:
     rows: list[np.ndarray] = []
     names: list[str] = []
     for series in sets:
-        along = response_direction(series)
-        direction, sign = along or ("", 1.0)
-        rows.append(sign * np.real(series["data"]))
-        names.append(f"{int(series['rsp_node'])} {direction}" if along else "")
+        code = int(series["rsp_dir"])
+        axis = AXES.get(abs(code))  # none where it was measured about one, or that is not stated
+        rows.append((-1.0 if axis and code < 0 else 1.0) * np.real(series["data"]))
+        names.append(f"{int(series['rsp_node'])} {axis}" if axis else "")
     ordinates = [series["ordinate_spec_data_type"] for series in sets]
     units = [str(series["ordinate_axis_units_lab"]).strip() for series in sets]
     return Channels(
