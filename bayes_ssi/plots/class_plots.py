@@ -85,7 +85,25 @@ def plot_frequencies(
         colour = look.COLOURS[k % len(look.COLOURS)]
         # Another shift after each round of the colours: pairs of both repeat late.
         marker = look.MARKERS[(k + k // len(look.COLOURS)) % len(look.MARKERS)]
-        _draw_class(ax, data, posterior, configuration, offset, colour, marker)
+        modes, frequencies_hz = posterior.configuration(configuration)
+        updated = {each.label: each for each in modes.updated.modes}
+        name: str | None = posterior.name  # for the legend, once
+        for i, mode in enumerate(data.modes):
+            if mode.label not in modes.pairing:
+                ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
+                continue
+            if modes.inferred_pairing is not None:
+                # The number of the mode may change from draw to draw.
+                hz = np.array(updated[mode.label].after_hz)
+            else:
+                hz = np.quantile(frequencies_hz[..., modes.pairing[mode.label] - 1], LEVELS)
+            low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
+            errors = [[median - low], [high - median]]
+            point = ax.errorbar(i + offset, median, yerr=errors, fmt=marker, color=colour,
+                                markersize=4, capsize=2, label=name)  # fmt: skip
+            look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
+                  f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
+            name = None
     if any(line.get_marker() == "x" for line in ax.lines):
         ax.plot([], [], "x", color="black", markersize=6, label="called spurious")
     ax.axhline(0.0, color="black", linewidth=0.8)
@@ -99,36 +117,6 @@ def plot_frequencies(
     ax.grid(axis="y", alpha=0.3)
     look.legend_below(ax, columns=4)
     return ax
-
-
-def _draw_class(
-    ax: Axes,
-    data: ModalData,
-    posterior: Posterior,
-    configuration: str,
-    offset: float,
-    colour: str,
-    marker: str,
-) -> None:
-    modes, frequencies_hz = posterior.configuration(configuration)
-    updated = {each.label: each for each in modes.updated.modes}
-    name: str | None = posterior.name  # for the legend, once
-    for i, mode in enumerate(data.modes):
-        number = modes.pairing.get(mode.label)
-        if number is None:
-            ax.plot(i + offset, 0.0, "x", color=colour, markersize=6)
-            continue
-        if modes.inferred_pairing is not None:
-            # The number of the mode may change from draw to draw.
-            hz = np.array(updated[mode.label].after_hz)
-        else:
-            hz = np.quantile(frequencies_hz[..., number - 1], LEVELS)
-        low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
-        point = ax.errorbar(i + offset, median, yerr=[[median - low], [high - median]], fmt=marker,
-                            color=colour, markersize=4, capsize=2, label=name)  # fmt: skip
-        look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
-              f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
-        name = None
 
 
 MOST_NAMED_TESTS = 12  # whose names fit next to one another

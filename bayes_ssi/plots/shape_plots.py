@@ -68,21 +68,6 @@ def _identified(modes: UpdatedModes, mode: UpdatedMode, data: ModalData) -> Refe
     return "identified", list(identified), scale * components
 
 
-def _write_below(
-    ax: Axes, appendages: Sequence[str], places: Sequence[str], shape: Band, reach: float
-) -> None:
-    """Write below the axes the components of appendages whose intervals reach beyond them."""
-    # Adding zero turns a negative zero into a plain one.
-    rounded = np.round(np.array(shape).T, 1) + 0.0
-    names = [look.wrapped(place, look.PANEL_WIDTH, look.SMALL_TEXT) for place in places]
-    far = [
-        f"{names[i]}:\n{median:.1f}\n({low:.1f} to {high:.1f})"
-        for i, (place, (low, median, high)) in enumerate(zip(places, rounded, strict=True))
-        if place in appendages and max(-shape.low[i], shape.high[i]) >= reach
-    ]
-    ax.set_xlabel("\n".join(far), fontsize=look.SMALL_TEXT, parse_math=False)
-
-
 def plot_shape_components(
     structure: Structure | UpdatedModes | None,
     places: Sequence[str],
@@ -143,7 +128,15 @@ def plot_shape_components(
     ax.locator_params(axis="x", nbins=2)
     look.without_math(*ax.get_yticklabels())
     look.title_of(ax, title)
-    _write_below(ax, appendages, places, shape, reach)
+    far = []
+    for place in groups.get(APPENDAGES, ()):
+        low, median, high = bands[place]
+        if max(-low, high) >= reach:
+            shown = look.wrapped(place, look.PANEL_WIDTH, look.SMALL_TEXT)
+            # Adding zero turns a negative zero into a plain one.
+            low, median, high = np.round(bands[place], 1) + 0.0
+            far.append(f"{shown}:\n{median:.1f}\n({low:.1f} to {high:.1f})")
+    ax.set_xlabel("\n".join(far), fontsize=look.SMALL_TEXT, parse_math=False)
     return ax
 
 

@@ -16,7 +16,7 @@ from bayes_ssi.measurements.records.band_search import Group, modes_of, spectra_
 from bayes_ssi.measurements.records.explained_band import Explained
 from bayes_ssi.measurements.records.late_clocks import Delay, delays_of
 from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
-from bayes_ssi.measurements.records.spectra import DAMPING, Resonances, Transforms
+from bayes_ssi.measurements.records.spectra import DAMPING, Transforms
 
 PHASE_NOISE = 0.01  # at least, of components of first singular vectors
 LEAST_SHARE = 0.3  # of each half that is used
@@ -31,22 +31,19 @@ def with_halves(
     if min(half.share for half in halves) < LEAST_SHARE:
         return list(bands)
     known = modes_of(bands, len(halves[0].values))
-    return [_with_halves(band, halves, half_s, known) for band in bands]
-
-
-def _with_halves(
-    band: Explained, halves: Sequence[Transforms], half_s: float, known: Resonances
-) -> Explained:
-    modes = band.modes
-    if not band.is_wanted or modes.frequencies_hz.min() * half_s < FEWEST_CYCLES:
-        return band
-    fits: list[LocalFit] = []
-    for transforms in halves:
-        at = spectra_of_group(transforms, Group(*band.band_hz, modes, True), known)
-        if at is None:
-            return band
-        fits.append(Fitter(at, band.fit.one_source).fit(modes.in_directions(at), has_phases=True))
-    return replace(band, halves=tuple(fits))
+    found = []
+    for band in bands:
+        modes, fits = band.modes, list[LocalFit]()
+        if band.is_wanted and modes.frequencies_hz.min() * half_s >= FEWEST_CYCLES:
+            group = Group(*band.band_hz, modes, True)
+            spectra = [spectra_of_group(transforms, group, known) for transforms in halves]
+            fits = [
+                Fitter(at, band.fit.one_source).fit(modes.in_directions(at), has_phases=True)
+                for at in spectra
+                if at is not None
+            ]
+        found.append(replace(band, halves=tuple(fits)) if len(fits) == len(halves) else band)
+    return found
 
 
 def growth_by_halves(
