@@ -198,7 +198,7 @@ def with_joint_errors(
             f"modal data: covariance must be ({size}, {size}) for {m} modes at {n_sensors} "
             f"sensors, got {matrix.shape}"
         )
-    planes = _tangent_planes(modes, n_sensors)
+    planes = tangent_planes(modes, n_sensors)
     counted = np.concatenate([np.ones(m, dtype=bool), planes.any(axis=2).ravel()])
     matrix[~counted] = 0.0
     matrix[:, ~counted] = 0.0
@@ -249,7 +249,7 @@ def of_modes(covariance: FloatArray, places: Sequence[int], m: int, n: int) -> F
     return array[np.ix_(rows, rows)]
 
 
-def _tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArray:
+def tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArray:
     """Projections (m, n, n) onto the plane at right angles to each scored shape, else zero."""
     planes = np.zeros((len(modes), n_sensors, n_sensors))
     for plane, mode in zip(planes, modes, strict=True):
