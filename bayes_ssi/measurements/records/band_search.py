@@ -39,12 +39,9 @@ NATS_TO_GIVE_UP = -14.0  # of the bands that were compared
 SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
 DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
-# Reach beyond the modes: bandwidths, but no farther than a share of the frequency or fewer
-# bandwidths, and no less than a smaller share or so many lines.
-REACH_BANDWIDTHS = 7.0
-WIDEST_SHARE = 0.12
+# Reach beyond the modes: a share of the frequency, and no fewer bandwidths or lines.
+REACH = 0.12
 LEAST_BANDWIDTHS = 4.0
-NARROWEST_SHARE = 0.05
 FEWEST_LINES_OF_REACH = 40
 LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
@@ -326,12 +323,8 @@ def groups_of(
         else:
             members.append(part.tolist())
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
-    reach = np.minimum(
-        REACH_BANDWIDTHS * usual,
-        np.maximum(WIDEST_SHARE * f, least_bandwidths * usual),
-    )
-    least_reach = np.maximum(NARROWEST_SHARE * f, FEWEST_LINES_OF_REACH * transforms.line_hz)
-    reach = np.maximum(share * reach, least_reach)
+    reach = share * np.maximum(REACH * f, least_bandwidths * usual)
+    reach = reach.clip(FEWEST_LINES_OF_REACH * transforms.line_hz)
     lowest, highest = transforms.band_hz
     groups = []
     for k, group in enumerate(members):
