@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from searches import exact_modes
+from searches import COARSE, exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.run import Run
@@ -34,9 +34,9 @@ def screened_once(monkeypatch):
     monkeypatch.setattr(module, "_screened", remembered)
 
 
-def ranked(study, *names):
+def ranked(study, *names, settings=QUICK):
     chosen = load_study(MODEL_CLASSES / f"{study}.py")
-    return bs.rank(chosen.only(names) if names else chosen, settings=QUICK)
+    return bs.rank(chosen.only(names) if names else chosen, settings=settings)
 
 
 def test_the_analyst_who_misses_the_infill_is_warned():
@@ -52,7 +52,7 @@ def test_the_analyst_who_misses_the_infill_is_warned():
 
 def test_nothing_is_said_where_the_best_class_has_the_appendage():
     """Approach 3: no further appendage would change a parameter by more than its interval."""
-    comparison = ranked("shear_building", "1-a", "3").comparison
+    comparison = ranked("shear_building", "1-a", "3", settings=COARSE).comparison
     assert not comparison.unmodelled_appendage
     assert not comparison.hidden_appendage
 
@@ -105,7 +105,7 @@ def test_a_test_of_torsion_alone_has_no_places_of_appendages():
         "frame", configurations=[test("bending", bending), test("torsion", torsion)],
         error=bs.ErrorModel(0.01),
     )  # fmt: skip
-    ranking = bs.rank(bs.Study("frame", [made]), settings=QUICK)
+    ranking = bs.rank(bs.Study("frame", [made]), settings=COARSE)
     assert {each.label.split()[0] for each in hidden_appendages(ranking, Run())} <= {"bending"}
     near = module._places_near(choose_baselines(ranking.study), made, ranking.posteriors[0])
     assert list(near) == ["bending 1", "bending 2", "bending 3", "bending 4"]
@@ -115,7 +115,7 @@ def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
     (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
     antenna = bare.structure.with_element(bs.Pendulum(3, 0.01, 7.5, label="antenna"))
     made = replace(bare, configurations=(replace(bare.configurations[0], structure=antenna),))
-    comparison = bs.rank(bs.Study("with an antenna", [made]), settings=QUICK).comparison
+    comparison = bs.rank(bs.Study("with an antenna", [made]), settings=COARSE).comparison
     assert comparison.unmodelled_appendage.startswith("modes '2a' and '2b'")
 
 
@@ -142,14 +142,14 @@ def test_a_spurious_mode_is_no_appendage():
     data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
     odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
     data = replace(data, modes=(data.modes[0], odd, *data.modes[1:]))
-    ranking = bs.rank(bs.Study("one", [replace(bare, data=data)]), settings=QUICK)
+    ranking = bs.rank(bs.Study("one", [replace(bare, data=data)]), settings=COARSE)
     assert set(ranking.posteriors[0].configurations[0].pairing) == {"1", "2", "3"}
     assert not ranking.comparison.unmodelled_appendage
 
 
 def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
-    (check,) = appendage_checks(ranked("bare_building"), Run())
+    (check,) = appendage_checks(ranked("bare_building", settings=COARSE), Run())
     assert check.words.endswith("which 'bare frame' lacks; ask with a search for appendages")
 
 

@@ -10,6 +10,7 @@ import pytest
 from conftest import STOREY_STIFFNESS, multiplier
 from scipy.optimize import minimize
 from scipy.stats import binom, norm, vonmises_fisher
+from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import _parameter, adequacy
@@ -172,12 +173,12 @@ def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
     assert hint.gain > 50.0
 
 
-def test_a_wrong_pairing_is_named(model_classes):
-    right, wrong = model_classes["3"], {"1": 1, "2a": 2, "2b": 4, "3": 3}
-    words = "mode '2b' seems to be model mode 3, not model mode 4; "
-    words += "mode '3' seems to be model mode 4, not model mode 3"
-    (test,) = right.configurations
-    candidate = replace(right, configurations=[replace(test, pairing=wrong)])
+def test_a_wrong_pairing_is_named(frame, fixed_error):
+    data = exact_modes(frame, frame.degrees_of_freedom, (0.0, 6.0))
+    wrong = {"1": 1, "2": 3, "3": 2}
+    candidate = bs.ModelClass("frame", frame, data, fixed_error, pairing=wrong)
+    words = "mode '2' seems to be model mode 2, not model mode 3; "
+    words += "mode '3' seems to be model mode 3, not model mode 2"
     ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=ROUGH)
     assert f". Likely cause: {words} (gain " in ranking.comparison.best.misfit
 

@@ -18,6 +18,8 @@ from bayes_ssi.structures.modal import Modes
 from bayes_ssi.studies.ranking.diagnosis import diagnose
 
 ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
+# Of the structure itself, well beyond what emulators are asked for.
+FINER = bs.SamplingSettings(log_evidence_error=0.02, searches=2, effective_sample_size=1000)
 ONE_ROUND = RefinementSettings(most_rounds=1)
 STOREYS = 3
 TRUTH = (1.1, 0.9, 1.05)
@@ -86,7 +88,7 @@ def sampled_economically(any_pairing=False):
 @pytest.mark.parametrize("any_pairing", [False, True])
 def test_the_evidence_is_that_of_the_structure_itself_in_some_hundred_solutions(any_pairing):
     candidate, result = sampled_economically(any_pairing)
-    exact = bs.sample(of_class(BlackBox, pairing=candidate.pairing))
+    exact = bs.sample(of_class(BlackBox, pairing=candidate.pairing), settings=FINER)
     # The check of the class before it is sampled counts among the solutions.
     assert candidate.structure.n_asked == result.n_evaluations <= 150
     assert result.failed_checks == ()
@@ -112,7 +114,7 @@ def test_runs_of_different_seeds_begin_with_different_solutions():
 
 def test_points_that_fail_have_no_likelihood_and_are_named():
     """Over four seeds: one claims too small an error in one of twenty."""
-    exact = bs.sample(of_class(FailsWhereSoft)).evidence
+    exact = bs.sample(of_class(FailsWhereSoft), settings=FINER).evidence
     results = [
         bs.sample(of_class(FailsWhereSoft), seed, ECONOMICAL, refinement=ONE_ROUND)
         for seed in range(4)
@@ -126,7 +128,7 @@ def test_points_that_fail_have_no_likelihood_and_are_named():
 
 
 def test_a_model_that_jumps_within_the_posterior_is_right_or_flagged():
-    exact = bs.sample(of_class(Jumps))
+    exact = bs.sample(of_class(Jumps), settings=FINER)
     result = bs.sample(of_class(Jumps), settings=ECONOMICAL, refinement=ONE_ROUND)
     off = abs(result.evidence.log_evidence - exact.evidence.log_evidence)
     assert off <= 3.0 * math.hypot(result.evidence.error, exact.evidence.error) or (
