@@ -58,7 +58,7 @@ def test_simulated_tests_share_the_errors_that_the_class_says():
 
 
 def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
-    """As 60 more tests of each loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
+    """As 60 more tests of that loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
     building = bs.ShearBuilding((1.0,) * 2, [K * bs.Parameter(name, PRIOR) for name in NAMES[:2]])
     sizes = {"frequency_cov": 0.002, "shape_sd": 0.01}
     data = exact_modes(building, SENSORS[:2], (0.0, 9.0), **sizes)
@@ -83,9 +83,9 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     rng = np.random.default_rng(99)
     draws = rng.choice(screened.z, 60, p=screened.weights)
 
-    def share_shown(loss):
-        factors = [log_bayes_factor(changed, unchanged, z, loss, rng, {}) for z in draws]
+    def share_shown(loss, n):
+        factors = [log_bayes_factor(changed, unchanged, z, loss, rng, {}) for z in draws[:n]]
         return np.mean(np.array(factors) > np.log(odds))
 
-    assert share_shown(smallest) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))
-    assert share_shown(0.5 * smallest) < 0.35
+    assert share_shown(smallest, 60) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))
+    assert share_shown(0.5 * smallest, 20) < 0.35

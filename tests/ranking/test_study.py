@@ -1,6 +1,7 @@
 """Studies: what they accept, how they are loaded from a file, and ranking them."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from searches import COARSE
@@ -22,27 +23,8 @@ def test_only_keeps_the_order_of_the_study(model_classes):
     assert part.prior_weights == {"1-b": 2.0, "3": 4.0}
     assert (part.name, part.description) == ("s", "why")
     assert bs.Study("s", model_classes.values()).only(["2"]).prior_weights is None
-
-
-def test_an_unknown_class_is_refused(model_classes):
-    study = bs.Study("s", model_classes.values())
     with pytest.raises(ValueError, match="study 's': no model class '4'; choose from '1-a', '1-b'"):
         study.only(["3", "4"])
-
-
-@pytest.mark.parametrize(
-    "weights",
-    [{"1-a": 1.0}, {"1-a": 1.0, "1-b": 0.0}, {"1-a": 1.0, "1-b": 1.0, "x": 1.0}],
-)
-def test_bad_prior_weights_are_refused_before_anything_is_sampled(model_classes, weights):
-    """Refused when the study is made or ranked, so that no run is lost to them."""
-    classes = [model_classes["1-a"], model_classes["1-b"]]
-
-    def sampling_begins(*_):
-        pytest.fail("sampling begins")
-
-    with pytest.raises(ValueError, match="prior weight"):
-        bs.rank(bs.Study("s", classes, prior_weights=weights), run=bs.Run(progress=sampling_begins))
 
 
 @pytest.mark.parametrize(
@@ -58,17 +40,22 @@ def test_studies_that_make_no_sense_are_refused(model_classes, make, error, mess
         bs.Study("s", make(model_classes))
 
 
-def other_data(model_class):
-    return bs.ModelClass(
-        "other", model_class.structure, model_class.data.without_shapes(), model_class.error,
-        pairing=model_class.pairing,
-    )  # fmt: skip
-
-
-def test_different_data_are_refused_before_anything_is_sampled(model_classes):
-    study = bs.Study("s", [model_classes["3"], other_data(model_classes["3"])])
-    with pytest.raises(ValueError, match="study 's': model classes '3' and 'other' explain diff"):
-        bs.rank(study, run=bs.Run(progress=lambda *_: pytest.fail("sampling begins")))
+@pytest.mark.parametrize(
+    ("weights", "other_data", "message"),
+    [
+        ({"1-a": 1.0}, False, "prior weight"),
+        (None, True, "study 's': model classes '1-a' and 'other' explain diff"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_before_anything_is_sampled(
+    model_classes, weights, other_data, message
+):
+    first, second = model_classes["1-a"], model_classes["1-b"]
+    if other_data:
+        second = replace(second, name="other", data=second.data.without_shapes())
+    run = bs.Run(progress=lambda *_: pytest.fail("sampling begins"))
+    with pytest.raises(ValueError, match=message):
+        bs.rank(bs.Study("s", [first, second], prior_weights=weights), run=run)
 
 
 def test_rank(tiny_ranking, tiny_study):
