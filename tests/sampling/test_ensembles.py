@@ -48,10 +48,15 @@ def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, **kwa
     return run_ensembles(target, walkers, proposals, settings, rngs)[0]
 
 
-@pytest.mark.parametrize("share", [0.7, 0.0])
-def test_ensembles_sample_their_target(share):
-    """With and without independence proposals."""
-    ensembles = run(share=share)
+@pytest.fixture(scope="module")
+def slow():
+    """Without independence proposals."""
+    return run(share=0.0)
+
+
+@pytest.mark.parametrize("with_proposals", [True, False])
+def test_ensembles_sample_their_target(slow, with_proposals):
+    ensembles = run() if with_proposals else slow
     statistics = statistics_of(TARGET, ensembles)
     assert statistics.smallest_size >= 2000
     assert statistics.r_hat <= 1.01
@@ -82,9 +87,9 @@ def test_the_effective_sizes_are_those_that_were_asked_for():
     assert statistics_of(TARGET, many).smallest_size >= 8000
 
 
-def test_thinned_chains_still_reach_what_was_asked_for():
+def test_thinned_chains_still_reach_what_was_asked_for(slow):
     """A step in half an autocorrelation time; no steps are left out of chains that fall short."""
-    slow, settings = run(share=0.0), SamplingSettings()
+    settings = SamplingSettings()
     whole = statistics_of(TARGET, slow)
     fewer, statistics = thinned_ensembles(TARGET, slow, whole, settings)
     by = fewer[0].thinned_by
