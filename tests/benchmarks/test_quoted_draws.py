@@ -3,7 +3,7 @@
 import emcee
 import numpy as np
 import pytest
-from quoted_draws import diagnostics, share_of_emcee, watching_emcee
+from quoted_draws import share_of_emcee, watching_emcee
 
 
 @pytest.fixture(scope="module")
@@ -31,16 +31,3 @@ def test_draws_in_another_order_or_of_several_walkers_are_none(steps):
     mixed = chains.copy()
     mixed[:2, ::2] = chains[2:4, ::2]
     assert share_of_emcee(mixed, [steps]) == 0.75
-
-
-def test_diagnostics_are_those_of_the_worst_coordinate():
-    """One coordinate of independent draws, and one whose chains are apart."""
-    draws = np.random.default_rng(0).standard_normal((4, 1000, 2))
-    draws[:, :, 1] += 3.0 * np.arange(4)[:, None]
-    good, bad = (diagnostics(draws[..., [i]]) for i in (0, 1))
-    assert good["ess_bulk"] > 2000
-    assert good["r_hat"] < 1.01
-    assert diagnostics(draws) == {**bad, "ess_tail": min(good["ess_tail"], bad["ess_tail"])}
-    assert bad["ess_bulk"] < 10
-    assert bad["r_hat"] > 1.5
-    assert (bad["n_chains"], bad["n_draws"]) == (4, 4000)

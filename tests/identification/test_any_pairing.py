@@ -89,14 +89,6 @@ def test_it_is_the_sum_over_every_pairing(request, structure, data, error, ident
     assert_sums_over_every_pairing(of_request(structure), modes, error, identification)
 
 
-@pytest.mark.parametrize("size", [1, 2, 7])
-def test_a_row_is_the_same_to_the_last_bit_in_any_batch(augmented, partial_data, size):
-    model = bs.ModelClass("any", augmented, partial_data, pairing="any")
-    z = np.random.default_rng(3).standard_normal((14, len(model.parameters)))
-    parts = [model.log_likelihood_at(z[i : i + size]) for i in range(0, 14, size)]
-    assert np.concatenate(parts).tobytes() == model.log_likelihood_at(z).tobytes()
-
-
 class Crossing(Structure):
     """Two oscillators that know nothing of each other: one at 2 Hz, the other at f."""
 

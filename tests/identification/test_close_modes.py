@@ -243,20 +243,6 @@ def test_errors_below_rounding_leave_the_best_turn():
     assert -1e-26 * turned.log_means == pytest.approx(least, rel=1e-3)
 
 
-def test_means_over_turns_are_the_same_in_any_batch():
-    rng = np.random.default_rng(1)
-    models, units = rng.standard_normal((2, 2, 5, 60))
-    units /= np.sqrt((units**2).sum(axis=1, keepdims=True))
-    turning = turning_shapes(models, units, 10.0 ** rng.uniform(-2.0, -0.8, (2, 60)))
-    kappa = 10.0 ** rng.uniform(-2.0, 3.5, 60)
-    turned = Turned.of(kappa, turning)
-    for i in (0, 17, 59):
-        alone = Turned.of(kappa[[i]], turning.cases(np.array([i])))
-        assert [each[..., 0].tolist() for each in alone] == [
-            each[..., i].tolist() for each in turned
-        ]
-
-
 @pytest.mark.parametrize("pairing", [None, "any"])
 def test_it_does_not_matter_how_a_pair_of_one_frequency_is_turned(pairing):
     values = [

@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 import pickle
-import re
 
 import numpy as np
 import pytest
@@ -157,20 +156,10 @@ def test_a_field_of_the_wrong_kind_is_refused(rigid, case_c, fixed_error, field,
         build(**fields)
 
 
-@pytest.mark.parametrize(
-    ("pairing", "error", "message"),
-    [
-        ({"4": 1}, ValueError, "pairing: no identified mode '4'"),
-        ({"1": 4}, ValueError, "pairing: identified mode '1' is paired with model mode 4"),
-        ({"1": 1, "3": 1}, ValueError, "pairing: model mode 1 is paired with two"),
-        ([1, 2], TypeError, "pairing must map labels of identified modes"),
-    ],
-)
-def test_errors_begin_with_the_name_of_the_class(
-    rigid, case_c, fixed_error, pairing, error, message
-):
-    with pytest.raises(error, match=f"^model class '1-a': {re.escape(message)}"):
-        build(rigid, case_c, fixed_error, name="1-a", pairing=pairing)
+def test_errors_begin_with_the_name_of_the_class(rigid, case_c, fixed_error):
+    message = "^model class '1-a': pairing: no identified mode '4'"
+    with pytest.raises(ValueError, match=message):
+        build(rigid, case_c, fixed_error, name="1-a", pairing={"4": 1})
 
 
 def test_a_class_without_parameters_is_refused(case_c, fixed_error):

@@ -103,35 +103,6 @@ def test_a_draw_does_not_depend_on_its_batch(augmented, values, n_places):
         np.testing.assert_array_equal(together, alone)
 
 
-@pytest.mark.parametrize("dt", [0.3, 0.01, 0.0004])
-@pytest.mark.parametrize("ratio", [0.001, 0.2])
-def test_a_step_and_a_ramp_of_the_ground_have_closed_forms(oscillator, dt, ratio):
-    t = dt * np.arange(400)
-    omega = 2.0 * math.pi * 2.0
-    damped = omega * math.sqrt(1.0 - ratio**2)
-    decay = np.exp(-ratio * omega * t)
-    step = (
-        -(1.0 - decay * (np.cos(damped * t) + ratio * omega / damped * np.sin(damped * t)))
-        / omega**2
-    )
-    computed = time_histories(
-        oscillator, NO_VALUES, GroundMotion(np.ones(400), dt),
-        Output("displacement", ("floor 1",)), ratio,
-    )  # fmt: skip
-    np.testing.assert_allclose(computed[0, 0], step, atol=1e-11 * np.abs(step).max())
-    ramp = (
-        -(
-            t - 2.0 * ratio / omega
-            + decay * (2.0 * ratio / omega * np.cos(damped * t)
-                       + (2.0 * ratio**2 - 1.0) / damped * np.sin(damped * t))
-        ) / omega**2
-    )  # fmt: skip
-    computed = time_histories(
-        oscillator, NO_VALUES, GroundMotion(t, dt), Output("displacement", ("floor 1",)), ratio
-    )
-    np.testing.assert_allclose(computed[0, 0], ramp, atol=1e-10 * np.abs(ramp).max())
-
-
 def exact_history(structure, values, ratios, motion):
     """Relative displacements and absolute accelerations, by the matrix exponential.
 
@@ -159,19 +130,27 @@ def exact_history(structure, values, ratios, motion):
 
 
 @pytest.mark.parametrize(
-    ("n_samples", "dt"), [(2, 0.01), (32, 0.01), (33, 0.01), (500, 0.02), (200, 0.4)]
+    ("n_samples", "dt", "ratios"),
+    [
+        (2, 0.01, RATIOS),
+        (32, 0.01, RATIOS),
+        (33, 0.01, RATIOS),
+        (500, 0.02, RATIOS),
+        (200, 0.4, RATIOS),
+        (400, 0.0004, (0.001, 0.2, 0.001, 0.2)),
+    ],
 )
-def test_time_histories_are_exact_for_a_linear_record(augmented, values, n_samples, dt):
+def test_time_histories_are_exact_for_a_linear_record(augmented, values, n_samples, dt, ratios):
     motion = GroundMotion(1.0 + np.random.default_rng(5).standard_normal(n_samples), dt)
     everywhere = Output("displacement", augmented.degrees_of_freedom)
-    displacement = time_histories(augmented, values, motion, everywhere, RATIOS)
-    acceleration = time_histories(augmented, values, motion, Output("acceleration", FLOORS), RATIOS)
+    displacement = time_histories(augmented, values, motion, everywhere, ratios)
+    acceleration = time_histories(augmented, values, motion, Output("acceleration", FLOORS), ratios)
     drift = time_histories(
         augmented, values, motion, Output("drift", ((GROUND, "floor 1"), ("floor 1", "floor 2"))),
-        RATIOS,
+        ratios,
     )  # fmt: skip
     for row in range(3):
-        u, total = exact_history(augmented, values[row : row + 1], RATIOS, motion)
+        u, total = exact_history(augmented, values[row : row + 1], ratios, motion)
         scale = np.abs(u).max()
         np.testing.assert_allclose(displacement[row], u, atol=1e-9 * scale)
         np.testing.assert_allclose(drift[row], [u[0], u[1] - u[0]], atol=1e-9 * scale)

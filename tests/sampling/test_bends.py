@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 
 from bayes_ssi.inference.sampling.maxima import bend_along
 from bayes_ssi.inference.sampling.mixture import (
@@ -57,24 +56,6 @@ def test_a_widened_bend_follows_the_same_ridge(rng):
     bend = bend_of(rng, 2, 1, 3)
     v = REACH * rng.standard_normal((3, 30))  # some are beyond the reach
     np.testing.assert_allclose(2.0 * bend.widened(2.0).bent(v / 2.0), bend.bent(v), rtol=1e-12)
-
-
-def test_components_of_one_ridge_have_the_densities_that_each_has_alone(rng):
-    """Their polynomials are evaluated once, for components of two widths."""
-    bends = (bend_of(rng, 2, 1, 3), None, bend_of(rng, 2, 1, 2))
-    means, factors = rng.standard_normal((3, 3)), rng.standard_normal((3, 3, 3))
-    weights, tails = np.array([0.5, 0.3, 0.2]), np.full(3, 30.0)
-    bent = StudentMixture(weights, means, factors, tails, bends=bends)
-    mixture = bent.widened()
-    assert mixture.n_components == 6
-    z = 3.0 * rng.standard_normal((50, 3))
-    alone = [
-        math.log(w) + StudentMixture(np.ones(1), m[None], f[None], d[None], bends=(b,)).log_pdf(z)
-        for w, m, f, d, b in zip(
-            mixture.weights, mixture.means, mixture.factors, mixture.dof, mixture.bends, strict=True
-        )
-    ]
-    np.testing.assert_allclose(mixture.log_pdf(z), logsumexp(alone, axis=0), rtol=1e-9)
 
 
 def test_a_bend_along_points_without_noise_has_their_polynomials(rng):

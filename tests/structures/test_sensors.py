@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.structures.geometry import Sensor, SensorMatrix
+from bayes_ssi.structures.geometry import Sensor
 from bayes_ssi.structures.response import transfer_functions
 from bayes_ssi.structures.structure import Structure
 
@@ -43,35 +43,6 @@ def test_sensors_and_degrees_of_freedom_side_by_side():
     np.testing.assert_allclose(matrix.apply(shapes), dense @ shapes, rtol=1e-14)
 
 
-def test_the_likelihood_sees_what_the_sensors_see():
-    """The same modes given at centres and at corners, by a change of the data instead."""
-    names = ["a", "b", "c"]
-    sensors = [
-        bs.floor_sensor("a", 1, CORNER, "x"), bs.floor_sensor("b", 2, CORNER, "y"),
-        bs.floor_sensor("c", 2, (-1.0, 0.5), 45.0),
-    ]  # fmt: skip
-    k = bs.Parameter("k", bs.LogNormal(900.0, 0.3))
-    structure = bs.ShearBuilding3D(
-        [2.0, 1.0], [1.5, 1.5], [k] * 2, [1800.0] * 2, [5000.0] * 2, [(0.3, 0.2)] * 2
-    ).with_sensors(sensors)
-    values = np.array([[700.0], [1000.0]])
-    modes = structure.modes(values)
-    matrix = np.array([dict(s.motion).get(d, 0.0) for s in sensors
-                       for d in structure.degrees_of_freedom]).reshape(3, 6)  # fmt: skip
-    measured = np.array([1.0, -0.4, 0.3])
-    data = bs.ModalData((bs.IdentifiedMode("1", 2.5, measured),), (0.0, 20.0), names)
-    error = bs.ErrorModel(0.02, 0.1)
-    candidate = bs.ModelClass("a", structure, data, error, pairing={"1": 1})
-    result = candidate.likelihoods[0].terms(values)
-    at_sensors = matrix @ modes.shapes[:, :, 0].T
-    cosine = np.abs(measured @ at_sensors) / (
-        np.linalg.norm(measured) * np.linalg.norm(at_sensors, axis=0)
-    )
-    difference = result.shape[1, 0] - result.shape[0, 0]
-    assert difference == pytest.approx((cosine[1] - cosine[0]) / 0.1**2, rel=1e-10)
-    assert abs(difference) > 1e-3
-
-
 def test_responses_at_a_sensor_are_those_of_its_point():
     """Under ground motion, and under a force there, against the floor's own three motions."""
     structure = bs.ShearBuilding3D(
@@ -100,15 +71,6 @@ def test_responses_at_a_sensor_are_those_of_its_point():
         response(("corner",), "displacement")[0] - response(("floor 1 x",), "displacement")[0]
     )
     np.testing.assert_allclose(drift, expected, rtol=1e-12)
-
-
-def test_a_row_is_the_same_in_any_batch():
-    matrix = SensorMatrix.of([{"a": 0.3, "b": -1.7, "d": 0.1}, {"c": 1.0}], "abcd")
-    shapes = np.random.default_rng(1).standard_normal((65, 4, 3))
-    whole = matrix.apply(shapes)
-    for size in (1, 2, 7, 64):
-        parts = [matrix.apply(shapes[i : i + size]) for i in range(0, 65, size)]
-        np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 class Large(Structure):

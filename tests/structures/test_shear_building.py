@@ -24,15 +24,6 @@ def test_frequencies_of_a_uniform_building(n, mass, stiffness):
     np.testing.assert_allclose(frequencies, expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize("n", [1, 3, 7])
-def test_shapes_of_a_uniform_building(n):
-    floor, j = np.arange(1, n + 1)[:, None], np.arange(1, n + 1)
-    expected = np.sin(floor * (2 * j - 1) * np.pi / (2 * n + 1))
-    expected /= np.linalg.norm(expected, axis=0)
-    shapes = uniform(n).modes(NO_VALUES).shapes[0]
-    np.testing.assert_allclose(np.abs((shapes * expected).sum(0)), 1.0, rtol=1e-12)
-
-
 def test_storey_i_stands_below_floor_i():
     building = bs.ShearBuilding(masses=(1.0, 2.0, 3.0), stiffnesses=(10.0, 20.0, 40.0))
     stiffness = [[30.0, -20.0, 0.0], [-20.0, 60.0, -40.0], [0.0, -40.0, 40.0]]
