@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from searches import COARSE, INFILL_12, PENDULUM_1, exact_modes, screened
+from searches import INFILL_12, PENDULUM_1, exact_modes, screened
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
@@ -155,40 +155,6 @@ def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
 def test_a_share_that_is_no_probability_is_refused(share):
     with pytest.raises(ValueError, match="most_unsampled must be at least 0 and below 1"):
         SearchSettings(most_unsampled=share)
-
-
-def storeys_by_matrices(baseline):
-    """The same class with the building by its matrices, in a reduced basis."""
-    one = (math.pi / math.sin(math.pi / 14.0)) ** 2
-    storeys = []
-    for storey, k in enumerate(baseline.structure.parameters):
-        drift = np.zeros(3)
-        drift[storey] = 1.0
-        if storey:
-            drift[storey - 1] = -1.0
-        storeys.append((k, one * np.outer(drift, drift)))
-    model = bs.MatrixStructure(storeys, np.eye(3), labels=baseline.data.sensors, n_modes=3)
-    return replace(baseline, structure=model.reduced())
-
-
-@pytest.mark.usefixtures("no_motions")
-def test_a_search_by_matrices_is_that_of_the_building(bare, found_in_case_c):
-    """The same hypotheses, named by the same candidates: the evidences agree."""
-    made = storeys_by_matrices(bare)
-    first, second, _ = made.data.sensors
-    candidates = [bs.Candidate("1", first), bs.Candidate("1-2", first, to=second)]
-    settings = SearchSettings(mass=(0.001, 0.5), number_weights=(1.0, 1.0), most_sampled=1)
-    record = search(made, settings, settings=COARSE, candidates=candidates).record
-    expected = {row.name: row.screened for row in found_in_case_c.record.hypotheses}
-    assert {row.name for row in record.hypotheses} == {"no appendage", "pendulum 1", "infill 1-2"}
-    for row in record.hypotheses:
-        assert row.screened == pytest.approx(expected[row.name], abs=0.4)
-        assert row.log_evidence == pytest.approx(row.screened, abs=0.4)
-    assert record.n_unsampled == len(record.hypotheses) - 2
-    best = record.hypotheses[0]
-    assert (best.name, best.is_sampled) == ("infill 1-2", True)
-    # Of model_classes/bare_building.py, the same class and data, sampled to 0.01 nats.
-    assert best.features[0].amounts["mass"] == pytest.approx((0.046, 0.071, 0.098), rel=0.2)
 
 
 @pytest.fixture

@@ -33,9 +33,7 @@ def changed(model_class):
     return replace(model_class, identification=identification, error=error)
 
 
-@pytest.fixture(
-    params=["one test", "any pairing", "inferred errors", "two tests", "correlated errors"]
-)
+@pytest.fixture(params=["any pairing", "inferred errors", "two tests", "correlated errors"])
 def model_class(request, case_c, frame, augmented, fixed_error):
     if request.param == "two tests":
         return two_tests(case_c, frame, augmented, fixed_error)
