@@ -30,6 +30,7 @@ from bayes_ssi.measurements.records.mode_candidates import (
 )
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.spectra import Resonances, Spectra
+from bayes_ssi.measurements.records.steady_amplitudes import steady_modes
 from bayes_ssi.measurements.records.usable_motion import UsableMotion, usable_motion
 
 # ζ f T, the record's length in times in which a mode decays by e^(2π): below this the width of
@@ -257,7 +258,15 @@ def _result(
             *_clocks_at_fault(record.sensors, on_time.suspected, skewed),
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
-            *too_little_damping(quoted),
+            *_wandering_lines(
+                quoted,
+                [
+                    i in steady
+                    for explained, inside in kept
+                    for steady in [steady_modes(on_time.transforms, explained.modes)]
+                    for i in inside
+                ],
+            ),
         ),
         quoted=quoted,
         bands=tuple(bands),
@@ -334,20 +343,25 @@ def modes_to_quote(
     return kept, left_out
 
 
-def too_little_damping(quoted: ModalData) -> Iterable[str]:
+def _wandering_lines(quoted: ModalData, are_steady: Sequence[bool]) -> Iterable[str]:
     """A sentence for each mode that may be a machine's line which wanders."""
-    if len(quoted.modes) < FEWEST_DAMPINGS:
-        return
     dampings, sds = (
         np.array([getattr(mode, name) for mode in quoted.modes])
         for name in ("damping", "damping_sd")
     )
-    for i, mode in enumerate(quoted.modes):
-        usual = float(np.median(np.delete(dampings, i)))
-        if dampings[i] + 2.0 * sds[i] < LEAST_DAMPING_OVER_USUAL * usual:
+    for i, (mode, is_steady) in enumerate(zip(quoted.modes, are_steady, strict=True)):
+        why = ["its amplitude is steadier than random loads leave a mode's"] * is_steady
+        if len(dampings) >= FEWEST_DAMPINGS:
+            usual = float(np.median(np.delete(dampings, i)))
+            if dampings[i] + 2.0 * sds[i] < LEAST_DAMPING_OVER_USUAL * usual:
+                why.append(
+                    f"its damping, {100.0 * dampings[i]:.2g} %, is far below the usual "
+                    f"{100.0 * usual:.2g} %"
+                )
+        if why:
             yield (
-                f"mode at {mode.frequency_hz:.4g} Hz: its damping, {100.0 * dampings[i]:.2g} %, is "
-                f"far below the usual {100.0 * usual:.2g} %: is it a wandering line of a machine?"
+                f"mode at {mode.frequency_hz:.4g} Hz: {', and '.join(why)}: is it a wandering line "
+                "of a machine?"
             )
 
 

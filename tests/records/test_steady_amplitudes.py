@@ -1,0 +1,69 @@
+"""Lines of machines that wander: told from modes by their steady amplitude, and their damping."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from simulated_records import FRAME, simulated_record
+
+import bayes_ssi as bs
+from bayes_ssi.measurements.records.steady_amplitudes import MOST_SDS, variation
+
+SENSORS = ("floor 1", "floor 2", "floor 3")
+
+
+def phases(rng, *shape):
+    return np.exp(2j * np.pi * rng.random(shape))
+
+
+def wandering(rng, times, hz, share):
+    """A sine of constant amplitude whose frequency wanders by a share of it within a minute."""
+    kept = np.exp(-(times[1] - times[0]) / 60.0)
+    steps = np.sqrt(1.0 - kept**2) * rng.standard_normal(len(times))
+    now_hz = hz * (1.0 + share * lfilter([1.0], [1.0, -kept], steps))
+    return np.sin(2.0 * np.pi * np.cumsum(now_hz) * (times[1] - times[0]))
+
+
+def test_resonances_under_random_loads_vary_as_they_are_expected_to():
+    rng = np.random.default_rng(0)
+    for n in (15, 100):
+        x = 1.0 / (1.0 + 1j * np.linspace(-4.0, 4.0, n))
+        loads = rng.standard_normal((1000, n)) + 1j * rng.standard_normal((1000, n))
+        ratios, sds = np.transpose([variation(x * each) for each in loads])
+        assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std() / np.sqrt(1000)
+        assert (np.log(ratios) / sds).min() > -MOST_SDS
+
+
+@pytest.mark.parametrize("is_steady", [True, False])
+def test_the_variation_is_that_of_the_envelope(is_steady):
+    """Relative variances of envelopes in time, of the lines and of the same with random phases."""
+    rng, n = np.random.default_rng(1), 60
+    lines = phases(rng, n)
+    if is_steady:
+        lines = np.fft.fft(np.exp(1j * np.cumsum(rng.normal(0.0, 0.4, n))))
+    drawn = np.vstack([lines, np.abs(lines) * phases(rng, 3000, n)])
+    powers = np.abs(np.fft.ifft(np.fft.fftshift(drawn, 1), 4 * n)) ** 2
+    own, *others = powers.var(axis=1) / powers.mean(axis=1) ** 2
+    mean, sd = np.mean(others), np.std(others)
+    ratio, own_sd = variation(np.fft.fftshift(lines))
+    assert ratio == pytest.approx(own / mean, rel=4.0 * sd / mean / np.sqrt(3000))
+    # Sums of a few lines are neither quite independent nor quite exponential.
+    assert 0.6 < own_sd / (sd / mean) < 1.5
+    assert (np.log(ratio) < -MOST_SDS * own_sd) == is_steady
+
+
+def test_a_line_that_wanders_fails_a_check_and_modes_do_not():
+    rng = np.random.default_rng(2)
+    record = simulated_record(FRAME, SENSORS, rng, duration_s=600.0)
+    times = np.arange(record.n_samples) / record.rate_hz
+    line = 0.3 * record.samples.std() * wandering(rng, times, 2.2, 0.002)
+    samples = record.samples + np.array([[1.0], [0.4], [0.7]]) * line
+    disturbed = bs.Record(samples, record.rate_hz, SENSORS, record.quantity, record.unit)
+    result = bs.identify(disturbed, (0.6, 4.6))
+    said = [text for text in result.failed_checks if "a wandering line of a machine" in text]
+    assert said
+    for text in said:
+        hz = float(re.match(r"mode at ([\d.]+) Hz: its amplitude is steadier", text)[1])
+        assert abs(hz / 2.2 - 1.0) < 0.01
+    assert any("far below the usual" in text for text in said)
