@@ -63,7 +63,9 @@ def says_both(done):
     return done.exit_code == 3 and all(each in words for each in (WORDS, CHECK, NOT_IDENTIFIED))
 
 
-def test_rank(run, path):
+def test_rank(run, path, ranking, monkeypatch):
+    posteriors = list(ranking.posteriors)
+    monkeypatch.setattr("bayes_ssi.studies.questions.sample_all", lambda *_, **__: posteriors)
     done = run("rank", path, "--seed", 7, "--workers", 1)
     assert says_both(done)
     assert flat(done.stdout).index(WORDS) < done.stdout.index("The most probable")
