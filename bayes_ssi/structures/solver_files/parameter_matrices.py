@@ -199,10 +199,8 @@ def _change(powers: Powers, factors: Mapping[str, float]) -> float:
 
 
 def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]) -> sp.csc_array:
-    total = float(weights[0]) * matrices[0]
-    for weight, matrix in zip(weights[1:], matrices[1:], strict=True):
-        total = total + float(weight) * matrix
-    return sp.csc_array(total)
+    first, *others = (float(w) * matrix for w, matrix in zip(weights, matrices, strict=True))
+    return sp.csc_array(sum(others, start=first))
 
 
 @dataclass(frozen=True, eq=False)
