@@ -99,13 +99,12 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     np.testing.assert_allclose(one.shapes("1", ["floor 1"]).draws, first[:, :1], rtol=1e-12)
     # A shape points the way that it was identified, or else with its largest component upwards.
     (each,) = one.classes
+    data = each.likelihood.data
     turned, without = (
-        replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=data)),))
-        for data in (
-            replace(
-                each.data, modes=tuple(replace(mode, shape=-mode.shape) for mode in each.data.modes)
-            ),
-            each.data.without_shapes(),
+        replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=other)),))
+        for other in (
+            replace(data, modes=tuple(replace(mode, shape=-mode.shape) for mode in data.modes)),
+            data.without_shapes(),
         )
     )
     np.testing.assert_allclose(turned.shapes(2, FLOORS).draws, -second, rtol=1e-12)

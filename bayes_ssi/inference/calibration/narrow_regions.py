@@ -133,10 +133,6 @@ class PairedResiduals:
         frequency, shape = (np.sqrt(size[:, ::step] ** 2 + width**2) for size in sizes)
         return frequency, shape
 
-    def given_pairings(self, n: int) -> NDArray[np.intp]:
-        """The given pairing for each of n rows, (n, J)."""
-        return np.tile(self.given, (n, 1))
-
     def pairings(
         self,
         values: FloatArray,
@@ -147,7 +143,7 @@ class PairedResiduals:
     ) -> NDArray[np.intp]:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
         if self.inferred is None:
-            return self.given_pairings(len(values))
+            return np.tile(self.given, (len(values), 1))
         weights = self._weights(values, modes, width)
         log_ratios = np.where(considered[:, :, None], weights.log_ratios, -np.inf)
         return sample_pairings(replace(weights, log_ratios=log_ratios), rng)
@@ -314,7 +310,7 @@ class _Descents:
         self, z: FloatArray, width: float, considered: Sequence[NDArray[np.bool_]]
     ) -> list[NDArray[np.intp]]:
         if not any(test.inferred for test in self.tests):
-            return [test.given_pairings(len(z)) for test in self.tests]
+            return [np.tile(test.given, (len(z), 1)) for test in self.tests]
         tests = zip(self.tests, self._values(z), self._modes(z), considered, strict=True)
         return [
             test.pairings(values, modes, width, identified, self.rng)

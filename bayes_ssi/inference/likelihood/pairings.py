@@ -18,6 +18,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,24 +242,17 @@ def inferred_pairing(labels: Sequence[str], weights: PairingWeights) -> Inferred
     )
 
 
-@dataclass(frozen=True)
-class _Arithmetic:
+class _Arithmetic(NamedTuple):
     """Sums and products of numbers, or of numbers given by their logarithms."""
 
     add: np.ufunc
     multiply: np.ufunc
-
-    @property
-    def zero(self) -> float:
-        return float(self.add.identity)
-
-    @property
-    def one(self) -> float:
-        return float(self.multiply.identity)
+    zero: float
+    one: float
 
 
-_LINEAR = _Arithmetic(np.add, np.multiply)
-_LOG = _Arithmetic(np.logaddexp, np.add)
+_LINEAR = _Arithmetic(np.add, np.multiply, 0.0, 1.0)
+_LOG = _Arithmetic(np.logaddexp, np.add, -np.inf, 0.0)
 
 
 def _window_starts(weights: PairingWeights, with_pairs: bool = False) -> NDArray[np.intp] | None:

@@ -109,21 +109,18 @@ def sample(
             refine = partial(
                 refined, emulated, sample_class, settings.log_evidence_error, refinement
             )
-            if is_emulated:
-                return _with_solutions_counted(refine(), emulated)
-            return refine(report=partial(run.report, model_class.name))
+            if not is_emulated:
+                return refine(report=partial(run.report, model_class.name))
+            posterior = refine()
+            # Solutions of the emulated structures count, not evaluations of emulators.
+            exact = [test.structure.exact for test in emulated.configurations]
+            solved = {id(e): e.n_solved for e in exact if isinstance(e, RecordedStructure)}
+            return replace(posterior, n_evaluations=sum(solved.values()))
     except ValueError:
         if checkpoint and journal and journal.is_empty:
             # It would refuse the class once its input is corrected.
             checkpoint.remove([model_class.name])
         raise
-
-
-def _with_solutions_counted(posterior: Posterior, emulated: ModelClass) -> Posterior:
-    """The posterior with solutions of the emulated structures in place of evaluations."""
-    exact = {id(test.structure.exact): test.structure.exact for test in emulated.configurations}
-    n_solved = sum(each.n_solved for each in exact.values() if isinstance(each, RecordedStructure))
-    return replace(posterior, n_evaluations=n_solved)
 
 
 def with_emulated_structures(

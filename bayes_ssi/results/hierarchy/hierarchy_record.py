@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked, require_known
+from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.packages import versions
@@ -79,16 +79,6 @@ class Hierarchy(Displayed):
             f"{each.name!r}: {check}" for each in self.populations for check in each.failed_checks
         )
         return (*self.failed_checks, *of_populations)
-
-    def population(self, name: str) -> RankedPopulation:
-        """The population of that name.
-
-        Raises:
-            ValueError: there is none.
-        """
-        by_name = {each.name: each for each in self.populations}
-        require_known("hierarchy: no population", [name], by_name)
-        return by_name[name]
 
     def centres(self, ranked: RankedPopulation, covariate: float | None = None) -> FloatArray:
         """Draws (n_draws, k) of the population's median in the units of the parameters.

@@ -17,7 +17,6 @@ from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Requirement, Structure
 
@@ -98,10 +97,6 @@ class PosteriorDraws:
     def pairing(self) -> Mapping[str, int]:
         """Label of an identified mode → number of the model mode, from 1."""
         return self.likelihood.pairing
-
-    @property
-    def data(self) -> ModalData:
-        return self.likelihood.data
 
     @property
     def values(self) -> FloatArray:

@@ -95,7 +95,7 @@ class Predictions:
         Raises:
             ValueError: there is no such mode, or a class has no such place.
         """
-        wanted = places, self.main_places, self.classes[0].data.sensors
+        wanted = places, self.main_places, self.classes[0].likelihood.data.sensors
         labels = [label for some in wanted for label in some]
         parts = []
         for each, number in self._classes_with(mode):
@@ -165,7 +165,7 @@ class Predictions:
     def _identified_shape(self, mode: str | int) -> FloatArray | None:
         """The identified shape (n_sensors,) of a mode; None where there is none."""
         own = self.classes[0]
-        for identified in own.data.modes:
+        for identified in own.likelihood.data.modes:
             if mode in (identified.label, own.pairing.get(identified.label)):
                 return identified.unit_shape
         return None

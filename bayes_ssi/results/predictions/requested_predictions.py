@@ -366,64 +366,50 @@ def save_predictions(directory: str | Path, responses: Sequence[ResponseBands]) 
 
 
 def _tables(responses: Sequence[ResponseBands]) -> Iterator[CsvTable]:
-    request = responses[0].request
-    modes = ((each, mode) for each in responses for mode in each.modes)
-    yield (
-        "frequencies.csv",
-        ("model_class", "mode", "identified_hz", "before_hz", *BAND, "share"),
-        (
-            (each.name, mode.label, mode.identified_hz, mode.before_hz, *mode.after_hz, mode.share)
-            for each, mode in modes
-        ),
+    request, points = responses[0].request, ("model_class", "place")
+    frequencies = (
+        (each.name, *mode[:3], *mode.after_hz, mode.share)
+        for each in responses
+        for mode in each.modes
     )
+    columns = ("model_class", "mode", "identified_hz", "before_hz", *BAND, "share")
+    yield "frequencies.csv", columns, frequencies
     if responses[0].places:
-        shapes = ((each, *named) for each in responses for named in each.shapes.items())
-        yield (
-            "mode_shapes.csv",
-            ("model_class", "mode", "place", *BAND),
-            (
-                (each.name, label, *row)
-                for each, label, shape in shapes
-                for row in zip(each.places, *shape, strict=True)
-            ),
+        shapes = (
+            (each.name, label, *row)
+            for each in responses
+            for label, shape in each.shapes.items()
+            for row in zip(each.places, *shape, strict=True)
         )
+        yield "mode_shapes.csv", ("model_class", "mode", "place", *BAND), shapes
     if request.frequencies_hz is not None:
-        yield (
-            "transfer_functions.csv",
-            ("model_class", "place", "frequency_hz", *BAND),
-            (
-                (each.name, *row)
-                for each in responses
-                if each.transfer is not None
-                for row in _points(each, request.frequencies_hz, each.transfer.curves)
-            ),
+        curves = (
+            row
+            for each in responses
+            if each.transfer is not None
+            for row in _points(each, request.frequencies_hz, each.transfer.curves)
         )
+        yield "transfer_functions.csv", (*points, "frequency_hz", *BAND), curves
     if request.motions:
-        yield (
-            "time_histories.csv",
-            ("record", "model_class", "place", "time_s", *BAND),
-            (
-                (motion.name, each.name, *row)
-                for motion in request.motions
-                for each in responses
-                for row in _points(each, motion.times, each.histories[motion.name].curves)
-            ),
+        histories = (
+            (motion.name, *row)
+            for motion in request.motions
+            for each in responses
+            for row in _points(each, motion.times, each.histories[motion.name].curves)
         )
+        yield "time_histories.csv", ("record", *points, "time_s", *BAND), histories
     if request.frequencies_hz is not None or request.motions:
-        transfer = f"transfer function: {request.transfer_name}"
-        yield (
-            "peaks.csv",
-            ("model_class", "of", "unit", "place", *BAND),
-            (
-                (each.name, transfer if motion is None else f"time history: {motion}", *row)
-                for each in responses
-                for motion, *row in each.peak_rows()
-            ),
+        of_transfer = f"transfer function: {request.transfer_name}"
+        peaks = (
+            (each.name, of_transfer if motion is None else f"time history: {motion}", *row)
+            for each in responses
+            for motion, *row in each.peak_rows()
         )
+        yield "peaks.csv", ("model_class", "of", "unit", "place", *BAND), peaks
 
 
 def _points(each: ResponseBands, points: FloatArray, band: Band) -> Iterator[Sequence[object]]:
-    """Place, point, low, median and high."""
+    """Name of the class, place, point, low, median and high."""
     for i, place in enumerate(each.request.output.labels):
         for row in zip(points, *(part[i] for part in band), strict=True):
-            yield (place, *row)
+            yield (each.name, place, *row)
