@@ -8,7 +8,6 @@ import pytest
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.results.search_answer import search_sentences
 from bayes_ssi.studies.appendages.appendage_search import matched, matched_appendages, ranked_draws
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
@@ -158,11 +157,3 @@ def test_a_heaviest_mass_is_in_the_unit_of_the_structure():
     for mass in ((0.0, 1.0), (2.0, 1.0), (1.0, math.inf)):
         with pytest.raises(ValueError, match="LogUniform"):
             SearchSettings(mass=mass)
-
-
-def test_the_answer_states_the_effective_mass(found_in_case_c):
-    sentences = list(search_sentences(found_in_case_c.record, found_in_case_c.ranking.comparison))
-    said = sentences[0]
-    assert said.startswith("The appendage vibrates at 2.7")
-    assert "with an effective mass of" in said
-    assert "of the modal mass, in mode 2 of the main structure" in said

@@ -151,12 +151,6 @@ def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
     assert fake_sampling.sampled == [["no appendage", "pendulum 1"], ["pendulum 2"]]
 
 
-@pytest.mark.parametrize("share", [-0.1, 1.0, math.nan])
-def test_a_share_that_is_no_probability_is_refused(share):
-    with pytest.raises(ValueError, match="most_unsampled must be at least 0 and below 1"):
-        SearchSettings(most_unsampled=share)
-
-
 @pytest.fixture
 def screened_alone(monkeypatch):
     """Screening has known results; the efforts with their numbers of hypotheses are listed."""

@@ -37,6 +37,8 @@ WEIGHTS, PRIOR = "number_weights must be two or more positive numbers", "must be
     [
         *[("number_weights", weights, ValueError, WEIGHTS)
           for weights in ((), (1.0,), (1.0, 0.0), (math.inf, 1.0), (1.0, math.nan))],
+        *[("most_unsampled", share, ValueError, "most_unsampled must be at least 0 and below 1")
+          for share in (-0.1, 1.0, math.nan)],
         ("branches", 0, ValueError, "branches must be at least 1, got 0"),
         ("mass_ratio", None, TypeError, PRIOR),
         ("frequency", (1.0, 2.0), TypeError, PRIOR),

@@ -170,6 +170,7 @@ def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, t
     hz, effective = quantity(*appendage.frequency_hz, "Hz"), appendage.effective_mass
     assert result.reasons[0].startswith(f"The appendage vibrates at {hz}, with an effective mass")
     assert f"effective mass of {quantity(*effective)}, or " in result.reasons[0]
+    assert "of the modal mass, in mode 2 of the main structure" in result.reasons[0]
     assert result.reasons[1].startswith(
         "It is most probably an infill between floors 1 and 2 (probability "
     )
