@@ -1,12 +1,26 @@
-"""What a search finds, sampled coarsely."""
+"""What a search finds, sampled coarsely, and its tables and notes."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from searches import COARSE, INFILL_12, exact_modes
+from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
+from bayes_ssi.foundations.codec import from_record, to_record
+from bayes_ssi.report.tables.search_tables import (
+    appendage_place_table,
+    averaged_table,
+    search_notes,
+    search_table,
+    several_table,
+)
+from bayes_ssi.results.wording import quantity
+from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
+from bayes_ssi.studies.ranking.comparison import probability_text
 
 
 def test_the_hidden_infill_is_found_where_it_is_with_its_mass_and_frequency(found_in_case_c):
@@ -52,3 +66,122 @@ def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, copied_workers):
         assert own.evidence == other.evidence
         assert own.draws.tobytes() == other.draws.tobytes()
         assert own.configurations == other.configurations
+
+
+def table_of(found):
+    return search_table(found.record, found.ranking.comparison, found.ranking.study.name)
+
+
+def test_improbable_hypotheses_are_not_on_the_first_screen(found_in_case_c):
+    record = found_in_case_c.record
+    improbable = [row for row in record.hypotheses[:8] if row.features and row.probability < 1e-4]
+    assert improbable
+    table = search_table(record, found_in_case_c.ranking.comparison, "A search", 1e-4)
+    names = list(map(str, table.columns[0].cells))
+    assert len(names) == len(list(table_of(found_in_case_c).columns[0].cells)) - len(improbable)
+    assert any(name.startswith("no appendage") for name in names)
+    assert not {row.name for row in improbable} & set(names)
+
+
+@pytest.fixture
+def of_a_tall_building(fake_sampling):
+    """Twenty storeys, masses in kg, two appendages: the longest names and numbers."""
+    fake_sampling(
+        lambda model_class: (
+            10.0 * model_class.name.startswith("pendulum 20")
+            + 9.0 * ("infill 19-20" in model_class.name)
+            - 5.0
+        )
+    )
+    k = bs.Parameter("stiffness multiplier of all storeys", bs.LogNormal(1.0, 0.3))
+    structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.98),), (0.0, 6.0))
+    tower = bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={})
+    return search(bs.Study("tower", [tower], mass_unit="kg"))
+
+
+def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
+    record = of_a_tall_building.record
+    tables = [averaged_table(record), appendage_place_table(record), *several_table(record)]
+    for table in (*tables, table_of(of_a_tall_building)):
+        assert_every_cell_is_whole(table, 80)
+    assert max(map(len, search_notes(record))) <= 80
+
+
+def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
+    table = table_of(found_in_case_c)
+    rows = found_in_case_c.record.hypotheses
+    shown = [str(cell).removesuffix(" (!)") for cell in table.columns[0].cells]
+    probabilities = {row.name: row.probability for row in rows}
+    assert len(shown) == 8  # of ten
+    ordered = sorted(probabilities.values(), reverse=True)
+    assert [probabilities[name] for name in shown] == ordered[:8]
+    priors = dict(zip(shown, map(str, table.columns[1].cells), strict=True))
+    # A half; of the other, three motions and appendages at six places have half each.
+    assert priors["no appendage"] == "0.5000"
+    assert priors["motion like mode 2"] == "0.0833"
+    assert priors["infill 1-2"] == "0.0417"
+
+
+def test_masses_have_the_unit_of_the_study(of_a_tall_building):
+    record = of_a_tall_building.record
+    assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
+    for table in (appendage_place_table(record), *several_table(record)):
+        assert "vibrating mass (kg)" in [str(column.header) for column in table.columns]
+    older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
+    assert from_record(SearchRecord, older) == replace(record, mass_unit="")
+
+
+def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
+    """Among the hypotheses with one appendage: those at a place are those of one hypothesis."""
+    assert list(several_table(found_in_case_c.record)) == []
+    table = appendage_place_table(found_in_case_c.record)
+    names, probabilities, masses, frequencies = ([*map(str, c.cells)] for c in table.columns)
+    assert names[0] == "infill 1-2"
+    assert len(names) == 6
+    (row,) = [row for row in found_in_case_c.record.hypotheses if row.name == "infill 1-2"]
+    with_one = found_in_case_c.record.probability_of_any  # at most one
+    assert probabilities[0] == probability_text(row.probability / with_one)
+    (infill,) = row.features
+    assert masses[0] == quantity(*infill.amounts["mass"])
+    assert frequencies[0] == quantity(*infill.amounts["frequency_hz"])
+
+
+def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
+    rows = [row for row in of_a_tall_building.record.hypotheses if len(row.features) > 1]
+    text = "\n".join(printed(next(several_table(of_a_tall_building.record))))
+    assert quantity(*rows[0].features[1].amounts["mass"]) in text
+
+
+def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
+    record = of_a_tall_building.record
+    names, probabilities, *_ = ([*map(str, c.cells)] for c in appendage_place_table(record).columns)
+    assert len(record.matched) == 2
+    assert len(names) == 18
+    for last, appendage in zip((8, 17), record.matched, strict=True):
+        rest = [place.probability for place in appendage.places[8:]]
+        assert names[last] == f"{len(rest)} others"
+        assert probabilities[last] == probability_text(sum(rest))
+
+
+def test_the_table_always_shows_no_appendage_and_counts_what_it_leaves_out(of_a_tall_building):
+    """Eight by probability, and no appendage in addition."""
+    rows = of_a_tall_building.record.hypotheses
+    assert "no appendage" not in [row.name for row in rows[:8]]
+    assert "-5.00" in "\n".join(printed(table_of(of_a_tall_building)))
+    note = f"{len(rows) - 9} less probable hypotheses are in the saved result."
+    assert note in search_notes(of_a_tall_building.record)
+
+
+def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
+    record, table = of_a_tall_building.record, table_of(of_a_tall_building)
+    sampled = {row.name for row in of_a_tall_building.ranking.comparison.classes}
+    signed = {
+        str(name): str(evidence).startswith("≈")
+        for name, evidence in zip(table.columns[0].cells, table.columns[3].cells, strict=True)
+    }
+    assert set(signed.values()) == {True, False}
+    assert all(signed[name] == (name not in sampled) for name in signed)
+    n, n_all = len(record.hypotheses) - len(sampled), len(record.hypotheses)
+    (note,) = [note for note in search_notes(of_a_tall_building.record) if "not sampled" in note]
+    assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
