@@ -90,8 +90,9 @@ def test_screening_agrees_with_sampling_where_another_hypothesis_is_better(bare,
     result = screen((candidate, none), 5)
     assert result.log_evidence == pytest.approx(2.858, abs=0.3)
     assert result.laplace == pytest.approx(result.log_evidence, abs=1.0)
-    means = (0.987, 0.921, 1.029, 0.030, 2.775, 0.468)
-    assert result.weights @ candidate.values(result.z) == pytest.approx(means, abs=0.25)
+    means = result.weights @ candidate.values(result.z)
+    sampled, sds = (0.987, 0.921, 1.029, 0.030, 2.775, 0.468), (0.05, 0.04, 0.03, 0.009, 0.14, 0.29)
+    np.testing.assert_array_less(np.abs(means - sampled), 0.3 * np.array(sds))
 
 
 @pytest.mark.parametrize("place", [(), (INFILL_12,)])
@@ -152,7 +153,7 @@ def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
 
 
 @pytest.fixture
-def screened_alone(monkeypatch):
+def efforts(monkeypatch):
     """Screening has known results; the efforts with their numbers of hypotheses are listed."""
     calls = []
 
@@ -175,21 +176,21 @@ def of_heights(*heights, error=0.0):
     ]
 
 
-def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(screened_alone):
+def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(efforts):
     """Of forty, one has 0.95 of what all have, one 0.05 and the others a millionth."""
     heights = [0.0, math.log(0.05), *[math.log(1e-6)] * 38]
     results = screen_best(of_heights(*heights), [1.0] * 40, 1, 0, bs.Run())
     assert [each.log_evidence for each in results] == heights
-    assert screened_alone == [(QUICK, 40), (FULL, 2)]
-    screened_alone.clear()
+    assert efforts == [(QUICK, 40), (FULL, 2)]
+    efforts.clear()
     screen_best(10 * of_heights(*heights), [1.0] * 400, 2, 0, bs.Run())
-    assert screened_alone == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
-    screened_alone.clear()
+    assert efforts == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
+    efforts.clear()
     screen_best(of_heights(*heights[:30]), [1.0] * 30, 1, 0, bs.Run())
-    assert screened_alone == [(FULL, 30)]
+    assert efforts == [(FULL, 30)]
 
 
-@pytest.mark.usefixtures("screened_alone")
+@pytest.mark.usefixtures("efforts")
 @pytest.mark.parametrize(("height", "n_screened"), [(0.0, 3), (-20.0, 2)])
 def test_what_a_look_leaves_out_is_out_of_reach(monkeypatch, height, n_screened):
     """Greatest likelihoods are 5 nats above evidences; two hypotheses are screened at once."""
@@ -208,9 +209,7 @@ def test_quick_screening_agrees_with_full_screening(screenings):
     assert quick.n_evaluations < 0.3 * full.n_evaluations
 
 
-def test_those_that_matter_together_are_drawn_until_their_error_is_small(
-    monkeypatch, screened_alone
-):
+def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeypatch, efforts):
     """Of forty rough ones, those with a thousandth each and not those with a millionth."""
     drawn = []
 
@@ -222,7 +221,7 @@ def test_those_that_matter_together_are_drawn_until_their_error_is_small(
     monkeypatch.setattr("bayes_ssi.studies.search.ladder.with_more_draws", with_more_draws)
     heights = [0.0, *[math.log(1e-3)] * 5, *[math.log(1e-6)] * 34]
     results = screen_best(of_heights(*heights, error=0.3), [1.0] * 40, 2, 0, bs.Run())
-    assert screened_alone == [(QUICK, 40), (FULL, 1)]
+    assert efforts == [(QUICK, 40), (FULL, 1)]
     assert drawn == [(str(i),) for i in range(6)]
     assert [each.error for each in results] == [0.0, *[0.05] * 5, *[0.3] * 34]
     lower = [height - 0.1 for height in heights[1:6]]
