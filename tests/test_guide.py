@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from html import unescape
 
@@ -31,9 +32,13 @@ def printed(tmp_path, monkeypatch, capsys):
         (tmp_path / folder).mkdir()
     for source in (ROOT / "model_classes").iterdir():
         (tmp_path / "model_classes" / source.name).symlink_to(source)
-    # Where a chapter does not say how finely.
     for sampled in (bs.rank, bs.sample):
         monkeypatch.setattr(bs, sampled.__name__, partial(sampled, settings=COARSE), raising=False)
+
+    def coarse(error=COARSE.log_evidence_error, **given):
+        return replace(COARSE, **{"log_evidence_error": error, **given})
+
+    monkeypatch.setattr(bs, "SamplingSettings", coarse, raising=False)
 
     def run(page):
         run_page(page)

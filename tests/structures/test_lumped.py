@@ -7,8 +7,6 @@ import pytest
 
 import bayes_ssi as bs
 
-NO_VALUES = np.empty((1, 0))
-
 
 @pytest.fixture
 def fixed():
