@@ -17,7 +17,6 @@ from bayes_ssi.inference.posterior.model_at_draws import UpdatedMode, UpdatedMod
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.plots import figure_style as look
 from bayes_ssi.results.predictions.posterior_draws import Band
-from bayes_ssi.structures.modal import scaled_shapes
 from bayes_ssi.structures.structure import Structure
 
 # Of a panel, whose labels fit; with more, panels grow no taller and labels smaller.
@@ -237,10 +236,9 @@ def _shapes(data: ModalData) -> list[tuple[str, Band]]:
     """Titles, and shapes with largest component ±1 and 90 % intervals in their scale."""
     shapes = []
     for mode, of_unit_shape in zip(data.modes, half_widths(data), strict=True):
-        if mode.unit_shape is None:
+        if mode.scaled_shape is None:
             continue
-        unit = np.asarray(mode.unit_shape)[None]
-        (scaled,) = scaled_shapes(unit, unit)
+        scaled = np.asarray(mode.scaled_shape)
         half = of_unit_shape * np.linalg.norm(scaled[np.isfinite(scaled)])
         title = f"mode {mode.label}\n{mode.frequency_hz:.4g} Hz"
         shapes.append((title, Band(scaled - half, scaled, scaled + half)))

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from bayes_ssi.foundations.argument_types import repeated
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.text_files import require_name
-from bayes_ssi.structures.modal import ROUNDING
+from bayes_ssi.structures.modal import ROUNDING, scaled_shapes
 
 # Columns of a file of modes; no sensor may have one of these names.
 RESERVED_NAMES = ("label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd")
@@ -112,6 +112,16 @@ class IdentifiedMode:
         unit = real / np.sqrt(np.nansum(real**2))
         unit.setflags(write=False)
         return unit
+
+    @cached_property
+    def scaled_shape(self) -> FloatArray | None:
+        """``unit_shape`` as it is shown, with its largest component at 1 or -1."""
+        unit = self.unit_shape
+        if unit is None:
+            return None
+        scaled = scaled_shapes(unit[None], unit[None])[0]
+        scaled.setflags(write=False)
+        return scaled
 
     @cached_property
     def phase_scatter_deg(self) -> float:
