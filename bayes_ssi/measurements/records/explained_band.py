@@ -277,22 +277,19 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
     """
     kept: set[float] = set()
     while fit.modes.n_modes:
-        wrong = np.flatnonzero(~fit.are_modes).tolist() or _coinciding(fit)
+        if wrong := np.flatnonzero(~fit.are_modes).tolist() or _coinciding(fit):
+            fit = fitter.fit(fit.modes.without(wrong[0]), fit.has_phases)
+            continue
         nats = fit.model.drive.sizes(fit.modes) / fit.modes.dampings**2
-        order = wrong + [int(i) for i in np.argsort(nats) if i not in wrong]
-        for i in order:
+        for i in np.argsort(nats).tolist():
             f = float(fit.modes.frequencies_hz[i])
-            if i not in wrong:
-                if any(abs(f / other - 1.0) < 1e-3 for other in kept):
-                    continue
-                if _is_only_mode_at_a_peak(fit.modes, i, clear):
-                    kept.add(f)
-                    continue
-            without = fitter.fit(fit.modes.without(i), fit.has_phases)
-            needed = fit.log_evidence - NATS_OF_A_MODE
-            if i in wrong or without.log_evidence > needed:
-                fit = without
-                break
+            if any(abs(f / other - 1.0) < 1e-3 for other in kept):
+                continue
+            if not _is_only_mode_at_a_peak(fit.modes, i, clear):
+                without = fitter.fit(fit.modes.without(i), fit.has_phases)
+                if without.log_evidence > fit.log_evidence - NATS_OF_A_MODE:
+                    fit = without
+                    break
             kept.add(f)
         else:
             break
