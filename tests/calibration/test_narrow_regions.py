@@ -57,7 +57,7 @@ def log_evidence_near_truth(candidate, error):
 
 def searched(candidate, starts):
     target = Target(candidate.log_likelihood_at, len(candidate.parameters), suggest_starts=starts)
-    return search_maxima(target, 4, np.random.SeedSequence(0))
+    return search_maxima(target, 2, np.random.SeedSequence(0))
 
 
 def test_the_building_has_the_published_frequencies():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-import searches
+from conftest import COARSE
 
 import bayes_ssi as bs
 
@@ -143,7 +143,7 @@ def test_a_free_beam_is_ranked_and_searched():
     baseline = bs.ModelClass("beam", free, data, error, pairing="any")
     one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
     places = [bs.Candidate(place, place) for place in ("left", "middle", "right")]
-    result = bs.search(baseline, one, settings=searches.COARSE, candidates=places)
+    result = bs.search(baseline, one, settings=COARSE, candidates=places)
     assert result.record.probability_of_any > 0.99
     (pendulum,) = result.record.matched
     assert "middle" in [each.place.candidate.name for each in pendulum.places_by_data]

@@ -92,7 +92,9 @@ def test_all_kinds_are_one_model(kind):
 )
 def test_the_evidence_is_that_of_quadrature(kind, economical):
     (model_class,) = STUDY_OF(kind).model_classes
-    settings = bs.SamplingSettings(log_evidence_error=0.05, economical=economical)
+    settings = bs.SamplingSettings(
+        log_evidence_error=0.05, searches=1, effective_sample_size=400, economical=economical
+    )
     posterior = bs.sample(model_class, settings=settings)
     evidence = posterior.evidence
     assert posterior.failed_checks == ()

@@ -258,7 +258,8 @@ def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error)
 @pytest.fixture(scope="module")
 def ranking(tiny_study):
     """The tiny study's single-stiffness class over all pairings."""
-    return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), seed=7)
+    settings = bs.SamplingSettings(searches=1, effective_sample_size=400)
+    return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), 7, settings)
 
 
 def test_sampling_infers_the_pairing(ranking, tiny_ranking):

@@ -119,7 +119,7 @@ def ranking():
     # The other class does not explain the second mode of the second test.
     tests = (state(bare, BARE, "bare"), state(loaded, LOADED, "loaded", {"1": 1}))
     study = bs.Study("Two tests", [joint(), joint("first mode only", configurations=tests)])
-    return bs.rank(study, seed=3)
+    return bs.rank(study, 3, bs.SamplingSettings(searches=1, effective_sample_size=400))
 
 
 def test_evidence_by_quadrature(ranking):

@@ -75,12 +75,6 @@ def case(request):
     return CASES[request.param]
 
 
-def test_values_at_normal_coordinates_are_quantiles(case):
-    prior, scipy_prior, _ = case
-    z = stats.norm.ppf(PROBABILITIES)
-    np.testing.assert_allclose(prior.from_normal(z), scipy_prior.ppf(PROBABILITIES), rtol=1e-7)
-
-
 def test_coordinates_give_the_distribution_function(case):
     prior, scipy_prior, _ = case
     values = scipy_prior.ppf(PROBABILITIES)
@@ -140,20 +134,6 @@ def test_no_coordinate_leaves_the_bounds(name):
     assert values.max() == pytest.approx(high, rel=1e-12)
     assert np.all((values >= low) & (values <= high))
     assert np.all(np.diff(values) >= 0.0)
-
-
-def test_shapes_are_kept(case):
-    prior, _, _ = case
-    z = np.linspace(-2.0, 2.0, 6).reshape(2, 3)
-    values = prior.from_normal(z)
-    assert values.shape == prior.to_normal(values).shape == (2, 3)
-
-
-def test_lognormal_by_median_and_cov():
-    prior = LogNormal(median=3.0, cov=0.3)
-    scipy_prior = stats.lognorm(prior.log_sd, scale=3.0)
-    assert scipy_prior.std() / scipy_prior.mean() == pytest.approx(0.3, rel=1e-12)
-    assert prior.quantile(0.5) == pytest.approx(3.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(
