@@ -161,17 +161,6 @@ def test_damaged_log_likelihoods_and_all_that_follow_are_computed_again(path, co
         assert_begins_with(journal, 3)
 
 
-def test_a_journal_in_use_is_refused(path):
-    with Journal(path, RUN) as journal:
-        journal.add(*BATCHES[0])
-        for run in (RUN, {**RUN, "seed": 8}):
-            with pytest.raises(ValueError, match=r"a\.journal: another run is using this check"):
-                Journal(path, run)
-        journal.add(*BATCHES[1])
-    with Journal(path, RUN) as journal:
-        assert_begins_with(journal, 2)
-
-
 def test_a_journal_that_cannot_be_written_is_refused(path):
     with pytest.raises(OSError, match=r"a\.journal: unable to open database file"):
         Journal(path / path.name, RUN)

@@ -227,9 +227,6 @@ def test_the_command_shows_a_record_with_its_remarks(sound, tmp_path):
         f"sensor 'floor {i}': the same samples as sensor 'floor {j}'; which one is the copy?"
         for i, j in ((3, 1), (1, 3))
     ]
-    done = check(path)
-    assert done.exit_code == 2
-    assert "rate_hz, the samples per second, is not given; give it in Hz (--rate)" in done.stderr
     modes = tmp_path / "modes.csv"
     modes.write_text("# band_hz, 0, 3\nlabel,frequency_hz,a,b\n1,1.0,1,1\n", encoding="utf-8")
     done = check(modes, "--rate", 50)

@@ -145,11 +145,6 @@ def test_progress_covers_every_step_in_order():
         assert of_step[-1] == 1.0
 
 
-def test_an_impossible_likelihood():
-    with pytest.raises(ValueError, match="the likelihood is zero at all of 16000 draws"):
-        run(lambda z: np.full(len(z), -np.inf))
-
-
 @pytest.mark.parametrize(
     ("name", "what"),
     [
