@@ -115,13 +115,19 @@ def test_the_next_test(made):
     np.testing.assert_allclose(z.std(axis=0), sd, rtol=0.05)
 
 
-def test_parameters_that_are_left_out_are_independent_from_test_to_test(rankings):
-    made = bs.hierarchy(rankings, parameters=["k2"], settings=COARSE)
-    assert made.best.population.parameters[0].name == "mean of k2"
-    k1 = made.next_test(20_000)[:, 0]
+@pytest.fixture(scope="module")
+def of_k2(rankings):
+    return bs.hierarchy(
+        rankings, TEMPERATURES, parameters=["k2"], covariate_name="temperature", settings=COARSE
+    )
+
+
+def test_parameters_that_are_left_out_are_independent_from_test_to_test(of_k2):
+    assert of_k2.best.population.parameters[0].name == "mean of k2"
+    k1 = of_k2.next_test(20_000, 10.0)[:, 0]
     assert np.median(k1) == pytest.approx(1.0, abs=0.02)  # its prior
     with pytest.raises(ValueError, match="there is no covariate, got 3"):
-        made.next_test(covariate=3.0)
+        replace(of_k2, covariate=None).next_test(covariate=3.0)
 
 
 def test_a_test_that_the_class_does_not_explain_fails(rankings):
@@ -258,15 +264,16 @@ def saved(directory, monkeypatch):
 
 
 @pytest.mark.usefixtures("coarse_command")
-def test_the_command(run, saved, made):
-    command = ["hierarchy", *saved, "--covariate", "t.csv", "--next", "30", "--out", "made"]
+def test_the_command(run, saved, of_k2):
+    options = ("--covariate", "t.csv", "--parameters", "k2", "--next", "30", "--out", "made")
+    command = ["hierarchy", *saved, *options]
     done = run(*command, "--json")
     assert done.exit_code in (0, 3), done.output  # coarse as it is, the sampling may fail a check
     record = json.loads(done.stdout)
     ours = {each["name"]: each["log_evidence"] for each in record["populations"]}
     assert ours == {
         each.name: pytest.approx(each.log_evidence, abs=4.0 * (each.error + 0.02))
-        for each in made.populations
+        for each in of_k2.populations
     }
     assert Path("made/population.png").stat().st_size > 10_000
     loaded = bs.load_hierarchy("made")
