@@ -68,10 +68,10 @@ def _is_hdf5(path: Path) -> bool:
 
 def _items(file: Any) -> Iterator[tuple[str, Any]]:
     """Arrays in HDF5, in groups too, and groups that MATLAB makes of a sparse matrix."""
-    found: dict[str, Any] = {}
-    file.visititems(found.__setitem__)
-    sparse = [f"{name}/" for name, item in found.items() if "MATLAB_sparse" in item.attrs]
-    for name, item in found.items():
+    items: dict[str, Any] = {}
+    file.visititems(items.__setitem__)
+    sparse = [f"{name}/" for name, item in items.items() if "MATLAB_sparse" in item.attrs]
+    for name, item in items.items():
         # MATLAB keeps what cells hold in groups that begin so.
         if name.startswith(("#", *sparse)):
             continue

@@ -220,29 +220,29 @@ def save_scenes(ranking: Ranking, directory: Path) -> None:
 def class_scenes(model_class: ModelClass, posterior: Posterior) -> Iterator[Scene]:
     """A scene for each configuration, at the most probable parameters."""
     likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0], strict=True))
-    for test, found in zip(model_class.configurations, posterior.configurations, strict=True):
+    for test, known in zip(model_class.configurations, posterior.configurations, strict=True):
         values = np.array([likeliest[each.name] for each in test.structure.parameters])
-        yield {"name": found.name, **_class_scene(test.structure, test.data, found, values)}
+        yield {"name": known.name, **_class_scene(test.structure, test.data, known, values)}
 
 
 def _class_scene(
-    structure: Structure, data: ModalData, found: ConfigurationModes, values: FloatArray
+    structure: Structure, data: ModalData, known: ConfigurationModes, values: FloatArray
 ) -> Scene:
     """Paired modes, and the measured motion alone of identified ones that are not."""
-    drawing, row = structure.drawing(), _motions(structure, found, values)
-    moves, unknown = _moves(drawing, row, found.n_modes), np.full(found.n_modes, np.nan)
+    drawing, row = structure.drawing(), _motions(structure, known, values)
+    moves, unknown = _moves(drawing, row, known.n_modes), np.full(known.n_modes, np.nan)
     motions = structure.sensor_motions(data.sensors)
     seen = [sum(share * row.get(label, unknown) for label, share in m.items()) for m in motions]
-    at_sensors = np.array(seen).reshape(len(seen), found.n_modes)
+    at_sensors = np.array(seen).reshape(len(seen), known.n_modes)
     main = [node not in structure.appendages for node in drawing[0].nodes]
-    updated = {mode.label: mode for mode in found.updated.modes}
+    updated = {mode.label: mode for mode in known.updated.modes}
     modes = []
     for k, label in enumerate(data.labels):
         if label not in updated:
             still, note = np.zeros(moves.shape[:2]), ", not explained by this model class"
             modes.append(_mode(data, k, note, still))
             continue
-        own, i = updated[label], found.pairing[label] - 1
+        own, i = updated[label], known.pairing[label] - 1
         lengths = np.linalg.norm(moves[:, :, i], axis=1)
         largest = max(lengths[main].max(), lengths.max() / FARTHEST_APPENDAGE) or 1.0
         note = f", model {own.after_hz[1]:.4g} Hz"
@@ -253,7 +253,7 @@ def _class_scene(
 
 
 def _motions(
-    structure: Structure, found: ConfigurationModes, values: FloatArray
+    structure: Structure, known: ConfigurationModes, values: FloatArray
 ) -> dict[str, FloatArray]:
     """Degree of freedom → its components (n_modes,), from what costs one solution at most."""
     if structure.geometry is not None:
@@ -261,10 +261,10 @@ def _motions(
     elif structure.is_cheap:
         labels, shapes = structure.degrees_of_freedom, structure.modes(values[None]).shapes[0]
     else:  # posterior medians
-        labels = found.updated.places
-        shapes = np.zeros((len(labels), found.n_modes))
-        for mode in found.updated.modes:
-            shapes[:, found.pairing[mode.label] - 1] = mode.shape_after[1]
+        labels = known.updated.places
+        shapes = np.zeros((len(labels), known.n_modes))
+        for mode in known.updated.modes:
+            shapes[:, known.pairing[mode.label] - 1] = mode.shape_after[1]
     return dict(zip(labels, shapes, strict=True))
 
 

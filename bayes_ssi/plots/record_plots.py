@@ -26,55 +26,55 @@ CAPTIONS = {
 }
 
 
-def plot_singular_values(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+def plot_singular_values(identified: ModalIdentification, ax: Axes | None = None) -> Axes:
     """Singular values of the spectral matrices and of the fit's, and the modes with 90 % widths."""
     ax = _axes(ax)
-    frequencies = found.spectrum.frequencies_hz
-    measured = np.linalg.eigvalsh(found.spectrum.matrices)[:, ::-1]
+    frequencies = identified.spectrum.frequencies_hz
+    measured = np.linalg.eigvalsh(identified.spectrum.matrices)[:, ::-1]
     for k in range(measured.shape[1]):
         ax.semilogy(frequencies, measured[:, k], color=look.BLUE, linewidth=0.6, alpha=0.6,
                     label=None if k else "record")  # fmt: skip
-    for i, band in enumerate(band for band in found.bands if band.is_wanted):
+    for i, band in enumerate(band for band in identified.bands if band.is_wanted):
         ax.semilogy(band.fit.data.frequencies_hz, band.singular_values(), color=look.VERMILION,
                     linewidth=1.0)  # fmt: skip
         if i == 0:
-            ax.lines[-1].set_label(f"fit, {found.loads}")
-    _draw_modes(ax, found)
-    for i, (frequency, _) in enumerate(found.not_identified):
+            ax.lines[-1].set_label(f"fit, {identified.loads}")
+    _draw_modes(ax, identified)
+    for i, (frequency, _) in enumerate(identified.not_identified):
         ax.axvline(frequency, color=look.GREY, linewidth=0.8, linestyle=":",
                    label=None if i else "peak not identified")  # fmt: skip
     # What is far below the noise is of no interest.
     ax.set_ylim(bottom=0.3 * float(np.quantile(measured[:, min(3, measured.shape[1]) - 1], 0.02)))
-    unit = found.record.unit
-    if found.record.quantity != "acceleration":  # into which records are turned
+    unit = identified.record.unit
+    if identified.record.quantity != "acceleration":  # into which records are turned
         unit = f"{unit.removesuffix('/s')}/s²"
-    of = f"over those of {found.ground!r}" if found.ground else f"(({unit})²/Hz)"
+    of = f"over those of {identified.ground!r}" if identified.ground else f"(({unit})²/Hz)"
     ax.set_ylabel(f"singular values {of}")
     look.title_of(ax, "Singular values of the spectral matrices")
     look.legend_below(ax, columns=4)
     return ax
 
 
-def plot_stabilisation(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+def plot_stabilisation(identified: ModalIdentification, ax: Axes | None = None) -> Axes:
     """Poles of every order of each octave, and the modes with 90 % widths."""
     ax = _axes(ax)
-    frequencies, orders = found.candidates.stabilisation
+    frequencies, orders = identified.candidates.stabilisation
     ax.plot(frequencies, orders, "o", color=look.BLUE, markersize=2, label="pole")
-    _draw_modes(ax, found)
+    _draw_modes(ax, identified)
     ax.set_ylabel("order")
     look.title_of(ax, "Stabilisation of poles, octave by octave")
     look.legend_below(ax, columns=3)
     return ax
 
 
-def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) -> Axes:
+def plot_whitened_residuals(identified: ModalIdentification, ax: Axes | None = None) -> Axes:
     """What is left of each spectral matrix when it is divided by the fit's.
 
     Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
     """
 
     ax = _axes(ax)
-    parts = [band.fit.residuals() for band in found.bands if band.is_wanted]
+    parts = [band.fit.residuals() for band in identified.bands if band.is_wanted]
     n_near = max(1, sum(len(left) for _, left in parts) // 40)
     for i, (frequencies, left) in enumerate(parts):
         ax.semilogy(frequencies, left, ".", color=look.BLUE, markersize=3,
@@ -92,26 +92,26 @@ def plot_whitened_residuals(found: ModalIdentification, ax: Axes | None = None) 
     ax.yaxis.set_minor_locator(NullLocator())
     look.title_of(
         ax,
-        f"Whitened residuals: up to {found.whiteness:.2f} in a band, "
-        f"{found.allowed_whiteness:.2f} accepted there",
+        f"Whitened residuals: up to {identified.whiteness:.2f} in a band, "
+        f"{identified.allowed_whiteness:.2f} accepted there",
     )
     look.legend_below(ax, columns=2)
     return ax
 
 
-def plot_complexity(found: ModalIdentification) -> Figure:
+def plot_complexity(identified: ModalIdentification) -> Figure:
     """Phases of the motion at each quoted frequency: 0 or 180 degrees for a real mode alone.
 
     Components of the first singular vector of the nearest spectral matrix, one for each sensor; the
     outer circle is 1.
     """
-    frequencies = found.quoted.frequencies_hz
+    frequencies = identified.quoted.frequencies_hz
     # All but the ground, where that is measured.
-    channels = [i for i, name in enumerate(found.record.sensors) if name != found.ground]
+    channels = [i for i, name in enumerate(identified.record.sensors) if name != identified.ground]
     polar = {"projection": "polar"}
     figure, axes = look.panels_of(len(frequencies), 0.0, 1.9, subplot_kw=polar)
     for frequency, ax in zip(frequencies, axes, strict=True):
-        band = min(found.bands, key=lambda each: each.distance_to(frequency))
+        band = min(identified.bands, key=lambda each: each.distance_to(frequency))
         data = band.fit.data
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
         leading = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
@@ -119,7 +119,7 @@ def plot_complexity(found: ModalIdentification) -> Figure:
         motion = motion / np.linalg.norm(motion)
         motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
         motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
-        for sensor, component in zip(found.quoted.sensors, motion, strict=True):
+        for sensor, component in zip(identified.quoted.sensors, motion, strict=True):
             phase, size = np.angle(component), abs(component)
             ax.plot([phase, phase], [0.0, size], color=look.BLUE, linewidth=1.2)
             (end,) = ax.plot(phase, size, "o", color=look.BLUE, markersize=3)
@@ -131,22 +131,22 @@ def plot_complexity(found: ModalIdentification) -> Figure:
     return figure
 
 
-def save_record_figures(directory: Path, found: ModalIdentification) -> list[Path]:
+def save_record_figures(directory: Path, identified: ModalIdentification) -> list[Path]:
     """Write the figures of an identification as PNG files, and a page of shapes that move."""
     directory.mkdir(parents=True)
-    if len(found.too_short) < len(found.modes):
-        plot_moving_shapes(found.modal_data()).save(directory / MOVING)
-    return look.save_figures(directory, _figures(found))
+    if len(identified.too_short) < len(identified.modes):
+        plot_moving_shapes(identified.modal_data()).save(directory / MOVING)
+    return look.save_figures(directory, _figures(identified))
 
 
-def _figures(found: ModalIdentification) -> Iterator[look.NamedFigure]:
-    yield "singular_values", plot_singular_values(found)
-    if found.candidates.stabilisation.size:
-        yield "stabilisation", plot_stabilisation(found)
-    yield "whitened_residuals", plot_whitened_residuals(found)
-    if len(found.too_short) < len(found.modes):
-        yield "shapes", plot_identified_modes(found.modal_data())
-    yield "complexity", plot_complexity(found)
+def _figures(identified: ModalIdentification) -> Iterator[look.NamedFigure]:
+    yield "singular_values", plot_singular_values(identified)
+    if identified.candidates.stabilisation.size:
+        yield "stabilisation", plot_stabilisation(identified)
+    yield "whitened_residuals", plot_whitened_residuals(identified)
+    if len(identified.too_short) < len(identified.modes):
+        yield "shapes", plot_identified_modes(identified.modal_data())
+    yield "complexity", plot_complexity(identified)
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -155,13 +155,13 @@ def _axes(ax: Axes | None) -> Axes:
     return ax
 
 
-def _draw_modes(ax: Axes, found: ModalIdentification) -> None:
+def _draw_modes(ax: Axes, identified: ModalIdentification) -> None:
     """The modes in their band, with 90 % widths."""
-    ax.set_xlim(*found.band_hz)
-    for i, mode in enumerate(found.modes):
+    ax.set_xlim(*identified.band_hz)
+    for i, mode in enumerate(identified.modes):
         frequency, cov = mode.frequency_hz, mode.frequency_cov
         half = look.SDS_OF_90_PERCENT * cov * frequency
         ax.axvspan(frequency - half, frequency + half, color=look.ORANGE, alpha=0.6, linewidth=0)
         line = ax.axvline(frequency, color=look.ORANGE, linewidth=0.8,
-                          label=None if i else f"mode by {found.method}, 90 %")  # fmt: skip
+                          label=None if i else f"mode by {identified.method}, 90 %")  # fmt: skip
         look.hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

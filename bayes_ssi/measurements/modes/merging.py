@@ -238,7 +238,7 @@ class _Merging:
     ) -> Iterator[IdentificationSummary]:
         """Those of all tests; what one did not identify and another did is identified."""
         for name, data in self.tests.items():
-            found = [
+            identified_hz = [
                 mode.frequency_hz
                 for row, mode in zip(modes, joined, strict=True)
                 if name not in row.labels
@@ -247,7 +247,7 @@ class _Merging:
                 missing = tuple(
                     (hz, reason)
                     for hz, reason in summary.not_identified
-                    if not any(abs(hz / other - 1.0) < PEAK_WIDTH for other in found)
+                    if not any(abs(hz / other - 1.0) < PEAK_WIDTH for other in identified_hz)
                 )
                 yield replace(summary, not_identified=missing)
 

@@ -105,9 +105,9 @@ def nearest_degrees_of_freedom(
             mapped[point.name] = f"{names[i]} {point.direction}", float(distances[i])
         return mapped
 
-    found = nearest(scale)
-    labels = Counter(label for label, _ in found.values())
-    largest = max(distance for _, distance in found.values())
+    places = nearest(scale)
+    labels = Counter(label for label, _ in places.values())
+    largest = max(distance for _, distance in places.values())
     for units, factor in SCALES.items():
         others, distances = zip(*nearest(factor).values(), strict=True)
         # Distances that fall to a tenth are no matter of where nodes are.
@@ -118,9 +118,9 @@ def nearest_degrees_of_freedom(
             )
     twice = next((label for label, count in labels.items() if count > 1), None)
     if twice is not None:
-        both = " and ".join(repr(name) for name, (label, _) in found.items() if label == twice)
+        both = " and ".join(repr(name) for name, (label, _) in places.items() if label == twice)
         raise ValueError(f"sensors {both} are nearest to the same degree of freedom, {twice!r}")
-    return found
+    return places
 
 
 def _nodes(model: ExportedModel, direction: str) -> tuple[list[str], FloatArray]:

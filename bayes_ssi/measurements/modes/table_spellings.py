@@ -124,27 +124,27 @@ def columns_of(head: Line, rows: Sequence[Line]) -> list[Meaning]:
     is_stated = "label" in map(str.lower, names)  # beside it others that may be labels are not
     parts = [PART.fullmatch(name) for name in names]
     of_sensors = [(part[1], PARTS[part[2][:2].lower()]) if part else ("", "") for part in parts]
-    found, unstated = list[Meaning](), list[int]()
+    meanings, unstated = list[Meaning](), list[int]()
     for j, (name, (own, conversion), part) in enumerate(zip(names, spelled, parts, strict=True)):
         sensor, kind = of_sensors[j]
         if own and not (is_stated and own == "label" != name.lower()):
-            found.append((name, own, "whole", conversion))
+            meanings.append((name, own, "whole", conversion))
         elif part and (sensor, OTHER_PART[kind]) in of_sensors:
             in_degrees = kind == "phase" and (part[3] or "").lower() != "rad"
             unstated += [j] if in_degrees and not part[3] else []
             in_rad = (lambda phase: np.deg2rad(phase.real)) if in_degrees else np.real
-            found.append((name, sensor, kind, in_rad))
+            meanings.append((name, sensor, kind, in_rad))
         else:
-            found.append((name, name, "whole", complex))
-    first, counts = found[0], [row.cells[0] == str(i) for i, row in enumerate(rows, 1)]
+            meanings.append((name, name, "whole", complex))
+    first, counts = meanings[0], [row.cells[0] == str(i) for i, row in enumerate(rows, 1)]
     if first[1] not in RESERVED_NAMES and len(rows) > 1 and all(counts):
         raise head.error(f"column {first[0]!r} counts the modes; name it 'label'")
     if twice := repeated(
-        [f"{column} {part}".removesuffix(" whole") for _, column, part, _ in found]
+        [f"{column} {part}".removesuffix(" whole") for _, column, part, _ in meanings]
     ):
         raise head.error(f"two columns are named {twice[0]!r}")
     _require_degrees(head, rows, unstated)
-    return found
+    return meanings
 
 
 def _require_degrees(head: Line, rows: Sequence[Line], columns: Sequence[int]) -> None:

@@ -104,22 +104,22 @@ class _Band:
 
 def explain(
     transforms: Transforms,
-    found: Candidates,
+    possible: Candidates,
     band_hz: tuple[float, float],
     fixed: bool,
     is_driven: bool,
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
-    modes = found.of_peaks.beside(_between_bands(transforms, found, band_hz))
+    modes = possible.of_peaks.beside(_between_bands(transforms, possible, band_hz))
     first = _bands(transforms, modes, band_hz, NEAR_SHARE)
     # Where independent loads do not explain the spectra, one source may: as they stand, or when
     # more modes have been tried.
     one_source = is_driven or _is_one_source(first)
-    one_source, bands = _explained_by_either(first, one_source, found, fixed)
+    one_source, bands = _explained_by_either(first, one_source, possible, fixed)
     # Again, with the neighbours that are known now.
     modes = modes_of(bands, len(transforms.values))
     again = _bands(transforms, modes, band_hz)
-    one_source, bands = _explained_by_either(again, one_source, found, fixed)
+    one_source, bands = _explained_by_either(again, one_source, possible, fixed)
     modes = modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
@@ -130,26 +130,26 @@ def explain(
 
 
 def _explained_by_either(
-    bands: Sequence[_Band], one_source: bool, found: Candidates, fixed: bool
+    bands: Sequence[_Band], one_source: bool, possible: Candidates, fixed: bool
 ) -> tuple[bool, list[Explained]]:
     """Whether one source drives all, and the bands; it may where independent loads do not."""
-    explained = _all_explained(bands, one_source, found, fixed)
+    explained = _all_explained(bands, one_source, possible, fixed)
     if not one_source and _n_doubtful(explained):
-        of_one_source = _all_explained(bands, True, found, fixed)
+        of_one_source = _all_explained(bands, True, possible, fixed)
         if _n_doubtful(of_one_source) < _n_doubtful(explained):
             return True, of_one_source
     return one_source, explained
 
 
 def _between_bands(
-    transforms: Transforms, found: Candidates, band_hz: tuple[float, float]
+    transforms: Transforms, possible: Candidates, band_hz: tuple[float, float]
 ) -> Resonances:
     """Poles that many orders agree on, where no peak's band reaches."""
-    f = found.others.frequencies_hz
-    free = (found.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
-    for group in groups_of(transforms, found.of_peaks, band_hz):
+    f = possible.others.frequencies_hz
+    free = (possible.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
+    for group in groups_of(transforms, possible.of_peaks, band_hz):
         free &= (f < group.low) | (f > group.high)
-    return found.others.at(np.flatnonzero(free).tolist())
+    return possible.others.at(np.flatnonzero(free).tolist())
 
 
 def _bands(
@@ -221,7 +221,7 @@ def _n_doubtful(bands: Sequence[Explained]) -> int:
 
 
 def _all_explained(
-    bands: Sequence[_Band], one_source: bool, found: Candidates, fixed: bool
+    bands: Sequence[_Band], one_source: bool, compared: Candidates, fixed: bool
 ) -> list[Explained]:
     """Bands with their modes and peaks; without those that hold no mode.
 
@@ -240,8 +240,8 @@ def _all_explained(
         fit = _with_phases_if_needed(real, turned)
         if not fixed:
             if is_wanted:
-                fit = with_others(fitter, fit, found.poles)
-            fit = without_needless(fitter, fit, [peak for peak in found.peaks if peak.is_clear])
+                fit = with_others(fitter, fit, compared.poles)
+            fit = without_needless(fitter, fit, [peak for peak in compared.peaks if peak.is_clear])
             if not fit.modes.n_modes:
                 continue
         if fit is not real and fit is not turned:
@@ -282,14 +282,14 @@ def _peaks(
     i = 0
     while i < best.modes.n_modes:
         is_pair = share_a_peak(best.modes, i)
-        found = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
-        nats = found.nats
+        possible = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
+        nats = possible.nats
         if nats is not None:
-            if (nats > 0.0) != is_pair and found.other is not None and not fixed:
-                best, is_pair = found.other, not is_pair
+            if (nats > 0.0) != is_pair and possible.other is not None and not fixed:
+                best, is_pair = possible.other, not is_pair
             nats += max(0.0, by_phases)
         places = (i, i + 1) if is_pair else (i,)
-        peaks.append(ExplainedPeak(places, by_phases, nats, found.is_undecided))
+        peaks.append(ExplainedPeak(places, by_phases, nats, possible.is_undecided))
         i += len(peaks[-1].modes)
     return best, peaks
 

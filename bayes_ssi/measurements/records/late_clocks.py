@@ -58,7 +58,7 @@ class OnTime(NamedTuple):
 
 def explained_on_time(
     transforms: Transforms,
-    found: Candidates,
+    possible: Candidates,
     band_hz: tuple[float, float],
     fixed: bool,
     is_driven: bool,
@@ -68,7 +68,7 @@ def explained_on_time(
     removed: dict[int, Delay] = {}
     for n_left in reversed(range(MOST_SEARCHES + 1)):
         on_time = transforms.turned(seconds)
-        bands = explain(on_time, found.turned(seconds), band_hz, fixed, is_driven)
+        bands = explain(on_time, possible.turned(seconds), band_hz, fixed, is_driven)
         delays = _delays_of_bands(bands)
         sure = [delay for delay in delays if delay.is_sure]
         if not (sure and n_left):
@@ -117,7 +117,7 @@ def delays_of(
             break
         best = max(tried)
         chosen.append(left[int(np.argmax(tried))])
-    found = []
+    delays = []
     for g in (g for g in chosen if g < n):
         others = [columns[c] for c in chosen if c != g]
         rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
@@ -128,10 +128,10 @@ def delays_of(
             slope, precision = likeliest.part([place for group in groups for place in group])
             covariance = np.linalg.inv(precision)
             mean, deviation = covariance[0] @ slope, np.sqrt(covariance[0, 0])
-            found.append(
+            delays.append(
                 Delay(g, DELAY_SD_S * float(mean), DELAY_SD_S * float(deviation), probability)
             )
-    return found
+    return delays
 
 
 class _Terms(NamedTuple):

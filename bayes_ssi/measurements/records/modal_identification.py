@@ -132,7 +132,7 @@ def identify(
     motion = usable_motion(record, band, ground)
     search = _search(motion, at)
     halves = motion.halves(search.mask, search.on_time.delays_s)
-    clear = np.array([peak.frequency_hz for peak in search.found.peaks if peak.is_clear])
+    clear = np.array([peak.frequency_hz for peak in search.possible.peaks if peak.is_clear])
     bands = with_halves(search.on_time.bands, halves, 0.5 * motion.record.duration_s)
     return _result(record, motion, search, bands, skewed_clocks(halves, clear))
 
@@ -142,7 +142,7 @@ class _Search(NamedTuple):
 
     mask: FloatArray | None
     is_given: bool  # by frequencies of the caller
-    found: Candidates
+    possible: Candidates
     on_time: OnTime
     remarks: list[str]
     doubts: list[str]
@@ -182,13 +182,13 @@ def _search(motion: UsableMotion, at: Sequence[float]) -> _Search:
 
 def _searched(motion: UsableMotion, mask: FloatArray | None, at: Sequence[float]) -> _Search:
     transforms, band = motion.transforms(mask), motion.band_hz
-    found = (
+    possible = (
         given_candidates(transforms, band, at)
         if at
         else candidates(transforms, *motion.searched_hz)
     )
-    on_time = explained_on_time(transforms, found, band, bool(at), bool(motion.ground))
-    return _Search(mask, bool(at), found, on_time, [], [])
+    on_time = explained_on_time(transforms, possible, band, bool(at), bool(motion.ground))
+    return _Search(mask, bool(at), possible, on_time, [], [])
 
 
 def _result(
@@ -199,10 +199,10 @@ def _result(
     skewed: Sequence[Delay],
 ) -> ModalIdentification:
     record, band, ground = motion.record, motion.band_hz, motion.ground
-    found, on_time = search.found, search.on_time
+    possible, on_time = search.possible, search.on_time
     channels = [i for i, name in enumerate(record.sensors) if name != ground]
     kept, vague = modes_to_quote(bands, band, channels, search.is_given)
-    not_identified = peaks_without_mode(found.peaks, bands, band, [hz for hz, _ in vague])
+    not_identified = peaks_without_mode(possible.peaks, bands, band, [hz for hz, _ in vague])
     if not kept:
         raise ValueError(
             f"no mode is identified from {band[0]:g} to {band[1]:g} Hz"
@@ -270,7 +270,7 @@ def _result(
         ),
         quoted=quoted,
         bands=tuple(bands),
-        candidates=found,
+        candidates=possible,
         spectrum=on_time.transforms.spectra(*band, SHOWN_WIDTH),
         left_out=tuple(motion.left_out.items()),
         too_short=tuple(too_short),

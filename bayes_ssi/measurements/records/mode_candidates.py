@@ -157,7 +157,7 @@ class _Section:
 
     def peaks(self) -> list[tuple[Prominence, ComplexArray]]:
         """Peaks, and their singular vectors in channels."""
-        found: list[tuple[Prominence, ComplexArray]] = []
+        peaks: list[tuple[Prominence, ComplexArray]] = []
         for n_lines in FEWEST_BLOCK_LINES:
             spectra = self._spectra(n_lines, self.low)
             powers = np.einsum("k,kii->i", spectra.weights, spectra.matrices).real
@@ -165,16 +165,16 @@ class _Section:
                 for peak, vector in self._peaks_of(spectra, scales):
                     same = [
                         i
-                        for i, (other, _) in enumerate(found)
+                        for i, (other, _) in enumerate(peaks)
                         if abs(peak.frequency_hz - other.frequency_hz)
                         < max(peak.width_hz, other.width_hz)
                     ]
                     if not same:
-                        found.append((peak, vector))
+                        peaks.append((peak, vector))
                     elif peak.is_clear:
-                        known, its_vector = found[same[0]]
-                        found[same[0]] = known._replace(is_clear=True), its_vector
-        return sorted(found, key=lambda peak_and_vector: peak_and_vector[0].frequency_hz)
+                        known, its_vector = peaks[same[0]]
+                        peaks[same[0]] = known._replace(is_clear=True), its_vector
+        return sorted(peaks, key=lambda peak_and_vector: peak_and_vector[0].frequency_hz)
 
     def _peaks_of(
         self, spectra: Spectra, scales: FloatArray
@@ -199,9 +199,9 @@ class _Section:
         correlations, step_s, start_hz = self._correlations()
         n_rows, band = min(BLOCK_ROWS, (len(correlations) - 2) // 3), (self.low, self.high)
         lagged = correlations[1:]
-        found = [*poles_of_orders(lagged, step_s, start_hz, band, n_rows, HIGHEST_ORDER)]
-        f, zeta, shapes = (np.concatenate(parts, axis=-1) for parts in zip(*found, strict=True))
-        orders = np.repeat(np.arange(1, len(found) + 1), [poles.n_modes for poles in found])
+        of_orders = [*poles_of_orders(lagged, step_s, start_hz, band, n_rows, HIGHEST_ORDER)]
+        f, zeta, shapes = (np.concatenate(parts, axis=-1) for parts in zip(*of_orders, strict=True))
+        orders = np.repeat(np.arange(1, len(of_orders) + 1), [poles.n_modes for poles in of_orders])
         stabilisation = np.array([f, orders], dtype=float)
         if len(f) < 2:
             return Resonances.none(len(self.scales)), np.empty(0), stabilisation
@@ -209,7 +209,7 @@ class _Section:
         chosen, shares = [], []
         for label in range(1, labels.max() + 1):
             members = np.flatnonzero(labels == label)
-            share = len(members) / len(found)
+            share = len(members) / len(of_orders)
             if share >= LEAST_SHARE_OF_ORDERS:
                 middle = np.abs(zeta[members] - np.median(zeta[members])).argmin()
                 chosen.append(int(members[middle]))

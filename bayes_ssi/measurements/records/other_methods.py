@@ -71,9 +71,9 @@ def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     if np.isinf(apart).all(0).any() or len(set(nearest)) < len(nearest):
         named = ", ".join(f"{f:.3f}" for f in near.frequencies_hz)
         raise ValueError(f"NExT-ERA: orders do not agree on the modes at {named} Hz")
-    found = poles.at(nearest)
+    chosen = poles.at(nearest)
     return ModalData.from_arrays(
-        found.frequencies_hz, found.shapes, band_hz, record.sensors, damping=found.dampings
+        chosen.frequencies_hz, chosen.shapes, band_hz, record.sensors, damping=chosen.dampings
     )
 
 

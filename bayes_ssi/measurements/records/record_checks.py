@@ -64,12 +64,12 @@ def machine_lines(samples: FloatArray, rate_hz: float) -> FloatArray:
     stronger ones. Modes with ζ f T below 1, T the duration, look the same.
     """
     n_samples = samples.shape[1]
-    found: list[tuple[float, float]] = []
+    lines: list[tuple[float, float]] = []
     if n_samples >= 20 * LINES_AROUND:
         for group in np.array_split(samples, -(-len(samples) // SENSORS_TOGETHER) or 1):
-            found += _lines_of(group[np.ptp(group, axis=1) > 0.0])
+            lines += _lines_of(group[np.ptp(group, axis=1) > 0.0])
     strongest: list[float] = []
-    for _, line in sorted(found, reverse=True):
+    for _, line in sorted(lines, reverse=True):
         if all(abs(line - other) > HANN_SPREAD for other in strongest):
             strongest.append(line)
     return np.array(strongest) * rate_hz / n_samples
@@ -97,7 +97,7 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
     m = around - HANN_SPREAD  # windowed neighbours are alike: half of the lines count
     one_in = RECORDS_PER_CHANCE_LINE * len(lines)
     chance = fisher.isf(1.0 / one_in, 2 * n, 2 * (m - n + 1))
-    found = []
+    sines = []
     for k in np.flatnonzero(ratios > m * n / (m - n + 1) * chance):
         line, direction = int(lines[k]), directions[k].conj()
         nearby = np.abs(direction @ transforms[:, line - around : line + around + 1])
@@ -108,8 +108,8 @@ def _lines_of(samples: FloatArray) -> list[tuple[float, float]]:
         beside = max(before, after) / here
         refined = line + (2.0 * beside - 1.0) / (1.0 + beside) * (1 if after > before else -1)
         if _coherence(direction @ samples, refined) > COHERENT_SHARE:
-            found.append((float(shares[line]), refined))
-    return found
+            sines.append((float(shares[line]), refined))
+    return sines
 
 
 def _is_resonance(powers: FloatArray) -> bool:

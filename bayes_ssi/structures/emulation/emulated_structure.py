@@ -70,8 +70,8 @@ class FailingPoints:
             value = np.logaddexp(0.0, -margins).sum() + 0.5 * precision * c @ c
             return float(value), precision * c - terms.T @ (signs * expit(-margins))
 
-        found = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
-        return cls(failed, values, found.x, succeeded)
+        optimum = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
+        return cls(failed, values, optimum.x, succeeded)
 
     def votes(self, x: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the model fails (B,) at ``x`` (B, d): by the odds, and at the nearest point."""

@@ -53,7 +53,7 @@ class GaussianProcess:
         if start is not None:
             first = np.log([*start.lengths, start.noise])
         low, high = np.log([*np.outer(spread, LENGTHS), NOISE]).T
-        found = minimize(
+        optimum = minimize(
             _negative_log_likelihood,
             np.clip(first, low, high),
             (x[some], weights * y[some]),
@@ -62,7 +62,7 @@ class GaussianProcess:
             bounds=list(zip(low, high, strict=True)),
             options={"maxiter": 60 if start is None else 20},
         )
-        *lengths, noise = np.exp(found.x)
+        *lengths, noise = np.exp(optimum.x)
         return cls(x, y, np.array(lengths), float(noise))
 
     def mean(self, x: FloatArray) -> FloatArray:
