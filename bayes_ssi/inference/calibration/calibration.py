@@ -44,7 +44,8 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 MOST_STARTS = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
 SAME_MINIMUM = 1e-2  # largest distance between the ends of searches at one minimum
 EQUALLY_GOOD = 1e-7  # to about this misfits are computed: exact fits differ by less
-MOST_ROUNDS = 20  # to the nearest fit: two or three where the fit is smooth at all
+# To the prior medians, in place of the prior's 1, which moves no fit by as much.
+SLIGHT_PULL = 1e-5
 ZERO_SENSITIVITY = 1e-6  # over the largest: far below real ones, far above rounding
 
 
@@ -210,30 +211,11 @@ def distinct_minima(
         # The equally good points form a surface; the nearest of them represents it.
         worse = misfits[kept[0]] + EQUALLY_GOOD
         kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
-        nearest = _nearest_fit(problem, best)
+        # Residuals linear in the coordinates have the fit of smallest norm for its limit.
+        nearest = problem.descend(best, SLIGHT_PULL)
         if nearest is not None and problem.misfit(nearest[None])[0] < worse:
             best = nearest
     return [best, *(ends[i] for i in kept[1:])], undetermined
-
-
-def _nearest_fit(problem: CalibrationProblem, start: FloatArray) -> FloatArray | None:
-    """The fit, from near it, whose undetermined directions are at the prior median.
-
-    None where no fit is reached. For residuals linear in the standard-normal coordinates this is
-    the least-squares solution of smallest norm, by the truncated singular value decomposition.
-    """
-    z = start
-    for _ in range(MOST_ROUNDS):
-        basis = _determined(problem, z)
-        if not basis.size:
-            return np.zeros(len(z))
-        found = problem.descend(z, basis)
-        if found is None:
-            return None
-        z, last = found, z
-        if np.abs(z - last).max() < SAME_MINIMUM**2:
-            break
-    return z
 
 
 def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:

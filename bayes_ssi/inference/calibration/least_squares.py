@@ -177,37 +177,36 @@ class CalibrationProblem:
                 variances.append(np.tile(of_shapes, len(pairs.unit_shapes)))
         return np.sqrt(np.concatenate(variances))
 
-    def minimised(self, z: FloatArray) -> FloatArray:
-        """The numbers (B, ...) whose sum of squares is minimised."""
-        if not self.with_prior:
-            return self.residuals(z)
-        return np.concatenate([self.residuals(z) / self.standard_errors, z], axis=1)
+    def minimised(self, z: FloatArray, pull: float = 0.0) -> FloatArray:
+        """The numbers (B, ...) whose sum of squares is minimised; ``pull`` is as of descents."""
+        residuals = self.residuals(z)
+        if self.with_prior:
+            return np.concatenate([residuals / self.standard_errors, z], axis=1)
+        return np.concatenate([residuals, pull * z], axis=1) if pull else residuals
 
     def sensitivities(self, z: FloatArray) -> FloatArray:
         """Jacobian (m, d) of the residuals over their standard errors, at one point."""
         return central_differences(self.residuals, z) / self.standard_errors[:, None]
 
-    def descend(self, start: FloatArray, basis: FloatArray | None = None) -> FloatArray | None:
+    def descend(self, start: FloatArray, pull: float = 0.0) -> FloatArray | None:
         """The minimum reached from ``start``; None where the search leaves the model's domain.
 
-        With a ``basis`` (d, r) of orthonormal columns, the search keeps to their combinations.
+        Besides the residuals count the coordinates times ``pull``, to tell apart what these do not.
         """
         from scipy.optimize import least_squares
 
-        basis = np.eye(len(start)) if basis is None else basis
+        def minimised(z: FloatArray) -> FloatArray:
+            return self.minimised(z[None], pull)[0]
 
-        def minimised(y: FloatArray) -> FloatArray:
-            return self.minimised((basis @ y)[None])[0]
+        def jacobian(z: FloatArray) -> FloatArray:
+            return central_differences(lambda points: self.minimised(points, pull), z)
 
-        def jacobian(y: FloatArray) -> FloatArray:
-            return central_differences(self.minimised, basis @ y) @ basis
-
-        if not np.isfinite(minimised(start @ basis)).all():
+        if not np.isfinite(minimised(start)).all():
             return None
         try:
             result = least_squares(
                 minimised,
-                start @ basis,
+                start,
                 jac=jacobian,
                 bounds=(-FARTHEST, FARTHEST),
                 xtol=1e-12,
@@ -220,7 +219,7 @@ class CalibrationProblem:
         at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
         slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
         # A search that ran out of evaluations ends on a slope.
-        return None if at_bound or slope > 1e-4 else basis @ result.x
+        return None if at_bound or slope > 1e-4 else np.asarray(result.x)
 
     def misfit(self, z: FloatArray) -> FloatArray:
         """Root of what is minimised, (B,): f_ob, or that of the sum of squares with the prior."""
