@@ -44,8 +44,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 MOST_STARTS = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
 SAME_MINIMUM = 1e-2  # largest distance between the ends of searches at one minimum
 EQUALLY_GOOD = 1e-7  # to about this misfits are computed: exact fits differ by less
-# To the prior medians, in place of the prior's 1, which moves no fit by as much.
-SLIGHT_PULL = 1e-5
+SLIGHT_PULL = 1e-5  # to the prior medians; the prior's own is 1
 ZERO_SENSITIVITY = 1e-6  # over the largest: far below real ones, far above rounding
 
 
@@ -206,22 +205,17 @@ def distinct_minima(
     best = ends[kept[0]]
     undetermined = 0
     if not problem.with_prior:
-        undetermined = len(best) - _determined(problem, best).shape[1]
+        sizes = np.linalg.svd(problem.sensitivities(best), compute_uv=False)
+        undetermined = len(best) - int((sizes > ZERO_SENSITIVITY * sizes.max()).sum())
     if undetermined:
-        # The equally good points form a surface; the nearest of them represents it.
+        # The equally good points form a surface; the nearest of them represents it. A slight pull
+        # leads there: of residuals linear in the coordinates, to the solution of smallest norm.
         worse = misfits[kept[0]] + EQUALLY_GOOD
         kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
-        # Residuals linear in the coordinates have the fit of smallest norm for its limit.
         nearest = problem.descend(best, SLIGHT_PULL)
         if nearest is not None and problem.misfit(nearest[None])[0] < worse:
             best = nearest
     return [best, *(ends[i] for i in kept[1:])], undetermined
-
-
-def _determined(problem: CalibrationProblem, z: FloatArray) -> FloatArray:
-    """Orthonormal basis (d, r) of the directions that change the residuals at one point."""
-    _, sizes, rows = np.linalg.svd(problem.sensitivities(z), full_matrices=False)
-    return rows[sizes > ZERO_SENSITIVITY * sizes.max()].T
 
 
 def standard_errors(problem: CalibrationProblem, z: FloatArray) -> tuple[float, ...]:

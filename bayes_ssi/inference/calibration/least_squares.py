@@ -178,7 +178,7 @@ class CalibrationProblem:
         return np.sqrt(np.concatenate(variances))
 
     def minimised(self, z: FloatArray, pull: float = 0.0) -> FloatArray:
-        """The numbers (B, ...) whose sum of squares is minimised; ``pull`` is as of descents."""
+        """The numbers (B, ...) whose sum of squares is minimised; ``pull`` as in descents."""
         residuals = self.residuals(z)
         if self.with_prior:
             return np.concatenate([residuals / self.standard_errors, z], axis=1)
@@ -191,7 +191,7 @@ class CalibrationProblem:
     def descend(self, start: FloatArray, pull: float = 0.0) -> FloatArray | None:
         """The minimum reached from ``start``; None where the search leaves the model's domain.
 
-        Besides the residuals count the coordinates times ``pull``, to tell apart what these do not.
+        Besides the residuals, the coordinates times ``pull`` count.
         """
         from scipy.optimize import least_squares
 
