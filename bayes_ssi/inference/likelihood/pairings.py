@@ -30,6 +30,7 @@ _FLOAT = np.finfo(float)
 NEGLIGIBLE_LOG_WEIGHT = math.log(_FLOAT.eps)
 # Below this the terms of a sum lose digits, as numbers near the smallest that a float holds.
 SMALLEST_LOG = math.log(_FLOAT.tiny / _FLOAT.eps)
+MOST_ROWS = 4096  # at a time: with the states of ten modes, 32 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +98,19 @@ def log_sum(weights: PairingWeights) -> FloatArray:
 
     The pairing of nothing counts one, so it is never below zero. NaN where a ratio is NaN.
     """
-    if not weights.log_gains.size:
-        return _log_sum(weights, {})
-    total = np.empty(len(weights.log_ratios))
-    together = weights.log_gains.any(axis=(2, 3))
-    for pattern in np.unique(together, axis=0):
-        rows = np.flatnonzero((together == pattern).all(axis=1))
-        log_ratios, hz = weights.log_ratios[rows], weights.model_hz[rows]
-        gains = {int(i): weights.log_gains[rows, i] for i in np.flatnonzero(pattern)}
-        total[rows] = _log_sum(replace(weights, log_ratios=log_ratios, model_hz=hz), gains)
+    n = len(weights.log_ratios)
+    together = np.asarray(weights.log_gains.any(axis=(2, 3)))
+    groups = np.zeros(n, dtype=np.intp)  # of rows in which the same model modes turn together
+    if together.size:
+        groups = np.unique(together, axis=0, return_inverse=True)[1].ravel()
+    total = np.empty(n)
+    for group in range(groups.max(initial=-1) + 1):
+        rows = np.flatnonzero(groups == group)
+        for some in np.split(rows, range(MOST_ROWS, len(rows), MOST_ROWS)):
+            log_ratios, hz = weights.log_ratios[some], weights.model_hz[some]
+            turning = np.flatnonzero(together[some[0]]) if together.size else ()
+            gains = {int(i): weights.log_gains[some, i] for i in turning}
+            total[some] = _log_sum(replace(weights, log_ratios=log_ratios, model_hz=hz), gains)
     return total
 
 
@@ -289,35 +294,12 @@ def _sum(
 
     ``both`` has the number of a model mode that turns together with the next, and the weights
     (J, J, B) of pairing both.
-    """
-    n_rows = pairs.shape[2]
-    if starts is None and not both:  # model modes that can be no identified mode change nothing
-        pairs = pairs[(pairs != by.zero).any(axis=(1, 2))]
-    # So many rows at a time that their states, 2^16 numbers, stay in the second-level cache of a
-    # core, of half a megabyte or more.
-    step = max(2**16 >> width, 1)
-    total = np.empty(n_rows)
-    for first in range(0, n_rows, step):
-        rows = slice(first, first + step)
-        own = None if starts is None else starts[rows]
-        of_both = {i: each[:, :, rows] for i, each in both.items()}
-        total[rows] = _sum_of_rows(pairs[:, :, rows], of_both, alone[:, rows], own, width, by)
-    return total
-
-
-def _sum_of_rows(
-    pairs: FloatArray,
-    both: Mapping[int, FloatArray],
-    alone: FloatArray,
-    starts: NDArray[np.intp] | None,
-    width: int,
-    by: _Arithmetic,
-) -> FloatArray:
-    """The sum (B,) of a few rows.
 
     ``state[S, b]`` is the sum over pairings of the modes i so far that take exactly the modes j
     of the window in S, a set given by bits. States that no pairing reaches yet are left out.
     """
+    if starts is None and not both:  # model modes that can be no identified mode change nothing
+        pairs = pairs[(pairs != by.zero).any(axis=(1, 2))]
     n_rows = pairs.shape[2]
     state = np.full((2**width, n_rows), by.zero)
     state[0] = by.one
