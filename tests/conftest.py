@@ -380,13 +380,6 @@ def nothing_hangs():
     signal.signal(signal.SIGALRM, before)
 
 
-@pytest.fixture(scope="session")
-def two_workers():
-    """Two processes of this machine."""
-    with Workers(n_workers=2) as pool:
-        yield pool
-
-
 @pytest.fixture
 def copied_workers():
     """Two copies of this process, which start at once."""

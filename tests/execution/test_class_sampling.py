@@ -65,9 +65,9 @@ def alone(tiny_study):
     return sample_all(tiny_study.model_classes, 7, COARSE)
 
 
-def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_workers, shared):
+def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, copied_workers, shared):
     calls = []
-    run = bs.Run(two_workers, progress=lambda *call: calls.append(call))
+    run = bs.Run(copied_workers, progress=lambda *call: calls.append(call))
     assert_same(bs.rank(tiny_study, 7, COARSE, run).posteriors, alone)
     assert shared == set()
     for name in tiny_study.names:
@@ -76,7 +76,7 @@ def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, two_wor
         assert reports[-1] == (name, "evidence", 1.0)
 
 
-def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, two_workers):
+def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, copied_workers):
     """Through files, of which the last report is read; where there is no directory, nothing."""
     calls = []
 
@@ -89,7 +89,7 @@ def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, two_wo
         return {}
 
     monkeypatch.setattr(Workers, "try_each", try_each)
-    run = bs.Run(two_workers, progress=lambda *call: calls.append(call))
+    run = bs.Run(copied_workers, progress=lambda *call: calls.append(call))
     items = [(candidate, None) for candidate in tiny_study.model_classes]
     assert _side_by_side(items, 7, COARSE, run, None) == {}
     assert calls == [("a", "searches", 0.25), ("a", "ensembles", 0.5)], "its end is known anyway"
@@ -105,9 +105,9 @@ def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study,
     assert shared == {other.name}
 
 
-def test_one_class_shares_its_evaluations(tiny_study, alone, two_workers, shared):
+def test_one_class_shares_its_evaluations(tiny_study, alone, copied_workers, shared):
     (first, _) = tiny_study.model_classes
-    assert_same([bs.sample(first, 7, COARSE, bs.Run(two_workers))], alone[:1])
+    assert_same([bs.sample(first, 7, COARSE, bs.Run(copied_workers))], alone[:1])
     assert shared == {first.name}
 
 
@@ -133,25 +133,27 @@ def test_classes_whose_worker_died_are_sampled_all_the_same(
     assert shared
 
 
-def test_classes_in_workers_resume_from_their_checkpoints(tiny_study, alone, tmp_path, two_workers):
+def test_classes_in_workers_resume_from_their_checkpoints(
+    tiny_study, alone, tmp_path, copied_workers
+):
     """This process reports which do, since workers print nothing."""
     said = []
     checkpoint = Checkpoint(tmp_path / "c", say=said.append)
     first, second = tiny_study.model_classes
     sample_all([first], 7, COARSE, bs.Run(checkpoint=checkpoint))
     assert said == []
-    there = sample_all([first, second], 7, COARSE, bs.Run(two_workers, checkpoint))
+    there = sample_all([first, second], 7, COARSE, bs.Run(copied_workers, checkpoint))
     assert said == [f"resumes an earlier run of {first.name!r}"]
     assert_same(there, alone)
 
 
-def test_nothing_is_said_to_be_resumed_that_another_run_began(tiny_study, tmp_path, two_workers):
+def test_nothing_is_said_to_be_resumed_that_another_run_began(tiny_study, tmp_path, copied_workers):
     said = []
     checkpoint = Checkpoint(tmp_path / "c", say=said.append)
     first, second = tiny_study.model_classes
     sample_all([first], 7, COARSE, bs.Run(checkpoint=checkpoint))
     with pytest.raises(ValueError, match=r"the checkpoint of another run, with .*seed"):
-        sample_all([first, second], 8, COARSE, bs.Run(two_workers, checkpoint))
+        sample_all([first, second], 8, COARSE, bs.Run(copied_workers, checkpoint))
     assert said == []
 
 
@@ -174,11 +176,11 @@ class Fails(bs.ShearBuilding):
         raise ArithmeticError("no")
 
 
-def test_errors_of_a_class_in_a_worker_are_its_own(tiny_study, two_workers):
+def test_errors_of_a_class_in_a_worker_are_its_own(tiny_study, copied_workers):
     failing = with_structure(tiny_study.model_classes[0], Fails, "fails")
     both = [failing, tiny_study.model_classes[1]]
     with pytest.raises(ValueError, match="model class 'fails': structure Fails fails at the prior"):
-        sample_all(both, 7, COARSE, bs.Run(two_workers))
+        sample_all(both, 7, COARSE, bs.Run(copied_workers))
 
 
 class Fragile(bs.ShearBuilding):
@@ -190,9 +192,9 @@ class Fragile(bs.ShearBuilding):
         return super().modes(values)
 
 
-def test_failures_in_workers_are_reported(two_workers, tiny_study):
+def test_failures_in_workers_are_reported(copied_workers, tiny_study):
     fragile = with_structure(tiny_study.model_classes[0], Fragile, "fragile")
-    here, there = (bs.sample(fragile, 7, COARSE, bs.Run(each)) for each in (None, two_workers))
+    here, there = (bs.sample(fragile, 7, COARSE, bs.Run(each)) for each in (None, copied_workers))
     assert_same([there], [here])
     (failed,) = [check for check in there.failed_checks if "the model failed" in check]
     how_often, where = failed.split("; the first time at k = ")

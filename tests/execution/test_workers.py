@@ -87,6 +87,13 @@ study = bs.Study(
 """
 
 
+@pytest.fixture(scope="module")
+def two_workers():
+    """Two processes of this machine, whose threads end with these tests: they hinder copies."""
+    with Workers(n_workers=2) as pool:
+        yield pool
+
+
 def test_a_structure_may_be_defined_in_the_study_file(two_workers, tiny_study_file):
     with tiny_study_file.open("a") as file:
         file.write(OWN_STRUCTURE)
