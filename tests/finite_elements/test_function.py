@@ -8,6 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 import bayes_ssi as bs
+from bayes_ssi.inference.sampling.target import Target
 
 FLOORS = {"floor 1": 0, "floor 2": 1}
 
@@ -129,28 +130,21 @@ def test_each_set_of_values_is_computed_once():
     assert calls == [1.0, -1.0]
 
 
-FELL_APART = [4.0, 1.0], "at k1 = 4, k2 = 1: ZeroDivisionError: the mesh fell apart"
-NOT_FINITE = [1.0, 4.0], "at k1 = 1, k2 = 4: modes returned numbers that are not finite"
-
-
+@pytest.mark.parametrize("in_workers", [False, True])
 @pytest.mark.parametrize(
-    ("workers", "values", "message"),
-    [(None, *FELL_APART), (None, *NOT_FINITE), (2, *FELL_APART)],
-)
-def test_errors_and_nan_of_a_function_are_reported_from_workers(workers, values, message):
-    from bayes_ssi.inference.sampling.target import Target
-    from bayes_ssi.inference.workers.run import Run
-
+    ("values", "message"),
+    [([4.0, 1.0], "at k1 = 4, k2 = 1: ZeroDivisionError: the mesh fell apart"),
+     ([1.0, 4.0], "at k1 = 1, k2 = 4: modes returned numbers that are not finite")],
+)  # fmt: skip
+def test_errors_and_nan_of_a_function_are_reported(copied_workers, in_workers, values, message):
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
     candidate = bs.ModelClass(
         "f", structure(modes, ("x", "y")), data,
         bs.ErrorModel(0.01, 0.05), pairing={"1": 1},
     )  # fmt: skip
     z = importance.coordinates(candidate, [[1.0, 1.0], values])
-    run = Run(workers)
-    with run.working():
-        target = Target(candidate.log_likelihood_at, 2, run.workers)
-        likelihoods = target.log_likelihood(z)
+    target = Target(candidate.log_likelihood_at, 2, copied_workers if in_workers else None)
+    likelihoods = target.log_likelihood(z)
     assert np.isfinite(likelihoods[0])
     assert np.isneginf(likelihoods[1])
     assert message in target.first_failure[1]
