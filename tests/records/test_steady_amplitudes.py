@@ -4,11 +4,17 @@ import re
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import hilbert, lfilter
 from simulated_records import FRAME, simulated_record
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.records.steady_amplitudes import MOST_SDS, variation
+from bayes_ssi.measurements.records.spectra import Resonances, transforms_of
+from bayes_ssi.measurements.records.steady_amplitudes import (
+    FEWEST_LINES,
+    MOST_SDS,
+    steady_modes,
+    variation,
+)
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 
@@ -27,7 +33,7 @@ def wandering(rng, times, hz, share):
 
 def test_resonances_under_random_loads_vary_as_they_are_expected_to():
     rng = np.random.default_rng(0)
-    for n in (15, 100):
+    for n in (FEWEST_LINES, 15, 100):
         x = 1.0 / (1.0 + 1j * np.linspace(-4.0, 4.0, n))
         loads = rng.standard_normal((1000, n)) + 1j * rng.standard_normal((1000, n))
         ratios, sds = np.transpose([variation(x * each) for each in loads])
@@ -51,6 +57,45 @@ def test_the_variation_is_that_of_the_envelope(is_steady):
     # Sums of a few lines are neither quite independent nor quite exponential.
     assert 0.6 < own_sd / (sd / mean) < 1.5
     assert (np.log(ratio) < -MOST_SDS * own_sd) == is_steady
+
+
+def sensed(motions, shapes):
+    """Lines of a record whose sensors sense motions (m, N), at 20 Hz, by complex shapes (n, m)."""
+    turned = [shapes[:, [i]] * hilbert(motion) for i, motion in enumerate(motions)]
+    samples = sum(turned).real
+    sensors = tuple(f"s{i}" for i in range(len(samples)))
+    return transforms_of(bs.Record(samples, 20.0, sensors, "acceleration", "m/s2"), (1.0, 3.0))
+
+
+TIMES = np.arange(12_000) / 20.0
+LINE = np.array([1.0, 0.5 - 0.6j, -0.3 + 0.2j])
+
+
+def resonant(rng, hz, damping):
+    """A mode's motion under random loads, of about unit size."""
+    at = np.fft.rfftfreq(len(TIMES), 0.05)
+    response = 1.0 / (hz**2 - at**2 + 2j * damping * hz * at)
+    motion = np.fft.irfft(np.fft.rfft(rng.standard_normal(len(TIMES))) * response)
+    return motion / motion.std()
+
+
+def test_a_line_is_seen_beneath_a_stronger_mode_of_another_shape():
+    rng = np.random.default_rng(3)
+    mode, shapes = np.array([0.4, 1.0, 0.7j]), np.empty((3, 2), complex)
+    shapes.T[:] = mode / np.linalg.norm(mode), LINE / np.linalg.norm(LINE)
+    motions = [resonant(rng, 2.0, 0.005), 0.4 * wandering(rng, TIMES, 2.01, 0.001)]
+    both = Resonances(np.array([2.0, 2.01]), np.array([0.005, 0.001]), shapes)
+    assert steady_modes(sensed(motions, shapes), both) == [1]
+
+
+def test_a_line_that_two_modes_explain_is_steady_over_both():
+    """It is in the band of the one or of the other, where its amplitude is not steady at all."""
+    rng = np.random.default_rng(6)
+    shapes = np.repeat(LINE[:, None], 2, axis=1) / np.linalg.norm(LINE)
+    line = sensed([wandering(rng, TIMES, 2.0, 0.006)], shapes[:, :1])
+    modes = Resonances(np.array([1.985, 2.015]), np.array([0.002, 0.002]), shapes)
+    assert steady_modes(line, modes) == [0, 1]
+    assert steady_modes(line, modes.at([0])) == []
 
 
 def test_a_line_that_wanders_fails_a_check_and_modes_do_not():

@@ -221,7 +221,7 @@ def _n_doubtful(bands: Sequence[Explained]) -> int:
 
 
 def _all_explained(
-    bands: Sequence[_Band], one_source: bool, compared: Candidates, fixed: bool
+    bands: Sequence[_Band], one_source: bool, possible: Candidates, fixed: bool
 ) -> list[Explained]:
     """Bands with their modes and peaks; without those that hold no mode.
 
@@ -240,8 +240,8 @@ def _all_explained(
         fit = _with_phases_if_needed(real, turned)
         if not fixed:
             if is_wanted:
-                fit = with_others(fitter, fit, compared.poles)
-            fit = without_needless(fitter, fit, [peak for peak in compared.peaks if peak.is_clear])
+                fit = with_others(fitter, fit, possible.poles)
+            fit = without_needless(fitter, fit, [peak for peak in possible.peaks if peak.is_clear])
             if not fit.modes.n_modes:
                 continue
         if fit is not real and fit is not turned:
@@ -282,14 +282,14 @@ def _peaks(
     i = 0
     while i < best.modes.n_modes:
         is_pair = share_a_peak(best.modes, i)
-        possible = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
-        nats = possible.nats
+        compared = (one_in_place_of if is_pair else two_in_place_of)(fitter, best, i)
+        nats = compared.nats
         if nats is not None:
-            if (nats > 0.0) != is_pair and possible.other is not None and not fixed:
-                best, is_pair = possible.other, not is_pair
+            if (nats > 0.0) != is_pair and compared.other is not None and not fixed:
+                best, is_pair = compared.other, not is_pair
             nats += max(0.0, by_phases)
         places = (i, i + 1) if is_pair else (i,)
-        peaks.append(ExplainedPeak(places, by_phases, nats, possible.is_undecided))
+        peaks.append(ExplainedPeak(places, by_phases, nats, compared.is_undecided))
         i += len(peaks[-1].modes)
     return best, peaks
 

@@ -31,7 +31,7 @@ def with_halves(
     if min(half.share for half in halves) < LEAST_SHARE:
         return list(bands)
     known = modes_of(bands, len(halves[0].values))
-    found = []
+    fitted = []
     for band in bands:
         modes, fits = band.modes, list[LocalFit]()
         if band.is_wanted and modes.frequencies_hz.min() * half_s >= FEWEST_CYCLES:
@@ -42,8 +42,8 @@ def with_halves(
                 for at in spectra
                 if at is not None
             ]
-        found.append(replace(band, halves=tuple(fits)) if len(fits) == len(halves) else band)
-    return found
+        fitted.append(replace(band, halves=tuple(fits)) if len(fits) == len(halves) else band)
+    return fitted
 
 
 def growth_by_halves(

@@ -29,7 +29,7 @@ from bayes_ssi.measurements.records.mode_candidates import (
     given_candidates,
 )
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.spectra import Resonances, Spectra
+from bayes_ssi.measurements.records.spectra import Resonances, Spectra, Transforms
 from bayes_ssi.measurements.records.steady_amplitudes import steady_modes
 from bayes_ssi.measurements.records.usable_motion import UsableMotion, usable_motion
 
@@ -258,15 +258,7 @@ def _result(
             *_clocks_at_fault(record.sensors, on_time.suspected, skewed),
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
-            *_wandering_lines(
-                quoted,
-                [
-                    i in steady
-                    for explained, inside in kept
-                    for steady in [steady_modes(on_time.transforms, explained.modes)]
-                    for i in inside
-                ],
-            ),
+            *_wandering_lines(quoted, kept, on_time.transforms),
         ),
         quoted=quoted,
         bands=tuple(bands),
@@ -343,8 +335,12 @@ def modes_to_quote(
     return kept, left_out
 
 
-def _wandering_lines(quoted: ModalData, are_steady: Sequence[bool]) -> Iterable[str]:
+def _wandering_lines(
+    quoted: ModalData, kept: list[tuple[Explained, list[int]]], transforms: Transforms
+) -> Iterable[str]:
     """A sentence for each mode that may be a machine's line which wanders."""
+    steady = ((steady_modes(transforms, band.modes), inside) for band, inside in kept)
+    are_steady = [i in places for places, inside in steady for i in inside]
     dampings, sds = (
         np.array([getattr(mode, name) for mode in quoted.modes])
         for name in ("damping", "damping_sd")
