@@ -44,6 +44,10 @@ def test_the_likelihood_of_a_population_is_a_normal_density_of_the_data(fits, va
     ours = of_tests(fits, kind, values)
     np.testing.assert_allclose(ours, expected, atol=1e-8)
     np.testing.assert_array_equal(of_tests(fits, kind, values[4:5])[0], ours[4])
+    # Where a prior ends the last parameter is infinite, and nothing else changes.
+    values[2, -1] = np.inf
+    expected[2] = -np.inf
+    np.testing.assert_allclose(of_tests(fits, kind, values), expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(("varies", "follows"), KINDS)

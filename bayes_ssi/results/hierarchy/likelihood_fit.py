@@ -58,11 +58,13 @@ def _shares(parts: FloatArray) -> tuple[FloatArray, FloatArray]:
 def mapped(forms: FloatArray, origins: FloatArray, units: FloatArray) -> FloatArray:
     """Forms (..., d + 1, d + 1) of x, where those given are of z = origin + unit·x, (..., d)."""
     d = forms.shape[-1] - 1
-    maps = np.zeros((*np.broadcast_shapes(origins.shape, units.shape)[:-1], d + 1, d + 1))
-    maps[..., :d, d] = origins
-    maps[..., range(d), range(d)] = units
-    maps[..., d, d] = 1.0
-    return maps.swapaxes(-1, -2) @ forms @ maps
+    squares, slopes = forms[..., :d, :d], forms[..., d, :d]
+    at_origin = np.einsum("...ij,...j->...i", squares, origins) + slopes
+    x = np.empty((*np.broadcast_shapes(at_origin.shape, units.shape)[:-1], d + 1, d + 1))
+    x[..., :d, :d] = units[..., :, None] * squares * units[..., None, :]
+    x[..., d, :d] = x[..., :d, d] = units * at_origin
+    x[..., d, d] = ((at_origin + slopes) * origins).sum(axis=-1) + forms[..., d, d]
+    return x
 
 
 def standard_form(d: int) -> FloatArray:

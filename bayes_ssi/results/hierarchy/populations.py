@@ -93,6 +93,11 @@ def log_likelihoods(
         covariates: (n_tests,), standardised; zero where there are none.
         values: (B, n_parameters), of the population.
     """
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.all():  # far out in the prior of a spread, where its probability is one
+        logs = np.full((len(values), len(components)), -np.inf)
+        logs[finite] = log_likelihoods(population, components, covariates, values[finite])
+        return logs
     joined = np.concatenate(components)
     rows = max(1, BATCH_SIZE // joined.size)
     if len(values) > rows:

@@ -21,7 +21,7 @@ from bayes_ssi.inference.criticism.adequacy import (
     misfits_in_words,
 )
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
@@ -129,14 +129,6 @@ def hierarchy(
         for kind, varies, follows in kinds
     ]
     failed, unusual = judged_tests(class_name, posteriors)
-    defined = {name: [c.definition for c in own.configurations] for name, own in records.items()}
-    first, *others = defined
-    remarks = [
-        f"the structure of test {name!r} is not defined as that of {first!r}: parameters of one "
-        "name must mean the same in all tests"
-        for name in others
-        if defined[name] != defined[first]
-    ]
     failed_in_tests = (
         f"test {name!r}: {check}"
         for name, test in tests.items()
@@ -151,8 +143,19 @@ def hierarchy(
         populations=ranked(sampled),
         seed=seed,
         failed_checks=(*failed_in_tests, *failed, *repeated_errors(class_name, posteriors)),
-        remarks=(*remarks[:1], *unusual),
+        remarks=(*_different_structures(records), *unusual),
     )
+
+
+def _different_structures(records: Mapping[str, ClassRecord]) -> Iterator[str]:
+    """A sentence if a test's structure is not defined as that of the first, of the first such."""
+    defined = {name: [c.definition for c in own.configurations] for name, own in records.items()}
+    first, *others = defined
+    for name in [name for name in others if defined[name] != defined[first]][:1]:
+        yield (
+            f"the structure of test {name!r} is not defined as that of {first!r}: parameters of "
+            "one name must mean the same in all tests"
+        )
 
 
 def _standardised(
