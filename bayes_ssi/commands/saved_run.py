@@ -211,15 +211,9 @@ class RunOptions:
 
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
         self.answer(
-            study,
-            study_file,
-            name,
-            (kind, *inputs),
-            sample,
-            first_tables,
-            further_tables,
+            study, study_file, name, (kind, *inputs), sample, first_tables, further_tables,
             n_classes,
-        )
+        )  # fmt: skip
 
 
 def run_options(command: options.Command, error: float = 0.01) -> options.Command:

@@ -71,7 +71,7 @@ def test_precise_modes_of_any_pairing_are_found():
     candidate = benchmark_class(error)
     exact = log_evidence_near_truth(candidate, error)
     result = searched(candidate, partial(starts_in_narrow_regions, candidate, None))
-    assert result.found_by[:, 0].all()
+    assert result.reached_by[:, 0].all()
     # Laplace's approximation is accurate where the posterior is this narrow.
     assert result.maxima.laplace_estimate.log_evidence == pytest.approx(exact, abs=0.005)
 

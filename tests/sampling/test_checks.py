@@ -186,12 +186,12 @@ def test_regions_of_one_are_not_asked_for(sampled):
     assert replace(sampled, regions=one).failed_checks == []
 
 
-def searched(sampled, found_by_second):
+def searched(sampled, reached_by_second):
     """The same result with the second region found by this number of searches only."""
     of_second = sampled.regions.assign(sampled.search.maxima.z) == 1
-    found_by = sampled.search.found_by.copy()
-    found_by[found_by_second:, of_second] = False
-    return replace(sampled, search=replace(sampled.search, found_by=found_by))
+    reached_by = sampled.search.reached_by.copy()
+    reached_by[reached_by_second:, of_second] = False
+    return replace(sampled, search=replace(sampled.search, reached_by=reached_by))
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

@@ -102,8 +102,8 @@ def test_all_tops_are_found_by_every_search(d):
     np.testing.assert_allclose(result.maxima.z, centres, atol=0.01)  # the highest first
     np.testing.assert_allclose(np.exp(result.maxima.log_masses), shares, rtol=1e-2)
     assert 4 * DRAWS < target.n_evaluations < 4 * (DRAWS + ASCENTS * d)
-    assert result.found_by.shape == (4, len(centres))
-    assert result.found_by.all()
+    assert result.reached_by.shape == (4, len(centres))
+    assert result.reached_by.all()
     assert result.converged
 
 
@@ -132,18 +132,18 @@ def test_searches_record_the_maxima_they_found(monkeypatch):
     scripted(monkeypatch, ["A", "AB", "B", "BA"])
     result = searches(two_peaks(0.3), 4)
     np.testing.assert_allclose(result.maxima.z, [A, B], atol=0.01)
-    assert result.found_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
+    assert result.reached_by.tolist() == [[True, False], [True, True], [False, True], [True, True]]
     assert result.n_searches == 4
 
 
 @pytest.mark.parametrize(
-    ("script", "n_searches", "found_by"),
+    ("script", "n_searches", "reached_by"),
     [(["A", "A", "AB", "A", "AB", "A"], 3, [5, 2]), (["A"], 1, [2])],
 )
-def test_searches_continue_until_two_agree(monkeypatch, script, n_searches, found_by):
+def test_searches_continue_until_two_agree(monkeypatch, script, n_searches, reached_by):
     scripted(monkeypatch, script)
     result = searches(two_peaks(0.3), n_searches)
-    assert result.found_by.sum(axis=0).tolist() == found_by
+    assert result.reached_by.sum(axis=0).tolist() == reached_by
     assert result.converged
 
 
@@ -152,7 +152,7 @@ def test_patience_ends(monkeypatch, n_searches):
     scripted(monkeypatch, ["AB", "A"])
     result = searches(two_peaks(0.3), n_searches)
     assert result.n_searches == PATIENCE * n_searches
-    assert result.found_by.sum(axis=0).tolist() == [PATIENCE * n_searches, 1]
+    assert result.reached_by.sum(axis=0).tolist() == [PATIENCE * n_searches, 1]
     assert not result.converged
 
 
@@ -163,14 +163,14 @@ def test_an_earlier_search_counts_as_one(monkeypatch, script, n_searches):
     target.known_starts = np.array([A, B]) + 0.05
     result = searches(target, 2)
     assert result.n_searches == n_searches
-    assert result.found_by[0].all()
+    assert result.reached_by[0].all()
     assert result.converged
     # It made its draws long ago.
     assert result.n_draws == (n_searches - 1) * DRAWS
 
 
 @pytest.mark.parametrize(
-    ("shares", "found_by", "converged"),
+    ("shares", "reached_by", "converged"),
     [
         ([1.0], [[True], [True]], True),
         ([1.0], [[True], [False], [False]], False),
@@ -181,8 +181,10 @@ def test_an_earlier_search_counts_as_one(monkeypatch, script, n_searches):
         ([0.9985, 0.0015], [[True, True], [True, False]], False),
     ],
 )
-def test_a_maximum_found_twice_is_converged(shares, found_by, converged):
-    assert MultistartSearch(maxima_of_shares(*shares), np.array(found_by), 1).converged is converged
+def test_a_maximum_found_twice_is_converged(shares, reached_by, converged):
+    assert (
+        MultistartSearch(maxima_of_shares(*shares), np.array(reached_by), 1).converged is converged
+    )
 
 
 @pytest.mark.parametrize("d", [1, 3])
@@ -211,7 +213,7 @@ def test_a_likelihood_that_is_zero_nearly_everywhere():
     np.testing.assert_allclose(
         result.maxima.precisions[0], precision * np.eye(2), atol=1e-3 * precision
     )
-    assert result.found_by.all()
+    assert result.reached_by.all()
 
 
 SPIKE, SPIKE_SHARE = np.array([0.4, -0.8, 1.1]), 0.99
@@ -236,7 +238,7 @@ def test_searches_climb_from_suggested_starts():
     # The spike's top is 21 nats above that of the prior, which still has its share.
     expected = [SPIKE_SHARE, 1.0 - SPIKE_SHARE]
     np.testing.assert_allclose(np.exp(result.maxima.log_masses), expected, rtol=1e-2)
-    assert result.found_by.all()
+    assert result.reached_by.all()
     # Beside suggestions, which count, fewer draws suffice.
     assert 4 * 7 + result.n_draws < target.n_evaluations < alone.n_evaluations
 

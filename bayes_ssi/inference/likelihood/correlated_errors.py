@@ -172,7 +172,7 @@ class CorrelatedErrors:
     @cached_property
     def _repeated_shapes(self) -> list[tuple[int, ErrorGroup]]:
         """The shapes of one mode in several tests, in groups with these indices and no others."""
-        pairs, found = self._pairs, []
+        pairs, repeated = self._pairs, []
         group_of = {pair: i for i, group in enumerate(self.groups) for pair in group}
         for shapes in self._shape_groups:
             first = int(pairs.with_shape[shapes[0]])
@@ -181,8 +181,8 @@ class CorrelatedErrors:
                 dimensions = pairs.n_measured[shapes[0]] - 1.0
                 identification = np.diag(pairs.shape_var[shapes])
                 same = ErrorGroup(shapes, identification, of_pairs, dimensions)
-                found.append((group_of[first], same))
-        return found
+                repeated.append((group_of[first], same))
+        return repeated
 
     def _sizes(self, values: FloatArray) -> tuple[ErrorSizes, ErrorSizes]:
         """Those of frequencies and of shapes at ``values``."""

@@ -150,7 +150,7 @@ class _Sampling:
             if gain * LEAST_IMPROVEMENT > 1.0:
                 best = trial
             in_vain = gain < LEAST_IMPROVEMENT
-            if self._serves(best) and (in_vain or not self._is_worth_refitting(best)):
+            if self._serves(best) and (in_vain or not self._should_refit(best)):
                 break
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
         walkers = self._starts(best.split(2, self.rng))
@@ -305,7 +305,7 @@ class _Sampling:
         """
         return sample.efficiency >= LEAST_EFFICIENCY
 
-    def _is_worth_refitting(self, sample: ImportanceSample) -> bool:
+    def _should_refit(self, sample: ImportanceSample) -> bool:
         """Whether a refit may pay: importance draws are poor, or so many more are needed."""
         wanted_error = self.settings.log_evidence_error
         needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2

@@ -312,9 +312,9 @@ def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> St
     factors, dof = mixture.factors.copy(), mixture.dof.copy()
     bends: list[Bend | None] = [None] * len(dof)
     for k in np.argsort(-mixture.weights, kind="stable")[:MOST_RIDGES]:
-        found = _ridge(target, mixture.means[k], factors[k], rng)
-        if found is not None:
-            factors[k], bends[k] = found
+        ridge = _ridge(target, mixture.means[k], factors[k], rng)
+        if ridge is not None:
+            factors[k], bends[k] = ridge
             dof[k] = LIGHT_TAILS
     if not any(bends):
         return None
@@ -335,7 +335,7 @@ def _ridge(
         return None
     factor, top = axes * np.sqrt(variances), float(target.log_posterior(mean[None])[0])
     wide, thin, weights = np.empty((m, 0)), np.empty((d - m, 0)), np.empty(0)
-    found = None
+    narrowest = None
     for degree in range(2, HIGHEST_DEGREE + 1):
         n_fitted = math.comb(m + degree, degree)  # monomials, the constant included
         if n_fitted > MOST_MONOMIALS:
@@ -354,11 +354,11 @@ def _ridge(
         if weights.max() < LEAST_ON_RIDGE:
             return None
         bend, widths = bend_along(wide, thin, weights, degree)
-        if found is None or widths.prod() < found[0].prod():
-            found = widths, bend
-        if found[0].max() < MOST_WIDENING:
+        if narrowest is None or widths.prod() < narrowest[0].prod():
+            narrowest = widths, bend
+        if narrowest[0].max() < MOST_WIDENING:
             break
-    return None if found is None else (factor * found[0], found[1])
+    return None if narrowest is None else (factor * narrowest[0], narrowest[1])
 
 
 def bend_along(

@@ -45,12 +45,12 @@ class MultistartSearch:
     """The maxima that independent searches found."""
 
     maxima: Maxima
-    found_by: NDArray[np.bool_]  # (n_searches, m), whether a search found a maximum by itself
+    reached_by: NDArray[np.bool_]  # (n_searches, m), whether a search found a maximum by itself
     n_draws: int
 
     @property
     def n_searches(self) -> int:
-        return len(self.found_by)
+        return len(self.reached_by)
 
     @property
     def largest_unseen_mass(self) -> float:
@@ -65,7 +65,7 @@ class MultistartSearch:
     @property
     def converged(self) -> bool:
         """Whether every maximum that matters was found by two searches."""
-        return bool((self.found_by[:, _matter(self.maxima)].sum(axis=0) >= 2).all())
+        return bool((self.reached_by[:, _matter(self.maxima)].sum(axis=0) >= 2).all())
 
 
 def _matter(maxima: Maxima) -> NDArray[np.bool_]:
@@ -112,10 +112,10 @@ def search_maxima(
         # more, where they differ, if the target turns out to be noisy.
         for _ in range(2):
             maxima = find_maxima(target, ends)
-            found_by = np.array(
+            reached_by = np.array(
                 [reached(target, maxima, one.z, one.log_posteriors).any(axis=1) for one in searches]
             )
-            result = MultistartSearch(maxima, found_by, n_made * n_draws)
+            result = MultistartSearch(maxima, reached_by, n_made * n_draws)
             if result.converged or target.noise or not target.is_noisy_at(maxima.z):
                 break
         if result.converged:

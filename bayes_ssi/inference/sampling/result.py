@@ -93,8 +93,8 @@ class SamplingResult:
     @property
     def searches_of_regions(self) -> NDArray[np.intp]:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        found = self.search.found_by @ self.maxima_of_regions.T
-        return found.sum(axis=0)
+        reached = self.search.reached_by @ self.maxima_of_regions.T
+        return reached.sum(axis=0)
 
     @property
     def region_errors(self) -> FloatArray:

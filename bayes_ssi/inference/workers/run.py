@@ -232,7 +232,7 @@ def _definition(model_class: ModelClass) -> str:
     # The default description of an object holds its address, which differs between processes.
     text = re.sub(r" at 0x[0-9a-fA-F]+", "", text)
     # The last digits of computed numbers depend on the processor.
-    text = re.sub(r"\d+\.\d+(e[-+]\d+)?", lambda found: f"{float(found[0]):.9g}", text)
+    text = re.sub(r"\d+\.\d+(e[-+]\d+)?", lambda match: f"{float(match[0]):.9g}", text)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
