@@ -118,8 +118,8 @@ class AnyPairing(ModalLikelihood):
         apart = relative_distances(hz[:, None], hz)[~np.eye(len(hz), dtype=bool)]
         return np.full(self.structure.n_modes - 1, apart.min(initial=np.inf))
 
-    def _near(self, close: ClosePairs, frequencies_hz: FloatArray) -> NDArray[np.bool_]:
-        """Which identified modes may be the two of a close pair, whatever the shapes, (C, 2, J)."""
+    def _most_log_weights(self, close: ClosePairs, frequencies_hz: FloatArray) -> FloatArray:
+        """Of identified modes as the two of a close pair, of which shapes take away, (C, 2, J)."""
         model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
         own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
         variances = close.variances[:, :1, None] + own
@@ -130,12 +130,12 @@ class AnyPairing(ModalLikelihood):
         alike = -log_shape_normaliser(np.sqrt(close.variances[:, 1]), d)[:, None, None]
         most = odds + alike - np.log(self.data.frequencies_hz) - self._spurious
         terms = residuals**2 / variances + np.log(2.0 * math.pi * variances)
-        return np.asarray(most - 0.5 * terms > NEGLIGIBLE_WEIGHT)
+        return np.asarray(most - 0.5 * terms)
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
         """Each identified shape by itself, as the only one of a pair that is identified."""
-        near = self._near(close, frequencies_hz) & (self._columns[:, 0] >= 0)
-        near &= close.turn_alone[:, None, None]
+        near = self._most_log_weights(close, frequencies_hz) > NEGLIGIBLE_WEIGHT
+        near &= (self._columns[:, 0] >= 0) & close.turn_alone[:, None, None]
         pair, upper, j = np.nonzero(near)
         columns = self._columns[j, close.lower[pair] + upper]
         return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
@@ -152,7 +152,8 @@ class AnyPairing(ModalLikelihood):
     ) -> FloatArray:
         frequencies_hz, distances, turned, unit, _ = compared
         n, hz = len(self.data.modes), self.data.frequencies_hz
-        near = self._near(close, frequencies_hz)
+        most = self._most_log_weights(close, frequencies_hz)
+        near = most > NEGLIGIBLE_WEIGHT
         pair, j, k = np.nonzero(near[:, 0, :, None] & near[:, 1, None] & ~np.eye(n, dtype=bool))
         turns = np.isfinite(close.concentrations(relative_distances(hz[j], hz[k]), pair))
         some = turns | close.turn_alone[pair]
@@ -160,7 +161,8 @@ class AnyPairing(ModalLikelihood):
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        mean = self._mean_over_turns(close, cases, shapes)
+        least = NEGLIGIBLE_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
+        mean = self._mean_over_turns(close, cases, shapes, least)
         rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
         alone = turned[rows, columns] - distances[rows, columns] / (
             close.variances[pair, 1] + variances

@@ -46,7 +46,7 @@ IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations fr
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
-CACHED = 2**13  # numbers at a time, for arrays that stay in the processor's cache
+CACHED = 2**15  # numbers at a time, for arrays that stay in the processor's cache
 
 
 class ClosePairs(NamedTuple):
@@ -186,6 +186,20 @@ class TurningShapes(NamedTuple):
             total += constant[:, None]
         above /= below
         return np.asarray(1.0 - np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above))
+
+    @property
+    def highest_exponents(self) -> FloatArray:
+        """What -Σ (1 - |φ_e·φ(t)|)/σ² can be at most, each shape at the best turn for it, (E,)."""
+        strength = np.hypot(*self.pulls)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cos2, sin2 = self.pulls / strength
+            above, below = (
+                constant + of_cos * cos2 + of_sin * sin2
+                for constant, of_cos, of_sin in (self.squares, self.lengths)
+            )
+            distances = 1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0))
+        own = np.where(strength > TINY, distances / self.variances, 0.0)
+        return -row_sums(own[None])[0]
 
     def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""

@@ -256,8 +256,17 @@ class ModalLikelihood:
         columns[self.pairs.model_modes[self.pairs.with_shape]] = range(len(self.pairs.with_shape))
         return columns
 
-    def _mean_over_turns(self, close: ClosePairs, cases: CloseCases, shapes: FloatArray) -> Turned:
-        """Of model shapes (B, n_sensors, n_modes), at the sensors."""
+    def _mean_over_turns(
+        self,
+        close: ClosePairs,
+        cases: CloseCases,
+        shapes: FloatArray,
+        least: FloatArray | float = -np.inf,
+    ) -> Turned:
+        """Of model shapes (B, n_sensors, n_modes), at the sensors.
+
+        Cases that do not turn where the highest exponent is below ``least`` (E,).
+        """
         units, measured, variances = self._shapes_or_none
         turning = TurningShapes.of(
             *cases.modes(close, shapes),
@@ -265,7 +274,8 @@ class ModalLikelihood:
             measured[:, cases.columns],
             close.variances[cases.pairs, 1] + variances[cases.columns],
         )
-        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning)
+        kappa = close.concentrations(cases.observed, cases.pairs)
+        return Turned.of(np.where(turning.highest_exponents < least, np.inf, kappa), turning)
 
     @cached_property
     def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:
