@@ -43,15 +43,15 @@ def settle(ascending: FloatArray, shapes: FloatArray) -> None:
         EQUAL_WITHIN * ascending[:, 1:] + EQUAL_UNITS * np.finfo(float).eps * ascending[:, -1:]
     )
     equal = np.diff(ascending, axis=1) <= rounding
-    rows = np.flatnonzero(equal.any(axis=1))
-    if not len(rows):
+    if not equal.any():
         return
-    patterns, which = np.unique(equal[rows], axis=0, return_inverse=True)
-    for i, pattern in enumerate(patterns):
-        for group in np.split(np.arange(ascending.shape[1]), np.flatnonzero(~pattern) + 1):
-            at = np.ix_(rows[which.ravel() == i], np.arange(shapes.shape[1]), group)
-            if len(group) > 1:
-                shapes[at] = _one_basis(shapes[at])
+    steps = np.diff(np.pad(equal, ((0, 0), (1, 1))).astype(int), axis=1)
+    rows, first = np.nonzero(steps > 0)  # of groups of equal ones
+    sizes = np.nonzero(steps < 0)[1] - first + 1
+    for size in np.unique(sizes):
+        some = np.flatnonzero(sizes == size)[:, None, None]
+        at = rows[some], np.arange(shapes.shape[1])[:, None], first[some] + np.arange(size)
+        shapes[at] = _one_basis(shapes[at])
 
 
 def _one_basis(shapes: FloatArray) -> FloatArray:
