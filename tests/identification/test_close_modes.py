@@ -179,6 +179,19 @@ def test_means_over_turns_are_integrals():
     assert np.median(errors) < 1e-4
 
 
+def test_no_exponent_is_above_the_highest_ones_and_one_shape_reaches_it():
+    rng = np.random.default_rng(3)
+    turns = np.linspace(0.0, math.pi, 20_001)[:, None]
+    for i in range(60):
+        _, model, shapes, sds = random_case(rng, i % 3)
+        turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+        distances = turning.distances(np.cos(2.0 * turns), np.sin(2.0 * turns))[:, :, 0]
+        highest = (-distances / turning.variances).max(axis=1)
+        # Neighbours of the grid are so near that exponents differ by less than this.
+        assert turning.highest_exponents[0] >= highest.sum() - 1e-9
+        assert turning.highest_exponents[0] == pytest.approx(highest.sum(), rel=1e-3, abs=0.02)
+
+
 def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
     """The two modes are nearly opposite at the sensors: at atan(1/8.6) they cancel one another.
 
@@ -406,6 +419,23 @@ def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, j
     ]  # fmt: skip
     total = likelihood(data, 0.012, "any")
     assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
+
+
+def test_pairs_whose_shapes_fit_at_no_turn_do_not_matter():
+    """Of shapes off by one to a dozen of their errors: the sum over given pairings, as above."""
+    pairings = [
+        {label: number for label, number in (("a", a), ("b", b)) if number}
+        for a, b in itertools.product(range(4), repeat=2)
+        if a != b or not a
+    ]
+    for off in np.linspace(0.03, 0.36, 23):
+        data, error = turned_data(20.0, 0.01, error=off), bs.ErrorModel(0.01, 0.03)
+        candidates = [
+            bs.ModelClass("pair", Pair(), data, error, pairing=pairing)
+            for pairing in ("any", *pairings)
+        ]
+        total, *terms = (each.log_likelihood(np.array([[0.012]]))[0] for each in candidates)
+        assert total == pytest.approx(np.logaddexp.reduce(terms), abs=3e-4)
 
 
 @pytest.mark.parametrize("hz", [1.72, 2.02])
