@@ -13,7 +13,7 @@ definite.
 
 import math
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,6 +31,9 @@ COUNT_GAP = 1e-6
 # By which a free model can be solved, in units of the mean of diagonal stiffness over mass.
 FREE_SHIFT = 1e-8
 RIGID_SQUARE = 1e-4  # a rigid-body mode's (2πf)² is a smaller share of the next one's
+# Steps of inverse iteration, after which a motion of a held model has strain energy, a thousand
+# times what rounding makes of a rigid one.
+STEPS_TO_LOWEST, CERTAIN = 6, 1e3
 
 
 class Factor:
@@ -38,7 +41,7 @@ class Factor:
 
     def __init__(self, matrix: Matrix, problem: str = "the matrix is singular") -> None:
         """Factorise; NoModesError if singular, or if no pivot on the diagonal serves."""
-        self._lu = _superlu(matrix, "NATURAL", problem)
+        self._lu = _superlu(matrix, problem)
         if not np.array_equal(self._lu.perm_r, np.arange(matrix.shape[0])):
             raise NoModesError(problem)
 
@@ -66,19 +69,26 @@ class Factor:
         return self._lu.L @ (np.sqrt(self.pivots)[:, None] * right)
 
 
-def _superlu(matrix: Matrix, order: Literal["NATURAL", "MMD_AT_PLUS_A"], problem: str) -> Any:
+def _superlu(matrix: Matrix, problem: str) -> Any:
     from scipy.sparse.linalg import splu
 
-    options = {"SymmetricMode": True}
+    columns, options = sp.csc_matrix(matrix), {"SymmetricMode": True}
     try:
-        return splu(sp.csc_matrix(matrix), permc_spec=order, diag_pivot_thresh=0.0, options=options)
+        return splu(columns, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
     except RuntimeError:  # exactly singular
         raise NoModesError(problem) from None
 
 
 def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
-    """An order of the rows (n,) in which factors of a positive definite matrix stay sparse."""
-    return np.argsort(_superlu(matrix, "MMD_AT_PLUS_A", "the matrix is singular").perm_c)
+    """An order of the rows (n,) in which factors of a positive definite matrix stay sparse.
+
+    That of minimum degree, from a factor of which nearly all is dropped.
+    """
+    from scipy.sparse.linalg import spilu
+
+    columns, options = sp.csc_matrix(matrix), {"SymmetricMode": True}
+    by_degree = spilu(columns, 1e9, 1.0, permc_spec="MMD_AT_PLUS_A", options=options)
+    return np.argsort(by_degree.perm_c)
 
 
 def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
@@ -136,17 +146,20 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> modal.FreeBody:
     with_mass = inertia > 0.0
     mean_square = stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
     shift = FREE_SHIFT * mean_square
+    shifted = sp.csc_array(stiffness + shift * mass)
     try:
+        factor = Factor(shifted)
+        lowest = np.random.default_rng(0).standard_normal((len(inertia), 1))
+        for _ in range(STEPS_TO_LOWEST):
+            lowest = factor.solve(mass @ (lowest / np.linalg.norm(lowest)))
+        if _strain(stiffness, lowest)[0] > CERTAIN:
+            return modal.FreeBody()
         # One more than the six that a body in space may have.
-        modes = lowest_modes(sp.csc_array(stiffness + shift * mass), mass, 1, extra=6)
+        modes = lowest_modes(shifted, mass, 1, extra=6)
     except NoModesError:
         return modal.FreeBody()  # whatever is wrong is said where its modes are computed
-    squares, parts = modes.eigenvalues - shift, modes.vectors**2
-    energy = np.einsum("nm,nm->m", modes.vectors, stiffness @ modes.vectors)
-    # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
-    nine_digits = 5e-10 / math.sqrt(3.0)  # standard deviation of the rounding, over an entry
-    rounding = nine_digits * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
-    without_strain = np.logical_and.accumulate(np.abs(energy) <= 4.0 * rounding)
+    squares = modes.eigenvalues - shift
+    without_strain = np.logical_and.accumulate(_strain(stiffness, modes.vectors) <= 1.0)
     steps = squares[:-1] < RIGID_SQUARE * squares[1:]
     numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
     if not len(numbers):
@@ -154,6 +167,15 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> modal.FreeBody:
     number = int(numbers[-1])
     # Of the order of the lowest frequency above, so that its digits are kept.
     return modal.FreeBody(number, 0.5 * float(squares[number]))
+
+
+def _strain(stiffness: Matrix, shapes: FloatArray) -> FloatArray:
+    """Strain energy (m,) of shapes (n, m), over what rounding K to nine digits may make of it."""
+    energy, parts = np.einsum("nm,nm->m", shapes, stiffness @ shapes), shapes**2
+    # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
+    nine_digits = 5e-10 / math.sqrt(3.0)  # standard deviation of the rounding, over an entry
+    rounding = nine_digits * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
+    return np.asarray(np.abs(energy) / (4.0 * rounding))
 
 
 def _counted(
