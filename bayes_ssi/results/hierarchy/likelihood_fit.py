@@ -24,9 +24,9 @@ from bayes_ssi.inference.sampling.mixture import LIGHT_TAILS, fit_mixture
 FIT_ERROR = 0.02
 # The same of a likelihood that is normal in form, but for rounding.
 EXACT_FIT_ERROR = 1e-6
-# That are tried, until they lower the error by less than ``LEAST_GAIN``.
+# That are tried until the error is small. A search may end in a poor minimum, beyond which more
+# components lead: one or two that are hardly better than fewer are no reason to stop.
 NUMBERS_OF_COMPONENTS = (2, 4, 8)
-LEAST_GAIN = 0.8  # largest ratio of errors for which more components are worth it
 # For each number that is fitted. Likelihoods at draws have no noise: a few pin it down, where
 # draws alone would need many.
 DRAWS_PER_NUMBER = 4
@@ -118,7 +118,7 @@ def fit_likelihood(
 ) -> LikelihoodFit:
     """Fit the ``log_likelihoods`` (n,) of one test at draws ``z`` (n, d) of its posterior.
 
-    The number of components grows until that no longer helps.
+    The number of components grows until the error is small or draws are too few.
     """
     n, d = z.shape
     # In coordinates x in which the posterior is a standard one.
@@ -130,9 +130,8 @@ def fit_likelihood(
     for count in NUMBERS_OF_COMPONENTS:
         errors = [error for _, error in fits]
         enough = FIT_ERROR if len(fits) > 1 else EXACT_FIT_ERROR
-        in_vain = len(fits) > 1 and errors[-1] > LEAST_GAIN * errors[-2]
         few = count * (1 + d + d * (d + 1) // 2) > n / DRAWS_PER_NUMBER
-        if min(errors) < enough or few or in_vain:
+        if min(errors) < enough or few:
             break
         start = _mixture_over_prior(x, prior, count, rng)
         start[:, d, d] -= 2.0 * np.mean(log_likelihoods - log_sum(start, x))
