@@ -71,13 +71,14 @@ def grid(n=801, far=6.0):
     return np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2), axis
 
 
-def test_a_likelihood_that_is_not_normal_is_matched_where_its_posterior_lies():
+@pytest.mark.parametrize("seed", [0, 5, 11, 14])  # of the last three, two components are poor
+def test_a_likelihood_that_is_not_normal_is_matched_where_its_posterior_lies(seed):
     z, axis = grid()
     log_densities = curved(z) + log_standard_normal(z)
     cell = (axis[1] - axis[0]) ** 2
     log_evidence = float(logsumexp(log_densities)) + np.log(cell)
     shares = np.exp(log_densities - logsumexp(log_densities))
-    draws = z[np.random.default_rng(0).choice(len(z), 1000, p=shares)]
+    draws = z[np.random.default_rng(seed).choice(len(z), 1000, p=shares)]
     fit = fit_likelihood(draws, curved(draws), log_evidence, np.random.default_rng(0))
     error = np.sqrt(np.mean(fit.log_ratios**2))
     assert len(fit.components) > 1
