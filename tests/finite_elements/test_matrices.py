@@ -188,6 +188,17 @@ class TestCounting:
         assert not is_semidefinite(sp.csc_array(-np.eye(2)))
 
 
+def test_a_large_consistent_mass_is_definite_and_with_one_negative_eigenvalue_it_is_not():
+    mass = sp.diags_array([1 / 6, 2 / 3, 1 / 6], offsets=[-1, 0, 1], shape=(400, 400))
+    assert is_semidefinite(sp.csc_array(mass))
+    for seed in range(5):
+        # Of the two ends of a link far apart, as an element with a wrong sign gives.
+        i, k = np.random.default_rng(seed).choice(400, 2, replace=False)
+        wrong = sp.csc_array(([0.4, 0.4, 0.4, 0.4], ([i, i, k, k], [i, k, i, k])), shape=(400, 400))
+        assert np.linalg.eigvalsh((mass - wrong).toarray())[0] < 0.0
+        assert not is_semidefinite(sp.csc_array(mass - wrong))
+
+
 BAD = [
     ({"stiffness": K3[:2]}, r"stiffness: the matrix must be square, got shape \(2, 3\)"),
     ({"stiffness": np.triu(K3)}, "must be symmetric.*was only one triangle stored"),
