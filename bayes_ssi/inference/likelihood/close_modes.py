@@ -37,9 +37,9 @@ from bayes_ssi.foundations.arrays import FloatArray, folded, row_sums
 MOST_CONCENTRATION = 1e6
 TINY = 1e-9  # concentrations that cannot be told from none
 ROUNDING = 4.0 * np.finfo(float).eps
-# Nodes of a mean over turns, about the highest turn and, where that will not do, about several; the
-# next ones until sums over every other one agree.
-NUMBERS_OF_NODES = (24, 96, 384, 1536)
+# Nodes of a mean over turns, until sums over every other one agree: about the highest of some
+# turns, about the highest of all, and about several.
+NUMBERS_OF_NODES = (24, 24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
@@ -226,9 +226,9 @@ class Turned(NamedTuple):
         """From κ' (E,), infinite where nothing turns.
 
         Nodes are about the highest of the turns that the density of turns, each shape, or all of
-        them together ask for. Where another of these may be a maximum by itself, or every other
-        node would give another mean, they are about each of them and about the highest turn of a
-        grid, and more.
+        them together ask for. Where every other node would give another mean, they are about the
+        highest turn of a grid; where that will not do, or another of these may be a maximum by
+        itself, about each of them, and more.
         """
         turns = np.isfinite(concentrations)
         kappa = np.where(turns, concentrations, 0.0)
@@ -246,7 +246,7 @@ class Turned(NamedTuple):
         several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
         log_means, highest, mean_turns, peaks = np.zeros((4, len(kappa)))
         left, nodes = np.flatnonzero(turns), (centre, width)
-        for n in NUMBERS_OF_NODES:
+        for attempt, n in enumerate(NUMBERS_OF_NODES):
             accurate = np.empty(len(left), dtype=bool)
             step = max(CACHED // (n * len(nodes[1])), 1)
             for first in range(0, len(left), step):
@@ -256,13 +256,15 @@ class Turned(NamedTuple):
                 own_means = _mean_over_turns(n, *own, kappa[some], shapes.cases(some))
                 log_means[some], highest[some], mean_turns[some], peaks[some], sure = own_means
                 accurate[part] = sure
-            if n == NUMBERS_OF_NODES[0]:
+            if attempt < 2:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)
             if not len(left):
                 break
-            if n == NUMBERS_OF_NODES[0]:
-                centres[:, 0, left], widths[0, left] = _highest(kappa[left], shapes.cases(left))
+            if attempt == 0:
+                highest_of_all = _highest(kappa[left], shapes.cases(left))
+                centres[:, 0, left], widths[0, left], several[left] = highest_of_all
+                nodes = centres[:, :1], widths[:1]
         at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]
         angles = np.where(at_mean > highest + IMPROBABLE, mean_turns, peaks)
         distances = shapes.distances(*_cosines(angles[None]))[:, 0]
@@ -271,17 +273,25 @@ class Turned(NamedTuple):
         return cls(log_means, log_means + exponents, angles, distances)
 
 
-def _highest(kappa: FloatArray, shapes: TurningShapes) -> tuple[FloatArray, FloatArray]:
+def _highest(
+    kappa: FloatArray, shapes: TurningShapes
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """The turns (2, E) with the highest exponents, cosines and sines of twice them, and widths.
 
     Shapes that disagree are nearest at a turn to which none of them points. About the best of a
-    grid, a finer one takes its place several times.
+    grid, a finer one takes its place several times. And whether the first grid has another maximum
+    that may matter, (E,).
     """
     turns, steps = np.zeros((1, len(kappa))), np.arange(GRID)[:, None] - 0.5 * GRID
-    spacing = math.pi / GRID
-    for _ in range(FINER_GRIDS):
+    spacing, has_others = math.pi / GRID, np.zeros(len(kappa), dtype=bool)
+    for level in range(FINER_GRIDS):
         tried = turns + spacing * steps
         exponents = shapes.exponents(kappa, *_cosines(tried))
+        if level == 0:
+            before, after = (np.roll(exponents, step, axis=0) for step in (1, -1))
+            maxima = (exponents > before) & (exponents > after)
+            near = exponents > exponents.max(axis=0) + 2.0 * NEGLIGIBLE  # peaks are between turns
+            has_others = (maxima & near).sum(axis=0) > 1
         best = exponents.argmax(axis=0), np.arange(len(kappa))
         turns = tried[best][None]
         steps, spacing = np.arange(-4.0, 5.0)[:, None], 0.25 * spacing
@@ -289,7 +299,7 @@ def _highest(kappa: FloatArray, shapes: TurningShapes) -> tuple[FloatArray, Floa
     below, at, above = shapes.exponents(kappa, *_cosines(beside))
     bend = np.maximum((2.0 * at - below - above) / spacing**2, 1.0)
     widths = np.clip(SPREAD / np.sqrt(bend), LEAST_WIDTH, 1.0)
-    return np.array(_cosines(turns[0])), widths
+    return np.array(_cosines(turns[0])), widths, has_others
 
 
 def _mean_over_turns(
