@@ -42,6 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
+DISAGREEMENT = 100.0  # the same below the best of each shape, of shapes nearest at turns far apart
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
@@ -245,6 +246,7 @@ class Turned(NamedTuple):
         apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
         several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
         log_means, highest, mean_turns, peaks = np.zeros((4, len(kappa)))
+        alone_highest = shapes.highest_exponents
         left, nodes = np.flatnonzero(turns), (centre, width)
         for attempt, n in enumerate(NUMBERS_OF_NODES):
             accurate = np.empty(len(left), dtype=bool)
@@ -256,14 +258,17 @@ class Turned(NamedTuple):
                 own_means = _mean_over_turns(n, *own, kappa[some], shapes.cases(some))
                 log_means[some], highest[some], mean_turns[some], peaks[some], sure = own_means
                 accurate[part] = sure
+            if attempt == 0:  # they may be nearest together where none is alone
+                accurate &= highest[left] > alone_highest[left] - DISAGREEMENT
             if attempt < 2:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)
             if not len(left):
                 break
             if attempt == 0:
-                highest_of_all = _highest(kappa[left], shapes.cases(left))
-                centres[:, 0, left], widths[0, left], several[left] = highest_of_all
+                top = _highest(kappa[left], shapes.cases(left))
+                centres[:, 0, left], widths[0, left], of_grid, has_others = top
+                several[left] = has_others | (of_grid < heights[:, left].max(axis=0))
                 nodes = centres[:, :1], widths[:1]
         at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]
         angles = np.where(at_mean > highest + IMPROBABLE, mean_turns, peaks)
@@ -275,12 +280,12 @@ class Turned(NamedTuple):
 
 def _highest(
     kappa: FloatArray, shapes: TurningShapes
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """The turns (2, E) with the highest exponents, cosines and sines of twice them, and widths.
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """The turns (2, E) with the highest exponents, cosines and sines of twice them.
 
+    And widths and exponents there, and whether the first grid has other maxima that may matter.
     Shapes that disagree are nearest at a turn to which none of them points. About the best of a
-    grid, a finer one takes its place several times. And whether the first grid has another maximum
-    that may matter, (E,).
+    grid, a finer one takes its place several times.
     """
     turns, steps = np.zeros((1, len(kappa))), np.arange(GRID)[:, None] - 0.5 * GRID
     spacing, has_others = math.pi / GRID, np.zeros(len(kappa), dtype=bool)
@@ -299,7 +304,7 @@ def _highest(
     below, at, above = shapes.exponents(kappa, *_cosines(beside))
     bend = np.maximum((2.0 * at - below - above) / spacing**2, 1.0)
     widths = np.clip(SPREAD / np.sqrt(bend), LEAST_WIDTH, 1.0)
-    return np.array(_cosines(turns[0])), widths, has_others
+    return np.array(_cosines(turns[0])), widths, at, has_others
 
 
 def _mean_over_turns(
