@@ -22,14 +22,6 @@ def joined(parts: Sequence[Arrays], axis: int = 0) -> Arrays:
     return type(parts[0])(*(np.concatenate(arrays, axis) for arrays in zip(*parts, strict=True)))
 
 
-def as_slice(places: NDArray[np.intp]) -> Places:
-    """The same places as a slice where they follow each other, which saves a copy."""
-    first = int(places[0]) if len(places) else 0
-    if np.array_equal(places, np.arange(first, first + len(places))):
-        return slice(first, first + len(places))
-    return places
-
-
 def row_sums(terms: FloatArray) -> FloatArray:
     """The sum over the second axis of (B, m) or (B, m, …), the same for a row in any batch.
 

@@ -166,15 +166,20 @@ def turning_shapes(models, units, sds):
     return TurningShapes.of(*modes, units, np.ones_like(units), sds**2)
 
 
+# Of 4,000 cases those in which nodes about one turn are far from where the shapes are nearest.
+SHAPES_THAT_DISAGREE = (118, 1033, 2074, 2539, 2548, 2890, 3682)
+
+
 def test_means_over_turns_are_integrals():
     rng = np.random.default_rng(11)
     errors = []
-    for i in range(150):
+    for i in range(max(SHAPES_THAT_DISAGREE) + 1):
         case = kappa, model, shapes, sds = random_case(rng, i % 3)
-        turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
-        (mean,) = Turned.of(np.array([kappa]), turning).log_means
-        exact = by_trapezoids(*case)
-        errors.append(abs(mean - exact) / (1.0 - 0.01 * exact))  # down to exp(-28,000)
+        if i < 150 or i in SHAPES_THAT_DISAGREE:
+            turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+            (mean,) = Turned.of(np.array([kappa]), turning).log_means
+            exact = by_trapezoids(*case)
+            errors.append(abs(mean - exact) / (1.0 - 0.01 * exact))  # down to exp(-28,000)
     assert max(errors) < 0.01
     assert np.median(errors) < 1e-4
 
