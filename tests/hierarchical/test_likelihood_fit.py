@@ -71,16 +71,25 @@ def grid(n=801, far=6.0):
     return np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2), axis
 
 
-@pytest.mark.parametrize("seed", [0, 5, 11, 14])  # of the last three, two components are poor
-def test_a_likelihood_that_is_not_normal_is_matched_where_its_posterior_lies(seed):
+def curved_fit(seed):
+    """The fit at 1000 draws of the posterior, its error, and the posterior on a grid."""
     z, axis = grid()
-    log_densities = curved(z) + log_standard_normal(z)
-    cell = (axis[1] - axis[0]) ** 2
+    log_densities, cell = curved(z) + log_standard_normal(z), (axis[1] - axis[0]) ** 2
     log_evidence = float(logsumexp(log_densities)) + np.log(cell)
     shares = np.exp(log_densities - logsumexp(log_densities))
     draws = z[np.random.default_rng(seed).choice(len(z), 1000, p=shares)]
     fit = fit_likelihood(draws, curved(draws), log_evidence, np.random.default_rng(0))
-    error = np.sqrt(np.mean(fit.log_ratios**2))
+    return fit, np.sqrt(np.mean(fit.log_ratios**2)), (z, log_densities, log_evidence, shares, cell)
+
+
+@pytest.mark.parametrize("seed", [5, 11, 12, 14])
+def test_more_components_lead_out_of_poor_minima(seed):
+    """Of draws of which one or two components have errors of 0.4 to 0.8."""
+    assert curved_fit(seed)[1] < 0.1
+
+
+def test_a_likelihood_that_is_not_normal_is_matched_where_its_posterior_lies():
+    fit, error, (z, log_densities, log_evidence, shares, cell) = curved_fit(0)
     assert len(fit.components) > 1
     assert error < 0.1
     # Everywhere, not only at the draws: Kullback-Leibler and the evidence.
