@@ -161,7 +161,8 @@ class AnyPairing(ModalLikelihood):
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        least = NEGLIGIBLE_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
+        # So small that what is left out is no step in the likelihood, on which ascents would end.
+        least = 2.0 * NEGLIGIBLE_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
         mean = self._mean_over_turns(close, cases, shapes, least)
         rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
         alone = turned[rows, columns] - distances[rows, columns] / (
