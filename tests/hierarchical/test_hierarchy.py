@@ -249,6 +249,21 @@ def directory(rankings, tmp_path_factory):
     return path
 
 
+def test_structures_that_are_not_defined_alike_are_said_once(rankings):
+    heavier = bs.ShearBuilding((1.0, 2.0), configuration("January").structure.stiffnesses)
+    others = {}
+    for name in ("April", "July"):
+        test = replace(configuration(name), structure=heavier)
+        others[name] = of_classes(rankings[name], replace(model_class(name), configurations=[test]))
+    alike, not_alike = (
+        [each for each in bs.hierarchy(tests, settings=COARSE).remarks if "not defined" in each]
+        for tests in (rankings, {**rankings, **others})
+    )
+    assert not alike
+    (remark,) = not_alike
+    assert remark.startswith("the structure of test 'April' is not defined as that of 'January': ")
+
+
 def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
     failed = rankings["April"].comparison.with_checks([Check("data", "the methods differ")])
     tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}

@@ -119,7 +119,10 @@ class AnyPairing(ModalLikelihood):
         return np.full(self.structure.n_modes - 1, apart.min(initial=np.inf))
 
     def _most_log_weights(self, close: ClosePairs, frequencies_hz: FloatArray) -> FloatArray:
-        """Of identified modes as the two of a close pair, of which shapes take away, (C, 2, J)."""
+        """Largest possible log weights of identified modes as the two of a close pair, (C, 2, J).
+
+        With shapes equal to the model's.
+        """
         model_hz = frequencies_hz[close.rows[:, None], close.lower[:, None] + [0, 1]]
         own = np.square([mode.frequency_cov or 0.0 for mode in self.data.modes])
         variances = close.variances[:, :1, None] + own
@@ -161,7 +164,7 @@ class AnyPairing(ModalLikelihood):
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
         cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        # So small that what is left out is no step in the likelihood, on which ascents would end.
+        # Leaving out a larger share is a step in the likelihood, at which ascents stop early.
         least = 2.0 * NEGLIGIBLE_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
         mean = self._mean_over_turns(close, cases, shapes, least)
         rows, variances = close.rows[pair], self._shapes_or_none[2][columns]

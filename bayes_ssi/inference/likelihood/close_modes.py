@@ -42,7 +42,7 @@ ROUNDING = 4.0 * np.finfo(float).eps
 NUMBERS_OF_NODES = (24, 24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -9.0  # exponent below the maximum
-DISAGREEMENT = 100.0  # the same below the best of each shape, of shapes nearest at turns far apart
+FAR_BELOW = -100.0  # exponent below what each shape reaches alone: another turn may be better
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
@@ -223,15 +223,18 @@ class Turned(NamedTuple):
     distances: FloatArray  # (m, E), 1 - |φ_e·φ(t)| at that turn
 
     @classmethod
-    def of(cls, concentrations: FloatArray, shapes: TurningShapes) -> "Turned":
-        """From κ' (E,), infinite where nothing turns.
+    def of(
+        cls, concentrations: FloatArray, shapes: TurningShapes, least: FloatArray | float = -np.inf
+    ) -> "Turned":
+        """From κ' (E,), infinite where nothing turns, as where no exponent is above ``least`` (E,).
 
         Nodes are about the highest of the turns that the density of turns, each shape, or all of
         them together ask for. Where every other node would give another mean, they are about the
         highest turn of a grid; where that will not do, or another of these may be a maximum by
         itself, about each of them, and more.
         """
-        turns = np.isfinite(concentrations)
+        alone_highest = shapes.highest_exponents
+        turns = np.isfinite(concentrations) & (alone_highest >= least)
         kappa = np.where(turns, concentrations, 0.0)
         of_turns = np.array([kappa, np.zeros(len(kappa))])[:, None]
         alone = np.concatenate([of_turns, shapes.pulls], axis=1)
@@ -246,7 +249,6 @@ class Turned(NamedTuple):
         apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
         several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
         log_means, highest, mean_turns, peaks = np.zeros((4, len(kappa)))
-        alone_highest = shapes.highest_exponents
         left, nodes = np.flatnonzero(turns), (centre, width)
         for attempt, n in enumerate(NUMBERS_OF_NODES):
             accurate = np.empty(len(left), dtype=bool)
@@ -258,8 +260,8 @@ class Turned(NamedTuple):
                 own_means = _mean_over_turns(n, *own, kappa[some], shapes.cases(some))
                 log_means[some], highest[some], mean_turns[some], peaks[some], sure = own_means
                 accurate[part] = sure
-            if attempt == 0:  # they may be nearest together where none is alone
-                accurate &= highest[left] > alone_highest[left] - DISAGREEMENT
+            if attempt == 0:  # shapes may be nearest together where none is alone
+                accurate &= highest[left] > alone_highest[left] + FAR_BELOW
             if attempt < 2:
                 accurate &= ~several[left]
             left, nodes = left[~accurate], (centres, widths)

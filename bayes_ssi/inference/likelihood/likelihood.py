@@ -263,10 +263,7 @@ class ModalLikelihood:
         shapes: FloatArray,
         least: FloatArray | float = -np.inf,
     ) -> Turned:
-        """Of model shapes (B, n_sensors, n_modes), at the sensors.
-
-        Cases that do not turn where the highest exponent is below ``least`` (E,).
-        """
+        """Of model shapes (B, n_sensors, n_modes), at the sensors; ``least`` as in `Turned.of`."""
         units, measured, variances = self._shapes_or_none
         turning = TurningShapes.of(
             *cases.modes(close, shapes),
@@ -274,8 +271,7 @@ class ModalLikelihood:
             measured[:, cases.columns],
             close.variances[cases.pairs, 1] + variances[cases.columns],
         )
-        kappa = close.concentrations(cases.observed, cases.pairs)
-        return Turned.of(np.where(turning.highest_exponents < least, np.inf, kappa), turning)
+        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning, least)
 
     @cached_property
     def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -94,7 +94,7 @@ def log_likelihoods(
         values: (B, n_parameters), of the population.
     """
     finite = np.isfinite(values).all(axis=1)
-    if not finite.all():  # far out in the prior of a spread, where its probability is one
+    if not finite.all():  # quantiles, where a prior's probability rounds to one
         logs = np.full((len(values), len(components)), -np.inf)
         logs[finite] = log_likelihoods(population, components, covariates, values[finite])
         return logs

@@ -34,6 +34,7 @@ RIGID_SQUARE = 1e-4  # a rigid-body mode's (2πf)² is a smaller share of the ne
 # Steps of inverse iteration, after which a motion of a held model has strain energy, a thousand
 # times what rounding makes of a rigid one.
 STEPS_TO_LOWEST, CERTAIN = 6, 1e3
+MOST_RESTARTS = 10  # of Lanczos iterations for the lowest eigenvalue, which needs few or thousands
 
 
 class Factor:
@@ -130,10 +131,9 @@ def _is_far_from_singular(matrix: Matrix, diagonal: FloatArray) -> bool:
         return False
     root = sp.diags_array(1.0 / np.sqrt(diagonal))
     start = np.random.default_rng(0).standard_normal(len(diagonal))
+    scaled, n = root @ matrix @ root, MOST_RESTARTS
     try:
-        (lowest,) = eigsh(
-            root @ matrix @ root, 1, which="SA", v0=start, tol=0.1, return_eigenvectors=False
-        )
+        (lowest,), _ = eigsh(scaled, 1, which="SA", v0=start, tol=0.1, maxiter=n)
     except ArpackError:
         return False
     return bool(lowest > 0.01)
