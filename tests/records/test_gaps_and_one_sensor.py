@@ -27,7 +27,7 @@ def samples():
 
 def identified(samples, sensors=("floor 1", "floor 2")):
     record = bs.Record(samples, RATE, sensors, "acceleration", "m/s2")
-    return record, bs.identify(record, (0.5, 4.0)).modal_data()
+    return record, bs.identify(record, (0.5, 4.0), at=tuple(MODES)).modal_data()
 
 
 def test_pieces_between_gaps_are_identified_together(samples):
@@ -85,7 +85,8 @@ def test_one_sensor_gives_frequencies_and_dampings(samples):
 def test_one_sensor_from_the_command_line_to_a_ranking(samples, run, tmp_path):
     head = "# rate_hz, 20\n# unit, m/s2\nfloor 2"
     np.savetxt(tmp_path / "a.csv", samples[1], header=head, comments="")
-    done = run("identify", tmp_path / "a.csv", "--band", 0.5, 4, "--out", tmp_path / "m.csv")
+    asked = ["--band", 0.5, 4, "--mode", 1.0, "--mode", 2.62, "--out", tmp_path / "m.csv"]
+    done = run("identify", tmp_path / "a.csv", *asked)
     assert done.exit_code == 0, done.output
     modes = bs.read_modal_data(tmp_path / "m.csv")
     k = bs.Parameter("k", bs.LogNormal(median=100.0, cov=0.3))
@@ -139,7 +140,7 @@ def beside_two_sound_ones(samples, wrong):
 )
 def test_a_sensor_that_measured_nothing_is_left_out(samples, wrong, out, why):
     record = beside_two_sound_ones(samples, wrong)
-    motion = usable_motion(record, BAND, None)
+    motion = usable_motion(record, BAND, "")
     assert sorted(motion.left_out) == [*out]
     assert why in motion.left_out["c"]
     sound = record.selected([name for name in record.sensors if name not in out])
@@ -182,7 +183,7 @@ def test_gaps_that_were_filled_are_gaps(samples, how):
         )
         missing[:, first:end] = np.nan
     filled, gaps = (
-        usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, None)
+        usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, "")
         for rows in (both, missing)
     )
     assert filled.record.gaps == gaps.record.gaps
@@ -195,7 +196,7 @@ def test_parts_of_a_record_that_are_used(samples):
     late = np.roll(samples[0], 2)  # by a tenth of a second, but for the first two samples
     rows = np.vstack([samples[0], late])
     rows[:, 3000:3400] = np.nan
-    motion = usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, None)
+    motion = usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, "")
     mask = np.ones(N)
     mask[7000:8000] = 0.0
     first, second = motion.halves(mask, np.array([0.0, 0.1]))
@@ -218,7 +219,7 @@ def test_sensors_that_are_all_clipped_stay(samples):
     limits = 2.0 * samples.std(1, keepdims=True)
     rows = samples.clip(-limits, limits)
     record = bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2")
-    assert usable_motion(record, BAND, None).left_out == {}
+    assert usable_motion(record, BAND, "").left_out == {}
     # Of a normal variable 4.55 % are beyond two standard deviations.
     shares = [float(text.split("; ")[1].split(" %")[0]) for text in record.warnings()]
     assert shares == pytest.approx([4.55, 4.55], abs=0.4)

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from scipy.signal import hilbert, lfilter
-from simulated_records import FRAME, simulated_record
+from simulated_records import FRAME, simulated_record, truth_of
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.spectra import Resonances, transforms_of
@@ -105,7 +105,8 @@ def test_a_line_that_wanders_fails_a_check_and_modes_do_not():
     line = 0.3 * record.samples.std() * wandering(rng, times, 2.2, 0.002)
     samples = record.samples + np.array([[1.0], [0.4], [0.7]]) * line
     disturbed = bs.Record(samples, record.rate_hz, SENSORS, record.quantity, record.unit)
-    result = bs.identify(disturbed, (0.6, 4.6))
+    modes_hz = truth_of(FRAME, SENSORS, 0.02).frequencies_hz
+    result = bs.identify(disturbed, (0.6, 4.6), at=(*modes_hz, 2.2))
     said = [text for text in result.failed_checks if "a wandering line of a machine" in text]
     assert said
     for text in said:

@@ -1,5 +1,6 @@
 """What is fitted as a mode but moves nowhere surely is not quoted, unless it was asked for."""
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,11 +12,13 @@ from bayes_ssi.measurements.records import modal_identification
 from bayes_ssi.measurements.records.modal_identification import modes_to_quote, peaks_without_mode
 from bayes_ssi.measurements.records.mode_candidates import Prominence
 from bayes_ssi.measurements.records.spectra import Resonances
+from bayes_ssi.measurements.records.usable_motion import usable_motion
 
 BAND_HZ = (1.4, 2.9)
 
 
-def record_of_one_mode():
+@pytest.fixture(scope="module")
+def record():
     """13 minutes of a mode at 2 Hz and two far from it; this draw of loads asks for one more."""
     rng = np.random.default_rng([52, 19])
     rng.random(5)
@@ -29,8 +32,11 @@ def record_of_one_mode():
     return bs.Record(samples, 20.0, ("a", "b", "c", "d"), "acceleration", "g")
 
 
-def test_a_broad_rest_of_the_spectrum_is_no_mode():
-    found = bs.identify(record_of_one_mode(), BAND_HZ)
+def test_a_broad_rest_of_the_spectrum_is_no_mode(record, monkeypatch):
+    searched = cache(modal_identification._search)
+    motion = usable_motion(record, BAND_HZ, "")
+    monkeypatch.setattr(modal_identification, "_search", lambda *_: searched(motion, ()))
+    found = bs.identify(record, BAND_HZ)
     (frequency,) = found.quoted.frequencies_hz
     assert abs(np.log(frequency / 2.0)) < 3.0 * found.modes[0].frequency_cov
     (peak,) = found.peaks
@@ -38,17 +44,15 @@ def test_a_broad_rest_of_the_spectrum_is_no_mode():
     assert found.failed_checks == ()
     (remark,) = found.remarks
     assert remark.startswith("what is fitted at 2.484 Hz with a damping of 9.7 % is not quoted")
-
-
-def test_a_clear_peak_of_a_shape_that_is_not_known_is_said(monkeypatch):
+    # And a clear peak of a shape that is not known is said.
     monkeypatch.setattr(modal_identification, "MOST_SHAPE_SD", 0.0)
     said = r"no mode is identified .* the peak at 1\.99\d Hz: it stands out by 13 dB"
     with pytest.raises(ValueError, match=said):
-        bs.identify(record_of_one_mode(), BAND_HZ)
+        bs.identify(record, BAND_HZ)
 
 
-def test_what_is_asked_for_is_quoted():
-    found = bs.identify(record_of_one_mode(), BAND_HZ, at=(2.0, 2.5))
+def test_what_is_asked_for_is_quoted(record):
+    found = bs.identify(record, BAND_HZ, at=(2.0, 2.5))
     assert len(found.quoted.modes) == 2
 
 
