@@ -259,7 +259,7 @@ def fake_sampling(monkeypatch, make_posterior):
 
         def sample_all(candidates, seed, settings, run, refinement, known_starts):
             del seed, settings, refinement, known_starts
-            if run.checkpoint is not None:  # as its journals do
+            if run.checkpoint is not None:  # as its caches do
                 run.checkpoint.directory.mkdir(exist_ok=True)
             install.sampled.append([candidate.name for candidate in candidates])
             posteriors = []

@@ -76,8 +76,7 @@ def changes(
         "left_out": left_out,
     }
     family = choose_changes(loaded, before, after, settings, **grouping)
-    inputs = (settings, family.before, family.after, family.features)
-    sampling.search(loaded, study, "changes", family, inputs, change_findings)
+    sampling.search(loaded, study, "changes", family, change_findings)
 
 
 def _names(text: str) -> list[str]:

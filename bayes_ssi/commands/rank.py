@@ -43,4 +43,4 @@ def rank(study: Path, names: tuple[str, ...], any_pairing: bool, sampling: RunOp
         averages = averaged_parameters(ranking.posteriors, ranking.comparison)
         return ranking, {"averaged_parameters.json": averages}
 
-    sampling.answer(loaded, study, study.stem, ("rank",), sample, ranked, further_tables)
+    sampling.answer(loaded, study, study.stem, sample, ranked, further_tables)

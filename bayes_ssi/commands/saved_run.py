@@ -61,7 +61,6 @@ class RunOptions:
         study: Study,
         study_file: Path,
         name: str,
-        inputs: Sequence[object],
         sample: Sample,
         first: Callable[[StoredResult], Iterable[RenderableType]],
         others: Callable[[StoredResult], Iterable[RenderableType]],
@@ -73,7 +72,6 @@ class RunOptions:
 
         Args:
             name: of the result directory.
-            inputs: what the run depends on besides the study and these options.
             first, others: tables and notes, in the order in which they are read.
             n_classes: number of classes that are sampled, at least; the study's by default.
 
@@ -82,10 +80,10 @@ class RunOptions:
         from bayes_ssi.results.answer import answer as say_answer
 
         directory = RESULTS / name if self.out is None else self.out
-        checkpoint, overwrite = self._checkpoint(study, directory, inputs)
+        checkpoint = self._checkpoint(directory)
         with self._running(study, checkpoint, n_classes) as run:
             ranking, records = sample(run)
-            result = self._save(ranking, records, study_file, directory, overwrite, run)
+            result = self._save(ranking, records, study_file, directory, run)
         # Also what an earlier run sampled and this one did not.
         checkpoint.remove()
         answered = say_answer(result)
@@ -110,24 +108,18 @@ class RunOptions:
             _json_record(result, (*answered.paragraphs, *answered.further), records), failed
         )
 
-    def _checkpoint(
-        self, study: Study, directory: Path, inputs: Sequence[object]
-    ) -> tuple[Checkpoint, bool]:
-        """That of a run, and whether to overwrite its result; none other may write there now."""
-        from bayes_ssi.inference.workers.run import Checkpoint, name_of_run
+    def _checkpoint(self, directory: Path) -> Checkpoint:
+        """That of a run with this result; no other run may write there now."""
+        from bayes_ssi.inference.workers.run import Checkpoint
         from bayes_ssi.results.result_files import require_new, sibling
         from bayes_ssi.results.stored_result import MARKER
 
-        checkpoint = Checkpoint(
-            sibling(directory, "checkpoint"),
-            run=name_of_run(study.model_classes, self.seed, self.settings, *inputs),
-            discard_others=self.overwrite,
-            say=lambda text: click.echo(text, err=True),
-        )
-        overwrite = self.overwrite or checkpoint.is_saving
-        require_new(directory, marker=MARKER, overwrite=overwrite)
-        click.get_current_context().with_resource(checkpoint.locked())
-        return checkpoint, overwrite
+        require_new(directory, marker=MARKER, overwrite=self.overwrite)
+        checkpoint = Checkpoint(sibling(directory, "checkpoint"))
+        if click.get_current_context().with_resource(checkpoint.locked()):
+            words = "an earlier run was interrupted; it is resumed as far as it was the same"
+            click.echo(words, err=True)
+        return checkpoint
 
     @contextmanager
     def _running(
@@ -170,16 +162,11 @@ class RunOptions:
 
     def _save(
         self, ranking: Ranking, records: Mapping[str, Any], study_file: Path, directory: Path,
-        overwrite: bool, run: Run,
+        run: Run,
     ) -> StoredResult:  # fmt: skip
         from bayes_ssi.plots.moving_shapes import save_scenes
-        from bayes_ssi.results.result_files import require_new
-        from bayes_ssi.results.stored_result import MARKER, save_result
+        from bayes_ssi.results.stored_result import save_result
 
-        # Another result may have appeared since the run began.
-        require_new(directory, marker=MARKER, overwrite=overwrite)
-        assert run.checkpoint is not None
-        run.checkpoint.begin_saving()
         run.report("saving", "result", 0.0)
         # The path is relative only where the result, too, is below where the command began.
         below = directory.absolute().is_relative_to(Path.cwd())
@@ -187,7 +174,7 @@ class RunOptions:
             ranking,
             directory,
             study_file=str(study_file if below else study_file.absolute()),
-            overwrite=overwrite,
+            overwrite=self.overwrite,
             accept_failed_checks=self.accept_failed_checks,
             command=terminal.command_line(),
             extra=records,
@@ -198,7 +185,7 @@ class RunOptions:
 
     def search(
         self, study: Study, study_file: Path, kind: str, family: Family[Any],
-        inputs: Sequence[object], findings: Callable[..., FamilyRecord],
+        findings: Callable[..., FamilyRecord],
     ) -> None:  # fmt: skip
         """Search a family of hypotheses, save what was found, print it and exit."""
         from bayes_ssi.report.tables.search_tables import first_tables, further_tables
@@ -211,8 +198,7 @@ class RunOptions:
 
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
         self.answer(
-            study, study_file, name, (kind, *inputs), sample, first_tables, further_tables,
-            n_classes,
+            study, study_file, name, sample, first_tables, further_tables, n_classes,
         )  # fmt: skip
 
 
@@ -231,7 +217,7 @@ def run_options(command: options.Command, error: float = 0.01) -> options.Comman
             "hundreds of times fewer."),
         "out": options.path_option("--out", text="Result directory; in runs/results if not given."),
         "overwrite": options.flag(
-            "--overwrite", text="Replace a result, or an unfinished run, that exists."),
+            "--overwrite", text="Replace a result that exists."),
         "workers": click.option(
             "--workers", type=click.IntRange(min=1), metavar="N",
             help="Sample in N processes on this machine, at most one for each core. If not given: "

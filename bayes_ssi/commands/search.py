@@ -60,5 +60,4 @@ def search(
     candidates = None if candidates_file is None else read_candidates(candidates_file)
     baselines = options.listed_names(loaded, names)
     chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None, settings)
-    inputs = (settings, baselines, candidates, present_in)
-    sampling.search(loaded, study, "search", chosen, inputs, appendage_findings)
+    sampling.search(loaded, study, "search", chosen, appendage_findings)

@@ -44,7 +44,7 @@ def rank(
 
     Raises:
         ValueError: the classes explain different data, a class's likelihood is zero everywhere,
-            the model cannot be evaluated by the workers, or the checkpoint is of another run.
+            the model cannot be evaluated by the workers, or the checkpoint is in use or damaged.
 
     >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))

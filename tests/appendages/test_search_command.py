@@ -188,11 +188,11 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     assert stopped.exit_code == 130
     assert "Interrupted; resume with: bayes-ssi search " in stopped.stderr
     # As if hypotheses had been sampled that are not tried the next time.
-    journal, *_ = (tmp_path / ".r.checkpoint").glob("*.journal")
-    shutil.copy(journal, journal.with_name("with_two_appendages.journal"))
+    kept, *_ = (tmp_path / ".r.checkpoint").iterdir()
+    shutil.copy(kept, kept.with_name("with_two_appendages"))
     result = run(*arguments)
     assert result.exit_code == 0, result.output
-    assert "model class 'infill 0-1': resumes after" in result.stderr
+    assert "an earlier run was interrupted; it is resumed" in result.stderr
     assert not (tmp_path / ".r.checkpoint").exists()
     assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 

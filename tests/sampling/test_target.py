@@ -6,12 +6,11 @@ from scipy import stats
 
 from bayes_ssi.inference.sampling.target import (
     FARTHEST,
-    POINTS_TO_CHECK,
     SuggestedStarts,
     Target,
     log_standard_normal,
 )
-from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.cache import POINTS_TO_CHECK, Cache
 from bayes_ssi.parameters.priors import LogNormal
 
 
@@ -78,44 +77,31 @@ def test_infinite_likelihood_is_refused_though_others_failed():
         target.log_likelihood(column(-1.0, 2.0))
 
 
-def test_a_repeated_run_counts_what_its_journal_recalls(tmp_path):
-    batches = [column(1.0, 2.0, -3.0, 30.0, 4.0), column(5.0, 6.0), column(7.0)]
-    model, again = Fragile(), Fragile()
-    with Journal(tmp_path / "x", {}) as journal:
-        first = Target(model, 1, journal=journal)
-        values = [first.log_likelihood(batch) for batch in batches[:2]]
-    with Journal(tmp_path / "x", {}) as journal:
-        second = Target(again, 1, journal=journal)
-        for batch, expected in zip(batches, [*values, [7.0]], strict=True):
-            np.testing.assert_array_equal(second.log_likelihood(batch), expected)
-    assert (second.n_evaluations, second.n_failed) == (8, 2)
-    assert second.first_failure == first.first_failure == ([-3.0], NO_EQUILIBRIUM)
-    # Only the first points, to see that the model is still the same, in two parts down to the one
-    # that raises; and what the journal does not have.
-    assert again.asked == [POINTS_TO_CHECK, 1, 2, 1, 1, len(batches[2])]
-
-
-def test_suggested_starts_are_recalled_and_counted(tmp_path):
-    asked = []
+def test_a_repeated_run_counts_what_is_recalled(tmp_path):
+    """Log-likelihoods and suggested starts; draws that follow these are the same."""
+    batch, suggested = column(1.0, 2.0, -3.0, 30.0, 4.0), []
 
     def suggest(rng):
-        asked.append(rng)
-        return SuggestedStarts(rng.standard_normal((3, 2)), 40)
+        suggested.append(rng.standard_normal((3, 1)))
+        return SuggestedStarts(suggested[0], 40)
 
-    results = []
-    for _ in range(2):
-        rng = np.random.default_rng(5)
-        with Journal(tmp_path / "x", {}) as journal:
-            assert journal.n_kept == (44 if asked else 0)
-            target = Target(lambda z: -z[:, 0], 2, journal=journal, suggest_starts=suggest)
-            target.log_likelihood(np.zeros((4, 2)))
-            results.append((target.suggested(rng), rng.random()))
-        assert target.n_evaluations == 44
-    assert len(asked) == 1
-    np.testing.assert_array_equal(results[0][0], results[1][0])
-    assert results[0][0].shape == (3, 2)
-    assert results[0][1] == results[1][1]
-    assert Target(lambda z: z[:, 0], 2).suggested(rng).shape == (0, 2)
+    def results():
+        model, rng = Fragile(), np.random.default_rng(5)
+        with Cache(tmp_path / "x") as cache:
+            target = Target(model, 1, cache=cache, suggest_starts=suggest)
+            values, starts = target.log_likelihood(batch), target.suggested(rng)
+        np.testing.assert_array_equal(starts, suggested[0])
+        counts = (target.n_evaluations, target.n_failed, target.first_failure)
+        assert counts == (45, 2, ([-3.0], NO_EQUILIBRIUM))
+        return values.tobytes(), rng.random(), model.asked
+
+    first, again = results(), results()
+    assert again[:2] == first[:2]
+    assert len(suggested) == 1
+    # Only the first points, to see that the model is still the same, in two parts down to the one
+    # that raises.
+    assert again[2] == [POINTS_TO_CHECK, 1, 2, 1, 1]
+    assert Target(Fragile(), 2).suggested(np.random.default_rng(0)).shape == (0, 2)
 
 
 def test_an_empty_batch_does_not_reach_the_function():

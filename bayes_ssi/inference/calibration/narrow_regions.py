@@ -36,7 +36,7 @@ from bayes_ssi.inference.likelihood.pairings import PairingWeights, sample_pairi
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.sampling.maxima import Maxima
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
-from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.modal import Modes
 
@@ -72,7 +72,7 @@ def starts_in_narrow_regions(
 def class_target(
     model_class: ModelClass,
     workers: Workers | None = None,
-    journal: Journal | None = None,
+    cache: Cache | None = None,
     known_starts: FloatArray | None = None,
 ) -> Target:
     """The log-likelihood of a class, which suggests starts in its posterior's narrow regions."""
@@ -81,7 +81,7 @@ def class_target(
         model_class.log_likelihood_at,
         len(model_class.parameters),
         workers,
-        journal,
+        cache,
         partial(starts_in_narrow_regions, model_class, workers),
         known_starts,
         model_class.values,

@@ -43,7 +43,8 @@ from bayes_ssi.inference.sampling.target import (
     Target,
     log_standard_normal,
 )
-from bayes_ssi.inference.workers.journal import Journal, RecordedStructure
+from bayes_ssi.inference.workers.cache import Cache
+from bayes_ssi.inference.workers.recorded_structure import RecordedStructure
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.structures.emulation.emulated_structure import EmulatedStructure
@@ -81,50 +82,42 @@ def sample(
 
     Raises:
         ValueError: the likelihood is zero at every draw from the prior, the model cannot be
-            evaluated by the workers, or the checkpoint is of another run.
+            evaluated by the workers, or the checkpoint is in use or damaged.
     """
     settings, run = settings or SamplingSettings(), run or Run()
-    checkpoint = run.checkpoint
-    journal = checkpoint.journal(model_class, seed, settings) if checkpoint else None
-    try:
-        # As in a worker: how many threads add up a sum must not change its last digit.
-        one_thread = threadpool_limits(limits=1, user_api="blas")
-        with run.working(), journal or nullcontext(), one_thread:
-            emulated = model_class
-            if settings.economical:
-                emulated = with_emulated_structures(model_class, seed, run.workers, journal)
-            is_emulated = emulated is not model_class
-            # Emulators are faster than sending them, and their solutions are in the journal.
-            own_run = Run(progress=run.progress) if is_emulated else run
-            sample_class = partial(
-                sample_as_it_is,
-                seed=seed,
-                settings=settings,
-                run=own_run,
-                journal=None if is_emulated else journal,
-                known_starts=known_starts,
-            )
-            if not is_approximate(emulated):
-                return sample_class(emulated)
-            refine = partial(
-                refined, emulated, sample_class, settings.log_evidence_error, refinement
-            )
-            if not is_emulated:
-                return refine(report=partial(run.report, model_class.name))
-            posterior = refine()
-            # Solutions of the emulated structures count, not evaluations of emulators.
-            exact = [test.structure.exact for test in emulated.configurations]
-            solved = {id(e): e.n_solved for e in exact if isinstance(e, RecordedStructure)}
-            return replace(posterior, n_evaluations=sum(solved.values()))
-    except ValueError:
-        if checkpoint and journal and journal.is_empty:
-            # It would refuse the class once its input is corrected.
-            checkpoint.remove([model_class.name])
-        raise
+    checkpoint, options = run.checkpoint, (seed, settings, refinement)
+    cache = checkpoint.cache(model_class, *options) if checkpoint else nullcontext()
+    # As in a worker: how many threads add up a sum must not change its last digit.
+    one_thread = threadpool_limits(limits=1, user_api="blas")
+    with run.working(), cache as kept, one_thread:
+        emulated = model_class
+        if settings.economical:
+            emulated = with_emulated_structures(model_class, seed, run.workers, kept)
+        is_emulated = emulated is not model_class
+        # Emulators are faster than sending them, and their solutions are in the cache.
+        own_run = Run(progress=run.progress) if is_emulated else run
+        sample_class = partial(
+            sample_as_it_is,
+            seed=seed,
+            settings=settings,
+            run=own_run,
+            cache=None if is_emulated else kept,
+            known_starts=known_starts,
+        )
+        if not is_approximate(emulated):
+            return sample_class(emulated)
+        refine = partial(refined, emulated, sample_class, settings.log_evidence_error, refinement)
+        if not is_emulated:
+            return refine(report=partial(run.report, model_class.name))
+        posterior = refine()
+        # Solutions of the emulated structures count, not evaluations of emulators.
+        exact = [test.structure.exact for test in emulated.configurations]
+        solved = {id(e): e.n_solved for e in exact if isinstance(e, RecordedStructure)}
+        return replace(posterior, n_evaluations=sum(solved.values()))
 
 
 def with_emulated_structures(
-    model_class: ModelClass, seed: int, workers: Workers | None, journal: Journal | None
+    model_class: ModelClass, seed: int, workers: Workers | None, cache: Cache | None
 ) -> ModelClass:
     """The class with an emulator in place of every structure that takes long.
 
@@ -136,7 +129,7 @@ def with_emulated_structures(
         if structure.is_cheap or not structure.parameters:
             return structure
         if id(structure) not in emulators:
-            recorded = RecordedStructure(structure, workers, journal)
+            recorded = RecordedStructure(structure, workers, cache)
             emulators[id(structure)] = EmulatedStructure(recorded, seed=seed)
         return emulators[id(structure)]
 
@@ -159,20 +152,20 @@ def sample_as_it_is(
     seed: int = 0,
     settings: SamplingSettings | None = None,
     run: Run | None = None,
-    journal: Journal | None = None,
+    cache: Cache | None = None,
     known_starts: FloatArray | None = None,
 ) -> Posterior:
     """Sample a model class with its structures as they are.
 
     Arguments and errors are as in :func:`bayes_ssi.inference.posterior_sampling.sample.sample`;
-    ``journal`` recalls the evaluations that it holds and records the others.
+    ``cache`` recalls the evaluations of an earlier run and keeps the others.
     """
     settings, run = settings or SamplingSettings(), run or Run()
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
     with run.working():
-        target = class_target(model_class, run.workers, journal, known_starts)
+        target = class_target(model_class, run.workers, cache, known_starts)
         sampled = _sampled(model_class, target, seed, settings, run)
         rng = np.random.default_rng(seed)
         z, log_likelihoods, no_chains = _quoted_draws(sampled, rng)

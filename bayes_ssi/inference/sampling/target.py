@@ -7,15 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.workers.journal import Journal
+from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.inference.workers.workers import Evaluated, Function, Workers, evaluate
 
-# Points of a journal that are evaluated again, to see that the model is still the same: a change
-# of the model would hardly spare all of them.
-POINTS_TO_CHECK = 3
-# By which share points are moved to be asked twice, as what a model remembers would show no noise,
-# and how many nats count as rounding then.
-NUDGE, ROUNDING = 1e-13, 1e-5
+# Points at which a model is asked twice whether it is noisy; by which share they are moved, as what
+# a model remembers would show no noise; and how many nats count as rounding then.
+POINTS_TO_CHECK, NUDGE, ROUNDING = 3, 1e-13, 1e-5
 # Coordinates end here: farther out the prior's density, and the probability that the mapping to
 # parameters begins with, vanish in double precision. Proposals with heavy tails go there.
 FARTHEST = 38.0
@@ -42,7 +39,7 @@ class Target:
     function: Function  # (B, d) coordinates → (B,) log-likelihoods; row i depends on row i alone
     n_dimensions: int
     workers: Workers | None = None  # where it is evaluated; in this process if None
-    journal: Journal | None = None
+    cache: Cache | None = None  # what it evaluated in an earlier run
     # Where a search should climb from besides its own draws, which each search calls with its own
     # generator; None where all that is known is the log-likelihood.
     suggest_starts: Callable[[np.random.Generator], SuggestedStarts] | None = None
@@ -54,6 +51,7 @@ class Target:
     parameter_values: Callable[[FloatArray], FloatArray] | None = None
     # Whether hardly any parameter has an influence on it, which is then no reason for doubt.
     is_flat: bool = False
+    _number: int = field(default=0, init=False)  # of this model in the cache
     noise: float = field(default=0.0, init=False)  # in nats, where it was measured
     n_evaluations: int = field(default=0, init=False)
     # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
@@ -61,6 +59,10 @@ class Target:
     n_failed: int = field(default=0, init=False)
     # The point (d,) at which it failed first, and why.
     first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        if self.cache is not None:
+            self._number = self.cache.new_model()
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:
         """The log-likelihood (B,) at ``z`` (B, d); -inf where the function failed.
@@ -74,7 +76,7 @@ class Target:
             return values
         if not len(z):
             return np.empty(0)
-        values, reasons = self._evaluate(z) if self.journal is None else self._recall(z)
+        values, reasons = self._evaluated(z)
         self.n_evaluations += len(z)
         failed = np.isnan(values)
         if failed.any():
@@ -123,30 +125,23 @@ class Target:
         """Suggested starts (m, d) of one search; none where nothing suggests any."""
         if self.suggest_starts is None:
             return np.empty((0, self.n_dimensions))
-        recalled = self.journal and self.journal.recalled_suggestion(self.n_dimensions)
         # A child: what follows is the same whether they are recalled or not.
-        rng_of_starts = rng.spawn(1)[0]
-        z, n_evaluations = recalled or self.suggest_starts(rng_of_starts)
-        if self.journal and not recalled:
-            self.journal.add_suggestion(z, n_evaluations)
-        self.n_evaluations += n_evaluations
-        return z
+        (child,) = rng.spawn(1)
+        # Of a batch, the points are its key.
+        key = child.bit_generator.seed_seq.generate_state(4)
+        kept = self.cache.recalled(self._number, key) if self.cache else None
+        if kept is None:
+            z, n_evaluations = self.suggest_starts(child)
+            kept = Evaluated(np.append(z, n_evaluations), {})
+            if self.cache:
+                self.cache.keep(self._number, key, kept)
+        self.n_evaluations += int(kept.values[-1])
+        return kept.values[:-1].reshape(-1, self.n_dimensions)
 
-    def _recall(self, z: FloatArray) -> Evaluated:
-        """Values from the journal, or else new ones, which are added to it."""
-        assert self.journal is not None
-        recalled = self.journal.recalled(z)
-        if recalled is None:
-            recalled = self._evaluate(z)
-            self.journal.add(z, recalled)
-        elif self.n_evaluations == 0:
-            again = self._evaluate(z[:POINTS_TO_CHECK]).values
-            if not np.allclose(again, recalled.values[:POINTS_TO_CHECK], 1e-6, equal_nan=True):
-                raise ValueError(
-                    f"{self.journal.path}: the model gives other values than when this checkpoint "
-                    "was made; remove it to begin again"
-                )
-        return recalled
+    def _evaluated(self, z: FloatArray) -> Evaluated:
+        if self.cache is None:
+            return self._evaluate(z)
+        return self.cache.evaluated(self._number, z, self._evaluate)
 
     def _evaluate(self, z: FloatArray) -> Evaluated:
         if self.workers is None:

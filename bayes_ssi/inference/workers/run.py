@@ -1,7 +1,4 @@
-"""How a calculation is carried out: its workers, its checkpoint and its reports of progress.
-
-A checkpoint is a journal for each model class, all in one directory.
-"""
+"""How a calculation is carried out: its workers, its checkpoint and its reports of progress."""
 
 from __future__ import annotations
 
@@ -11,13 +8,11 @@ import logging
 import re
 import sys
 import time
-import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,12 +21,8 @@ from bayes_ssi.foundations.packages import versions
 from bayes_ssi.foundations.text_files import file_stem
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.inference.workers.journal import DamagedJournalError, Journal, OtherRunError
+from bayes_ssi.inference.workers.cache import Cache, locked
 from bayes_ssi.inference.workers.workers import Workers, as_workers
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 
 LOG = logging.getLogger("bayes_ssi")
 LOG.addHandler(logging.NullHandler())
@@ -92,137 +83,52 @@ class Run:
             self.progress(name, step, done)
 
 
-# This file exists from the moment the run begins to write its result.
-SAVING = "saving"
-# This one while a run uses the checkpoint.
+# A run holds this file of its checkpoint.
 LOCK = "lock"
-SUFFIX = ".journal"
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-
-def _keep_quiet(text: str) -> None:
-    del text
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Journals of the model classes of one run."""
+    """Evaluations of model classes, kept in a directory with a file for each."""
 
-    # Holds the journals; created with the first one, inside an existing directory. A relative path
-    # starts in the working directory of this process, also for its workers.
+    # Inside an existing one. A relative path starts in the working directory of this process, also
+    # for its workers.
     directory: Path
-    run: str = field(default="", kw_only=True)
-    discard_others: bool = field(default=False, kw_only=True)
-    # Called with a message when an earlier run is resumed, and when a journal is damaged or was
-    # made on another kind of processor; issues a warning by default.
-    say: Callable[[str], None] = field(default=_warn, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "directory", Path(self.directory).absolute())
 
-    def journal(self, model_class: ModelClass, seed: int, settings: DataclassInstance) -> Journal:
-        """The journal of one model class, closed by the caller; a damaged one is replaced."""
+    def cache(self, model_class: ModelClass, *options: object) -> Cache:
+        """The evaluations of one model class, closed by the caller.
+
+        Those with other options, or with other versions of packages, are in another file.
+        """
         self.directory.mkdir(exist_ok=True)
-        path = self._path(model_class.name)
-        begun = path.exists()
-        run = {
-            "model class": model_class.name,
-            "definition": _definition(model_class),
-            "seed": seed,
-            **asdict(settings),
-            **versions(),
-        }
-        try:
-            journal = Journal(path, run, self.say)
-        except DamagedJournalError as error:
-            self.say(f"{error}; everything is computed again")
-        except OtherRunError:
-            if not self.discard_others:
-                raise
-        else:
-            if begun:
-                kept = f"resumes after {journal.n_kept} evaluations"
-                words = kept if journal.n_kept else "begins again, as no evaluation was kept"
-                self.say(f"model class {model_class.name!r}: {words}")
-            return journal
-        _remove(path)
-        return Journal(path, run, self.say)
+        parts = (model_class.name, _definition(model_class), *map(repr, options), str(versions()))
+        digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+        return Cache(self.directory / f"{file_stem(model_class.name)}-{digest}")
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep other runs from this checkpoint, also between two model classes and while saving.
+    def locked(self) -> Iterator[bool]:
+        """Keep other runs from it, also between model classes; yields whether anything is kept.
 
-        Where an earlier run was killed before it began a journal, as in the first steps of a
-        search, a message says so.
+        The directory is removed at the end, unless it holds evaluations then.
         """
-        begun = self.directory.is_dir()
         self.directory.mkdir(exist_ok=True)
-        left_behind = [path.name for path in self.directory.iterdir()]
-        # A journal without evaluations: its lock ends with this process, however that ends.
-        lock = Journal(self.directory / LOCK, {})
-        if begun and not any(name.endswith((SUFFIX, SAVING)) for name in left_behind):
-            self.say("an earlier run was interrupted before it kept an evaluation; begins again")
         try:
-            yield
+            with locked(self.directory / LOCK):
+                yield any(self._files())
         finally:
-            lock.close()
-            _remove(lock.path)
-            self._remove_if_empty()
+            if not any(self.directory.iterdir()):
+                self.directory.rmdir()
 
-    def silent(
-        self, model_classes: Iterable[ModelClass], seed: int, settings: DataclassInstance
-    ) -> Checkpoint:
-        """The same for other processes, once it is said which of these classes are resumed."""
-        quiet, resumed = replace(self, say=_keep_quiet), []
-        for each in model_classes:
-            if self._path(each.name).exists():
-                with quiet.journal(each, seed, settings) as journal:  # refused if of another run
-                    resumed += [each.name] if journal.n_kept else []
-        if resumed:
-            self.say(f"resumes an earlier run of {', '.join(map(repr, resumed))}")
-        return quiet
+    def remove(self) -> None:
+        """Remove all evaluations."""
+        for path in self._files():
+            path.unlink()
 
-    @property
-    def is_saving(self) -> bool:
-        """Whether this run was interrupted while, or after, it wrote its result."""
-        marker = self.directory / SAVING
-        return marker.exists() and marker.read_text(encoding="utf-8") == self.run
-
-    def begin_saving(self) -> None:
-        """Mark the result directory as this run's own from now on."""
-        (self.directory / SAVING).write_text(self.run, encoding="utf-8")
-
-    def remove(self, names: Iterable[str] | None = None) -> None:
-        """Remove the journals of these or all classes, and the directory if it is then empty."""
-        journals = self.directory.glob(f"*{SUFFIX}") if names is None else map(self._path, names)
-        for path in journals:
-            _remove(path)
-        (self.directory / SAVING).unlink(missing_ok=True)
-        self._remove_if_empty()
-
-    def _remove_if_empty(self) -> None:
-        if self.directory.exists() and not any(self.directory.iterdir()):
-            self.directory.rmdir()
-
-    def _path(self, name: str) -> Path:
-        stem = file_stem(name)
-        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-        return self.directory / f"{stem}-{digest}{SUFFIX}"
-
-
-def _remove(journal: Path) -> None:
-    """Remove a journal and the file that SQLite leaves next to it if a run is killed."""
-    for path in (journal.with_name(f"{journal.name}-journal"), journal):
-        path.unlink(missing_ok=True)
-
-
-def name_of_run(model_classes: Iterable[ModelClass], *options: object) -> str:
-    """A digest that identifies a run by its model classes and all else that determines it."""
-    parts = [*map(_definition, model_classes), *map(repr, options)]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    def _files(self) -> list[Path]:
+        return [path for path in self.directory.iterdir() if path.name != LOCK]
 
 
 def _definition(model_class: ModelClass) -> str:

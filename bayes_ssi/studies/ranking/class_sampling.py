@@ -104,9 +104,6 @@ def _side_by_side(
     # The largest first: none should keep a single worker busy at the end.
     whole.sort(key=lambda i: -len(candidates[i].parameters))
     names = [candidates[i].name for i in whole]
-    checkpoint = None
-    if run.checkpoint is not None:
-        checkpoint = run.checkpoint.silent([candidates[i] for i in whole], seed, settings)
     with TemporaryDirectory(prefix="bayes_ssi_") as directory:
         files = [ProgressFile(Path(directory, str(k))) for k in range(len(whole))]
         known: dict[ProgressFile, tuple[str, str, float]] = {}
@@ -128,7 +125,7 @@ def _side_by_side(
                 _sample_in_worker,
                 seed=seed,
                 settings=settings,
-                checkpoint=checkpoint,
+                checkpoint=run.checkpoint,
                 refinement=refinement,
             ),
             [(*items[i], file) for i, file in zip(whole, files, strict=True)],
