@@ -104,6 +104,7 @@ def test_a_full_disk_is_an_error_of_the_file_that_loses_nothing(path):
         assert all(cache.recalled(model, z) is not None for z, _ in BATCHES)
 
 
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded")
 def test_a_process_that_is_killed_uses_its_cache_no_more(path):
     """Nor do its children, such as a pool that is forked after the cache was opened."""
     opened, told = os.pipe()
