@@ -113,13 +113,12 @@ def _of_appendages_besides(search: SearchRecord) -> Iterator[str]:
         )
     if not any(isinstance(each.place, InfillPlace) for each in search.places):
         yield "Infills were not tried: they join two places, and every candidate is one."
-    tried = [each for each in search.baselines if each.prior_probability > 0.0]
-    if len(tried) > 1:
+    if len(search.baselines) > 1:
         shown = [
             f"{each.name!r} ({probability_in_words(each.probability)})"
-            for each in tried[:MOST_LISTED]
+            for each in search.baselines[:MOST_LISTED]
         ]
-        yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
+        yield f"The probabilities of the {len(search.baselines)} baselines are: {listed(shown)}."
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:
@@ -168,7 +167,7 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
 
 
 def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
-    first, *others = each.places
+    first = each.places[0]
     mass = quantity(*first.amounts["mass"], unit=search.mass_unit)
     share = first.amounts["in_model"]
     already = (
@@ -181,15 +180,13 @@ def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
         f"{probability_in_words(first.probability)}), where {mass} vibrates"
         f"{already * (share[2] > 0.0)}."
     )
-    left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
-    if others and (len(left) > 1 or each.against_by_prior):
-        shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
+    left = each.credible_places
+    if len(left) > 1:
+        shown = [f"{one.place.name} ({probability_in_words(one.probability)})" for one in left]
         words += (
-            f" Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with a "
-            f"prior that is uniform in the logarithm of mass: {shortened(shown)}."
+            f" Of {len(each.places)} places for {whose}, {len(left)} hold 95 % of the probability: "
+            f"{shortened(shown)}."
         )
-    if against := [place.place.name for place in each.against_by_prior]:
-        words += f" Only the prior of the mass speaks against {shortened(against)}."
     return words
 
 

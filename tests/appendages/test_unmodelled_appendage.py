@@ -151,13 +151,3 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
     (check,) = appendage_checks(ranked("bare_building", settings=COARSE), Run())
     assert check.words.endswith("which 'bare frame' lacks; ask with a search for appendages")
-
-
-def test_a_class_with_an_appendage_is_no_rival_without_any():
-    """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
-    study = load_study(MODEL_CLASSES / "steel_frame.py")
-    chosen = choose_baselines(study, ["2 M3"])
-    assert [each.name for each in chosen.classes] == ["2 M3"]
-    names = {each.name for each in chosen.rivals}
-    assert names
-    assert not any("+" in name for name in names)

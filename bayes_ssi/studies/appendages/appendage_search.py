@@ -21,7 +21,6 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.appendages.baselines import (
     Baselines,
     Feature,
@@ -39,7 +38,6 @@ from bayes_ssi.studies.appendages.candidates import (
 )
 from bayes_ssi.studies.ranking.comparison import VERY_STRONG
 from bayes_ssi.studies.ranking.study import Study
-from bayes_ssi.studies.search.approximate_evidence import screen_all
 from bayes_ssi.studies.search.family import Hypothesis
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch
 from bayes_ssi.studies.search.findings import (
@@ -53,12 +51,11 @@ from bayes_ssi.studies.search.findings import (
 )
 
 # Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
-# numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
-# weight under a prior that is uniform in the logarithm of mass.
+# numbers of the hypothesis, which do not fall, and of the place; what it is; and its weight.
 RankedDraws = np.recarray[Any, Any]
 COLUMNS = [
     *((name, np.intp) for name in ("hypothesis", "place")),
-    *((name, float) for name in ("mass", "frequency_hz", "in_model", "weights", "by_data")),
+    *((name, float) for name in ("mass", "frequency_hz", "in_model", "weights")),
 ]
 
 
@@ -81,31 +78,21 @@ class MatchedAppendage:
     places: tuple[Finding, ...]  # where it may be, the most probable first
 
     @property
-    def places_by_data(self) -> tuple[Finding, ...]:
-        """The fewest places that the data leave with 95 %, whatever the prior of the mass."""
-        by_data = {each.place: each.by_data or 0.0 for each in self.places}
-        ordered = sorted(self.places, key=lambda each: -by_data[each.place])
-        return credible(ordered, [by_data[each.place] for each in ordered])
-
-    @property
-    def against_by_prior(self) -> tuple[Finding, ...]:
-        """Places that the data leave, and only the prior of the mass makes improbable."""
-        left = credible(self.places, [place.probability for place in self.places])
-        return tuple(place for place in self.places_by_data if place not in left)
+    def credible_places(self) -> tuple[Finding, ...]:
+        """The fewest places that hold 95 % of the probability."""
+        return credible(self.places, [place.probability for place in self.places])
 
 
 @dataclass(frozen=True)
 class BaselineRecord:
-    """A class that appendages were hung on, or that was compared with such without appendages."""
+    """A class that appendages were hung on."""
 
     name: str
     classes: tuple[str, ...]
     log_evidence: float  # without any appendage, in nats; approximate where that was not sampled
     prior_probability: float
     probability: float
-    # The mass, in the structure's unit, to which mass ratios refer; None where no appendage was
-    # tried.
-    mass_scale: MassScale | None
+    mass_scale: MassScale  # to which mass ratios refer, in the structure's unit
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -116,8 +103,7 @@ class SearchRecord(FamilyRecord):
     nothing = "without any appendage"
     why_unseen = "which move in no mode that a sensor sees"
 
-    # The classes that appendages were hung on, the most probable first; and those compared with
-    # them without appendages.
+    # The classes that appendages were hung on, the most probable first.
     baselines: tuple[BaselineRecord, ...]
     left_out: Mapping[str, str]  # class of the study on which no appendage was hung → why
     present_in: tuple[str, ...] | None  # configurations that have the appendages; None if all have
@@ -142,8 +128,7 @@ class SearchRecord(FamilyRecord):
         return tuple(
             each
             for each in self.baselines
-            if each.prior_probability > 0.0
-            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
+            if self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
         )
 
     @property
@@ -209,7 +194,6 @@ def matched_appendages(
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
     of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
     motions = {i: known for i, row in enumerate(chosen) if (known := of_baselines[row.baseline])}
-    scales = [baselines.scales[row.baseline].mass for row in chosen]
     of_rows = [
         {each: of_one for each, of_one in draws[row.name].items() if not each.is_common}
         for row in chosen
@@ -218,7 +202,6 @@ def matched_appendages(
     of_ranks = ranked_draws(
         of_rows,
         [row.probability / shares[number] for row in chosen],
-        [baselines.options.prior_of_mass_ratio(scale) for scale in scales],
         places,
     )
     return tuple(matched(each, places, motions) for each in of_ranks)
@@ -227,27 +210,22 @@ def matched_appendages(
 def ranked_draws(
     draws: Sequence[Mapping[Any, Draws]],
     shares: Sequence[float],
-    priors: Sequence[Prior],
     places: Sequence[AppendagePlace],
 ) -> list[RankedDraws]:
     """The draws of every appendage, by the rank of its frequency in each draw.
 
-    ``draws`` are of hypotheses with equally many appendages; ``shares`` those of the probability,
-    ``priors`` those of mass ratios.
+    ``draws`` are of hypotheses with equally many appendages; ``shares`` those of the probability.
     """
     blocks = []
-    for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):
-        masses, ratios, frequencies, in_model = (
+    for number, (appendages, share) in enumerate(zip(draws, shares, strict=True)):
+        masses, frequencies, in_model = (
             np.stack([each.column(name) for each in appendages.values()])
-            for name in ("mass", "mass_ratio", "frequency_hz", "in_model")
+            for name in ("mass", "frequency_hz", "in_model")
         )
         weights = share * np.stack([each.weights for each in appendages.values()])
-        # The prior density of the logarithm of a mass, which weighs draws in a uniform one's place.
-        density = ratios * np.exp(prior.log_density(ratios))
-        by_data = np.divide(weights, density, out=np.zeros_like(weights), where=density > 0.0)
         numbers = np.array([places.index(place) for place in appendages])
         order = np.argsort(frequencies, axis=0)
-        columns = (masses, frequencies, in_model, weights, by_data)
+        columns = (masses, frequencies, in_model, weights)
         sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
         blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
     joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
@@ -327,7 +305,6 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Findi
                         name: weighted_quantiles(getattr(there, name), there.weights)
                         for name in ("mass", "frequency_hz", "in_model")
                     },
-                    by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
     return tuple(sorted(possible, key=lambda place: -place.probability))
@@ -360,10 +337,9 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
 
 
 def appendage_findings(
-    baselines: Baselines, search: FamilySearch[Feature], seed: int, run: Run
+    baselines: Baselines, search: FamilySearch[Feature], _seed: int, _run: Run
 ) -> SearchRecord:
-    """What was found on the baselines, and the classes compared with them without appendages."""
-    rivals = screen_all([(rival, None) for rival in baselines.rivals], seed, run)
+    """What was found on the baselines."""
     draws = feature_draws(baselines, search)
     common = findings(search, draws)
     rows: tuple[HypothesisRecord, ...] = common["hypotheses"]
@@ -374,13 +350,7 @@ def appendage_findings(
         if not each.place.is_common
     )
     return SearchRecord(
-        baselines=(
-            *sorted(_searched(baselines, rows), key=lambda record: -record.probability),
-            *(
-                BaselineRecord(rival.name, (), screened.log_evidence, 0.0, 0.0, None)
-                for rival, screened in zip(baselines.rivals, rivals, strict=True)
-            ),
-        ),
+        baselines=tuple(sorted(_searched(baselines, rows), key=lambda record: -record.probability)),
         left_out=dict(baselines.left_out),
         present_in=baselines.present_in,
         search_settings=baselines.options,
