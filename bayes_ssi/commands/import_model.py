@@ -30,7 +30,7 @@ from bayes_ssi.foundations.text_files import file_names
 if TYPE_CHECKING:
     from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.structures.solver_files.exported_model import ExportedModel
-    from bayes_ssi.structures.solver_files.parameter_matrices import ParameterMatrices, Powers
+    from bayes_ssi.structures.solver_files.parameter_matrices import MatrixTerm, ParameterMatrices
 
 
 @click.command("import")
@@ -40,8 +40,7 @@ if TYPE_CHECKING:
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
-              "repeatable, also with other factors of a property, and with two properties whose "
-              "product matters, as in E=1.1,t=1.2:both.TXK.")  # fmt: skip
+              "repeatable, also with other factors of a property.")  # fmt: skip
 @click.option("--check", "checks", multiple=True, metavar="PROPERTY=FACTOR,…:FILE[+MASS]",
               help="Export with several properties altered, which must be predicted to 1e-8; "
               "repeatable.")  # fmt: skip
@@ -59,10 +58,8 @@ if TYPE_CHECKING:
               "where the data do not name it so; repeatable.")  # fmt: skip
 @path_option("--points", metavar="FILE",
              text="Where sensors are, of which the nearest nodes are taken: CSV with columns "
-             "sensor, x_coord, y_coord, z_coord, direction, or the universal file of the data.",
+             "sensor, x_coord, y_coord, z_coord (as in the model after --units), direction.",
 )  # fmt: skip
-@click.option("--points-scale", type=float, default=1.0, show_default=True, metavar="FACTOR",
-              help="Factor of these coordinates, to those of the model after --units.")  # fmt: skip
 @range_option("--band", "Band of the search in Hz, where the data are a universal file.")
 @click.option(
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
@@ -70,8 +67,7 @@ if TYPE_CHECKING:
 def import_model(
     name: Path, nominal: str, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
     labels: Path | None, number_rows: bool, files: tuple[str, ...], sensors: tuple[str, ...],
-    points: Path | None, points_scale: float, band: tuple[float, float] | None,
-    units: str | None,
+    points: Path | None, band: tuple[float, float] | None, units: str | None,
 ) -> None:  # fmt: skip
     """Write a study NAME.py and its matrices NAME_matrices/ from a program's exports.
 
@@ -116,7 +112,7 @@ def import_model(
         doubled = replace(model, stiffness=2.0 * model.stiffness)
         altered = [AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
     matrices = parameter_matrices(model, altered, checked)
-    places, said = _sensors(model, tests, of_sensors, points, points_scale)
+    places, said = _sensors(model, tests, of_sensors, points)
     to_come = "" if data else f" Put the modes into {study.with_suffix('.csv')}."
     data = data or {"": study.with_suffix(".csv")}
     arguments = {test: _read(path, study, band) for test, path in data.items()}
@@ -174,7 +170,7 @@ def _factors_and_file(text: str, option: str) -> tuple[dict[str, float], str]:
 def _formulas(matrices: ParameterMatrices) -> list[str]:
     """What stiffness and mass depend on, and how well checks are predicted."""
     lines = [
-        f"{symbol} = " + " + ".join(_shown(symbol, term.powers) for term in terms)
+        f"{symbol} = " + " + ".join(_shown(symbol, term) for term in terms)
         for symbol, terms in (("K", matrices.stiffness), ("M", matrices.mass))
     ]
     lines += [f"{file}: predicted to {error:.1e}" for file, error in matrices.errors.items()]
@@ -183,15 +179,16 @@ def _formulas(matrices: ParameterMatrices) -> list[str]:
     return lines
 
 
-def _shown(symbol: str, powers: Powers) -> str:
-    factors = "".join(f"{name} " if e == 1 else f"{name}^{e} " for name, e in powers)
-    names = "_".join(name if e == 1 else f"{name}{e}" for name, e in powers)
-    return f"{factors}{symbol}_{names or 0}"
+def _shown(symbol: str, term: MatrixTerm) -> str:
+    if not term.name:
+        return f"{symbol}_0"
+    power = "" if term.exponent == 1 else str(term.exponent)
+    return f"{term.name}{'^' * bool(power)}{power} {symbol}_{term.name}{power}"
 
 
 def _sensors(
     model: ExportedModel, tests: Sequence[ModalData], labels: Mapping[str, str],
-    points_file: Path | None, scale: float,
+    points_file: Path | None,
 ) -> tuple[dict[str, str], list[str]]:  # fmt: skip
     """Sensors of the data, or those given where there are no data yet.
 
@@ -209,10 +206,10 @@ def _sensors(
             "--labels file, with a line such as '12 x' for every row, or --number-rows for 'dof 1'"
         )
     measured = tuple(dict.fromkeys(name for modes in tests for name in modes.sensors))
-    points = () if points_file is None else read_sensor_points(points_file, measured)
+    points = () if points_file is None else read_sensor_points(points_file)
     names = list(measured or dict.fromkeys([*(point.name for point in points), *labels]))
 
-    nearest = nearest_degrees_of_freedom(points, model, scale) if points else {}
+    nearest = nearest_degrees_of_freedom(points, model) if points else {}
     as_stated = {name: labels.get(name) or nearest.get(name, (name, 0.0))[0] for name in names}
     for name, label in as_stated.items():
         if label not in model.labels:
@@ -243,14 +240,15 @@ def _write_study(
     from bayes_ssi.results.result_files import new_directory
     from bayes_ssi.structures.modal import BATCHED_UP_TO
 
-    def name(symbol: str, powers: Powers) -> str:
-        return "_".join([symbol, *(name if e == 1 else f"{name}_{e}" for name, e in powers)])
+    def name(symbol: str, term: MatrixTerm) -> str:
+        power = [] if term.exponent in (0, 1) else [str(term.exponent)]
+        return "_".join([symbol, *([term.name] if term.name else []), *power])
 
     of_symbols = {"K": matrices.stiffness, "M": matrices.mass}
-    terms = {name(symbol, t.powers): t for symbol, of in of_symbols.items() for t in of}
+    terms = {name(symbol, t): t for symbol, of in of_symbols.items() for t in of}
     files = file_names(terms, "npz")
     stated = {
-        symbol: [(term.powers, files[name(symbol, term.powers)]) for term in of]
+        symbol: [(term, files[name(symbol, term)]) for term in of]
         for symbol, of in of_symbols.items()
     }
     model = matrices.nominal
@@ -261,7 +259,7 @@ def _write_study(
         folder=folder.name,
         tests=tests,
         sensors={name: label for name, label in places.items() if name != label},
-        properties=list(dict.fromkeys(n for term in terms.values() for n, _ in term.powers)),
+        properties=list(dict.fromkeys(term.name for term in terms.values() if term.name)),
         stiffness=stated["K"],
         mass=stated["M"],
         unit="m" if in_si else "",

@@ -197,39 +197,12 @@ def test_sensors_by_coordinates():
     arguments = ("tower", "--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
     refused = run(*arguments, "--data", "modes.csv", "--points", "mm.csv")
     assert refused.exit_code == 2
-    assert "times 0.001 (mm to m): state the factor" in refused.output
-    done = run(*arguments, "--data", "modes.csv", "--points", "mm.csv", "--points-scale", "0.001")
+    assert "times 0.001 (mm to m): give them in the model's unit" in refused.output
+    done = run(*arguments, "--data", "modes.csv", "--points", "m.csv")
     assert done.exit_code == 0, done.output
     assert "340 x: 340 x, 0.01 away" in done.output.splitlines()
     assert "Nominal frequencies: 1.943, 2.716, 12.1, 16.8 Hz" in done.output
     assert "(!) with" not in done.output
-
-
-@pytest.mark.usefixtures("tower")
-def test_sensors_by_the_nodes_of_a_universal_file():
-    """Nodes 5 and 9 of the test, 1 cm from nodes 200 and 340, in mm."""
-    pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
-    nodes = bs.read_model("tower.sti").geometry.nodes
-    x, y, z = 1000.0 * (np.array([nodes["200"], nodes["340"]]).T + 0.01)
-    pyuff.UFF("test.uff").write_sets(
-        [{"type": 15, "node_nums": [5, 9], "x": x, "y": y, "z": z}], "add"
-    )
-    text = "# band_hz,0,18\nlabel,frequency_hz,5 x,9 y,9 z\n1,1.9,1,0.1,0.1\n"
-    Path("test.csv").write_text(text)
-    arguments = ("--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
-    given = (*arguments, "--points", "test.uff")
-    done = run("tower", *given, "--data", "test.csv", "--points-scale", "0.001")
-    assert done.exit_code == 0, done.output
-    away = f", {0.01 * np.sqrt(3.0):.3g} away"
-    shown = [f"5 x: 200 x{away}", f"9 y: 340 y{away}", f"9 z: 340 z{away}"]
-    assert [line for line in done.output.splitlines() if "away" in line] == shown
-    for options, words in (
-        (("--data", "test.csv"), "times 0.001 (mm to m): state the factor"),
-        ((), "test.uff: its nodes do not say which sensors there are; give the data"),
-    ):
-        refused = run("other", *given, *options)
-        assert refused.exit_code == 2
-        assert words in refused.output
 
 
 def test_the_band_of_a_universal_file_is_the_studys(folder):

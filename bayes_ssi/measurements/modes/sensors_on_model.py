@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.foundations.text_files import first_bytes, read_table
-from bayes_ssi.foundations.universal_files import begins_universal, read_data_sets
+from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.finite_elements.matrix_structure import MatrixStructure
 from bayes_ssi.structures.geometry import Point, checked_point
@@ -41,15 +40,8 @@ class SensorPoint:
     direction: str
 
 
-def read_sensor_points(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
-    """Where sensors are: by a table, or by the nodes of the test's own universal file.
-
-    Args:
-        path: a CSV file with :data:`COLUMNS`, or a universal file that states nodes.
-        sensors: names "node direction" of those at the nodes of a universal file.
-    """
-    if begins_universal(first_bytes(path)):
-        return _at_nodes(path, sensors)
+def read_sensor_points(path: Path) -> tuple[SensorPoint, ...]:
+    """Where sensors are, by a CSV file with :data:`COLUMNS`."""
     names, rows = read_table(path)
     if sorted(names) != sorted(COLUMNS) or not rows:
         raise ValueError(f"{path}: must have the columns {', '.join(COLUMNS)}, and rows")
@@ -68,35 +60,13 @@ def read_sensor_points(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint,
     return tuple(points)
 
 
-def _at_nodes(path: Path, sensors: Sequence[str]) -> tuple[SensorPoint, ...]:
-    if not sensors:
-        raise ValueError(f"{path}: its nodes do not say which sensors there are; give the data")
-    nodes: dict[str, Point] = {}
-    for one in read_data_sets(path, 15, 2411):
-        for number, *at in zip(one["node_nums"], one["x"], one["y"], one["z"], strict=True):
-            nodes[str(int(number))] = checked_point(at, f"{path}: node {int(number)}")
-    points = []
-    for name in sensors:
-        node, _, direction = name.rpartition(" ")
-        if node not in nodes or direction not in TRANSLATIONS:
-            raise ValueError(
-                f"{path}: sensor {name!r} is at none of its {len(nodes)} nodes; name it 'node "
-                "direction', such as '12 x'"
-            )
-        points.append(SensorPoint(name, nodes[node], direction))
-    return tuple(points)
-
-
 def nearest_degrees_of_freedom(
-    points: Sequence[SensorPoint], model: ExportedModel, scale: float = 1.0
+    points: Sequence[SensorPoint], model: ExportedModel
 ) -> dict[str, tuple[str, float]]:
-    """Sensor → the nearest degree of freedom that moves in its direction, and its distance.
-
-    ``scale`` turns the points' unit of length into the model's.
-    """
+    """Sensor → the nearest degree of freedom that moves in its direction, and its distance."""
     nodes = {axis: _nodes(model, axis) for axis in {point.direction for point in points}}
 
-    def nearest(factor: float) -> dict[str, tuple[str, float]]:
+    def nearest(factor: float = 1.0) -> dict[str, tuple[str, float]]:
         mapped = {}
         for point in points:
             names, positions = nodes[point.direction]
@@ -105,7 +75,7 @@ def nearest_degrees_of_freedom(
             mapped[point.name] = f"{names[i]} {point.direction}", float(distances[i])
         return mapped
 
-    places = nearest(scale)
+    places = nearest()
     labels = Counter(label for label, _ in places.values())
     largest = max(distance for _, distance in places.values())
     for units, factor in SCALES.items():
@@ -114,7 +84,7 @@ def nearest_degrees_of_freedom(
         if max(distances) < 0.1 * largest and len(set(others)) == len(points):
             raise ValueError(
                 f"sensors are up to {largest:.4g} from their nodes, but {max(distances):.4g} with "
-                f"coordinates times {factor:g} ({units}): state the factor"
+                f"coordinates times {factor:g} ({units}): give them in the model's unit"
             )
     twice = next((label for label, count in labels.items() if count > 1), None)
     if twice is not None:

@@ -9,17 +9,13 @@ shell. With factors θ_j of properties, 1 being nominal,
 and K_je follow from exports in which one property has other factors, by least squares in f^e - 1.
 The fewest exponents are taken with which all exports of the property are predicted, fewer than
 these, or a single one linearly; further exports, with several properties altered at once, must be
-predicted as well.
-
-Where the product of two properties matters, as of the modulus and the thickness of a shell,
-exports with both altered give terms θ_j^e θ_k^f in the same way, from what they change beyond each
-alone, by least squares in (f_j^e - 1)(f_k^f - 1), which is zero where either is nominal.
+predicted as well. Where the product of two properties matters, as of the modulus and the thickness
+of the same shells, they are not.
 """
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, combinations, product
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,21 +49,18 @@ class AlteredModel:
     model: ExportedModel
 
 
-# Properties with the exponents of their factors, whose powers are multiplied; () is 1.
-Powers = tuple[tuple[str, int], ...]
-
-
 @dataclass(frozen=True, eq=False)
 class MatrixTerm:
-    """A matrix times powers of properties' factors; the constant term has none."""
+    """A matrix times a power of a property's factor; the constant term has no property."""
 
     matrix: sp.csc_array
-    powers: Powers = ()
+    name: str = ""
+    exponent: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterMatrices:
-    """Stiffness and mass as sums of matrices times powers of factors and their products.
+    """Stiffness and mass as sums of matrices times powers of factors.
 
     Attributes:
         nominal: the model with all factors 1.
@@ -91,15 +84,14 @@ class ParameterMatrices:
         Raises:
             ValueError: a property has no parameter.
         """
-        names = {name for term in (*self.stiffness, *self.mass) for name, _ in term.powers}
+        names = {term.name for term in (*self.stiffness, *self.mass) if term.name}
         require_known("parameters: none is given for property", names, parameters)
 
         def pairs(terms: Sequence[MatrixTerm]) -> list[tuple[Value, sp.csc_array]]:
             return [
-                (math.prod((parameters[name] ** e for name, e in term.powers), start=1.0),
-                 term.matrix)
+                (parameters[term.name] ** term.exponent if term.name else 1.0, term.matrix)
                 for term in terms
-            ]  # fmt: skip
+            ]
 
         return pairs(self.stiffness), pairs(self.mass)
 
@@ -112,65 +104,53 @@ def parameter_matrices(
 
     Args:
         nominal: the model with nominal properties.
-        changed: exports with one altered property each, or with two whose product matters; several
-            with other factors find powers and polynomials.
+        changed: exports with one altered property each; several with other factors find powers and
+            polynomials.
         checks: exports with several properties altered, which must be predicted.
 
     Raises:
         ValueError: an export is of another model, a factor is 1 or not positive, a property changes
             nothing, or an export is not predicted to 1e-8.
     """
-    by_properties: dict[tuple[str, ...], list[AlteredModel]] = {}
+    by_property: dict[str, list[AlteredModel]] = {}
     for export in changed:
-        if len(export.factors) not in (1, 2):
+        if len(export.factors) != 1:
             raise ValueError(
-                f"{export.file}: must alter one property, or two whose product matters, got "
-                f"{dict(export.factors)}"
+                f"{export.file}: must alter one property, got {dict(export.factors)}; exports with "
+                "several are checks"
             )
-        by_properties.setdefault(tuple(sorted(export.factors)), []).append(export)
-    for names, exports in by_properties.items():
-        _require_other_factors(names, exports)
-    alone = {names[0]: exports for names, exports in by_properties.items() if len(names) == 1}
-    for other in (*checks, *changed):
-        require_known(f"{other.file}: no other export alters alone", other.factors, alone)
+        by_property.setdefault(next(iter(export.factors)), []).append(export)
+    for name, exports in by_property.items():
+        _require_other_factors(name, exports)
+    for check in checks:
+        require_known(f"{check.file}: no other export alters alone", check.factors, by_property)
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):
         changes = _Changes.of(which, nominal, [*changed, *checks])
-        fits: dict[tuple[str, ...], Terms] = {}
-        for names in sorted(by_properties, key=len):  # what each changes alone comes first
-            possible: list[Powers] = [((names[0], e),) for e in EXPONENTS]
-            if len(names) == 2:
-                first, second = (fits[(name,)] for name in names)
-                possible = [(*a.powers, *b.powers) for a, b in product(first, second)]
-            known = tuple(chain.from_iterable(fits.values())) if len(names) == 2 else ()
-            fits[names] = changes.fitted(by_properties[names], possible, known)
-        chosen = tuple(chain.from_iterable(fits.values()))
+        chosen = [one for each in by_property.items() for one in changes.fitted(*each)]
         for check in checks:
             errors[check.file] = max(errors[check.file], changes.missed(chosen, check))
-        terms.append(changes.multiplied_out(chosen))
-    affected = {name for part in terms for term in part for name, _ in term.powers}
-    idle = [name for name in alone if name not in affected]
+        terms.append(changes.with_constant(chosen))
+    affected = {term.name for part in terms for term in part}
+    idle = [name for name in by_property if name not in affected]
     if idle:
         raise ValueError(
-            f"{alone[idle[0]][0].file}: {idle[0]!r} changes neither stiffness nor mass; is it "
-            "the nominal export?"
+            f"{by_property[idle[0]][0].file}: {idle[0]!r} changes neither stiffness nor mass; is "
+            "it the nominal export?"
         )
     return ParameterMatrices(nominal, terms[0], terms[1], errors)
 
 
-def _require_other_factors(names: Sequence[str], exports: Sequence[AlteredModel]) -> None:
+def _require_other_factors(name: str, exports: Sequence[AlteredModel]) -> None:
     for export in exports:
-        for name in names:
-            factor = export.factors[name]
-            if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
-                raise ValueError(
-                    f"{export.file}: the factor of {name!r} must be positive and not 1, got "
-                    f"{factor:g}"
-                )
-    if len({tuple(export.factors[name] for name in names) for export in exports}) < len(exports):
-        what = " and ".join(map(repr, names))
-        raise ValueError(f"{exports[-1].file}: another export has the same factor of {what}")
+        factor = export.factors[name]
+        if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
+            raise ValueError(
+                f"{export.file}: the factor of {name!r} must be positive and not 1, got {factor:g}"
+            )
+    if len({export.factors[name] for export in exports}) < len(exports):
+        raise ValueError(f"{exports[-1].file}: another export has the same factor of {name!r}")
 
 
 def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.csc_array:
@@ -188,14 +168,6 @@ def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.
         order = [row_of[name] for name in nominal.labels or ()]
         matrix = matrix[order][:, order]
     return sp.csc_array(matrix - getattr(nominal, which))
-
-
-# Each term is a matrix times the product of f^e - 1, which is zero where a property is nominal.
-Terms = tuple[MatrixTerm, ...]
-
-
-def _change(powers: Powers, factors: Mapping[str, float]) -> float:
-    return math.prod(factors.get(name, 1.0) ** exponent - 1.0 for name, exponent in powers)
 
 
 def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]) -> sp.csc_array:
@@ -228,82 +200,61 @@ class _Changes:
     def error(self, difference: sp.csc_array) -> float:
         return float(abs(self.scale @ difference @ self.scale).max())
 
-    def left(self, export: AlteredModel, known: Terms) -> sp.csc_array:
-        """What an export changes beyond what is known."""
-        predicted = sp.csc_array(self.scale.shape)
-        for term in known:
-            change = _change(term.powers, export.factors)
-            if change != 0.0:
-                predicted = predicted + change * term.matrix
-        return sp.csc_array(self.differences[export] - predicted)
-
-    def missed(self, fit: Terms, check: AlteredModel) -> float:
+    def missed(self, terms: Sequence[MatrixTerm], check: AlteredModel) -> float:
         """The largest error of the prediction of a check, refused where it is too large."""
-        error = self.error(self.left(check, fit))
+        changes = [check.factors.get(term.name, 1.0) ** term.exponent - 1.0 for term in terms]
+        matrices = [self.differences[check], *(term.matrix for term in terms)]
+        error = self.error(_sum([-1.0, *changes], matrices))
         if error > TOLERANCE:
             raise ValueError(
                 f"{check.file}: its {self.which} is missed by {error:.1e} of √(K_ii K_jj), "
                 f"{TOLERANCE:g} is allowed: if files and factors are right, it is not a "
-                "sum of these properties' powers; export each with one more factor, two whose "
-                "product matters also together, and with more digits if they are few"
+                "sum of these properties' powers; export each with one more factor, and with more "
+                "digits if they are few, or do without one of two whose product matters"
             )
         return error
 
-    def fitted(
-        self, exports: Sequence[AlteredModel], possible: Sequence[Powers], known: Terms
-    ) -> Terms:
-        """The fewest powers that, with those ``known``, predict exports of the same properties.
+    def fitted(self, name: str, exports: Sequence[AlteredModel]) -> list[MatrixTerm]:
+        """The fewest powers that predict exports of one property.
 
         As many powers as there are exports always do: then all that are possible must be wanted,
-        or of a single property and export the first, which is linear.
+        or of a single export the first, which is linear.
         """
-        differences = [self.left(export, known) for export in exports]
-        # What is known may predict them, as well as printed digits allow.
-        allowed = TOLERANCE if known else ROUNDING
-        if max(map(self.error, differences)) <= allowed:
-            return ()
-        names = sorted(exports[0].factors)
-        smallest = np.inf
-        for count in range(1, min(len(exports), len(possible)) + 1):
-            if count < len(exports) or count == len(possible):
-                sets = list(combinations(possible, count))
+        differences = [self.differences[export] for export in exports]
+        if max(map(self.error, differences)) <= ROUNDING:
+            return []
+        factors, smallest = np.array([export.factors[name] for export in exports]), np.inf
+        for count in range(1, min(len(exports), len(EXPONENTS)) + 1):
+            if count < len(exports) or count == len(EXPONENTS):
+                sets = list(combinations(EXPONENTS, count))
             else:
-                sets = [tuple(possible[:1])] if len(exports) == len(names) == 1 else []
-            for powers in sets:
+                sets = [EXPONENTS[:1]] if len(exports) == 1 else []
+            for exponents in sets:
                 # Matrices by least squares, and the largest error of a prediction.
-                design = np.array([[_change(p, e.factors) for p in powers] for e in exports])
+                design = factors[:, None] ** np.array(exponents, dtype=float) - 1.0
                 matrices = [_sum(row, differences) for row in np.linalg.pinv(design)]
                 error = max(
                     self.error(_sum([-1.0, *row], [difference, *matrices]))
                     for row, difference in zip(design, differences, strict=True)
                 )
                 if error <= TOLERANCE:
-                    return tuple(map(MatrixTerm, matrices, powers))
+                    each = zip(matrices, exponents, strict=True)
+                    return [MatrixTerm(matrix, name, exponent) for matrix, exponent in each]
                 smallest = min(smallest, error)
-        is_single = len(names) == 1
-        what = "power of its factor predicts" if is_single else "product of their powers predicts"
-        missed = (
-            f", the best misses them by {smallest:.1e} of √(K_ii K_jj)" if smallest < np.inf else ""
-        )
         raise ValueError(
-            f"{' and '.join(names)}: {self.which}: no {what} these exports{missed}; export "
-            f"{'it' if is_single else 'both'} with one more factor, for a sum of powers"
+            f"{name}: {self.which}: no power of its factor predicts these exports, the best misses "
+            f"them by {smallest:.1e} of √(K_ii K_jj); export it with one more factor, for a sum of "
+            "powers"
         )
 
-    def multiplied_out(self, chosen: Terms) -> tuple[MatrixTerm, ...]:
-        """Products of f^e - 1 multiplied out, without what is rounding."""
-        of_powers: dict[Powers, sp.csc_array] = {(): self.nominal}
-        for term in chosen:
-            powers = term.powers
-            for count in range(len(powers), -1, -1):
-                for kept in combinations(powers, count):
-                    part = (-1.0) ** (len(powers) - count) * term.matrix
-                    of_powers[kept] = of_powers[kept] + part if kept in of_powers else part
+    def with_constant(self, chosen: Sequence[MatrixTerm]) -> tuple[MatrixTerm, ...]:
+        """The terms without what is rounding, from the constant one on."""
+        constant = _sum([1.0, *(-1.0 for _ in chosen)], [self.nominal, *(t.matrix for t in chosen)])
         terms = []
-        for powers, matrix in of_powers.items():
-            relative = abs(self.scale @ matrix @ self.scale)
-            kept_entries = sp.csc_array(matrix.multiply(relative > ROUNDING))
+        for term in (MatrixTerm(constant), *chosen):
+            relative = abs(self.scale @ term.matrix @ self.scale)
+            kept_entries = sp.csc_array(term.matrix.multiply(relative > ROUNDING))
             kept_entries.eliminate_zeros()
-            if kept_entries.nnz and self.error(matrix) > self.rounding:
-                terms.append(MatrixTerm(kept_entries, powers))
+            if kept_entries.nnz and self.error(term.matrix) > self.rounding:
+                terms.append(replace(term, matrix=kept_entries))
         return tuple(terms)
