@@ -64,15 +64,22 @@ def alone(tiny_study):
     return sample_all(tiny_study.model_classes, 7, COARSE)
 
 
-def test_as_many_classes_as_workers_are_sampled_whole(tiny_study, alone, copied_workers, shared):
-    calls = []
-    run = bs.Run(copied_workers, progress=lambda *call: calls.append(call))
+def test_as_many_classes_as_workers_are_sampled_whole(
+    tiny_study, alone, copied_workers, shared, tmp_path
+):
+    """Their evaluations are kept, and a run that is begun again makes none."""
+    calls, checkpoint = [], Checkpoint(tmp_path / "c")
+    run = bs.Run(copied_workers, checkpoint, progress=lambda *call: calls.append(call))
     assert_same(bs.rank(tiny_study, 7, COARSE, run).posteriors, alone)
     assert shared == set()
     for name in tiny_study.names:
         reports = [call for call in calls if call[0] == name]
         assert reports.count((name, "evidence", 1.0)) == 1
         assert reports[-1] == (name, "evidence", 1.0)
+    kept = [path.read_bytes() for path in sorted(checkpoint.directory.iterdir())]
+    assert len(kept) == 2
+    assert_same(sample_all(tiny_study.model_classes, 7, COARSE, run), alone)
+    assert [path.read_bytes() for path in sorted(checkpoint.directory.iterdir())] == kept
 
 
 def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, copied_workers):
@@ -104,12 +111,6 @@ def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study,
     assert shared == {other.name}
 
 
-def test_one_class_shares_its_evaluations(tiny_study, alone, copied_workers, shared):
-    (first, _) = tiny_study.model_classes
-    assert_same([bs.sample(first, 7, COARSE, bs.Run(copied_workers))], alone[:1])
-    assert shared == {first.name}
-
-
 class DiesOnce(bs.ShearBuilding):
     """Kills the process that it is first evaluated in, unless that is the tests' own."""
 
@@ -130,18 +131,6 @@ def test_classes_whose_worker_died_are_sampled_all_the_same(
     assert_same(sample_all(classes, 7, COARSE, bs.Run(Workers(n_workers=2, copies=True))), alone)
     assert (tmp_path / "died").exists()
     assert shared
-
-
-def test_classes_in_workers_resume_from_their_checkpoints(
-    tiny_study, alone, tmp_path, copied_workers
-):
-    checkpoint = Checkpoint(tmp_path / "c")
-    run = bs.Run(copied_workers, checkpoint)
-    assert_same(sample_all(tiny_study.model_classes, 7, COARSE, run), alone)
-    kept = [path.read_bytes() for path in sorted(checkpoint.directory.iterdir())]
-    assert len(kept) == 2
-    assert_same(sample_all(tiny_study.model_classes, 7, COARSE, run), alone)
-    assert [path.read_bytes() for path in sorted(checkpoint.directory.iterdir())] == kept
 
 
 def test_a_relative_checkpoint_is_where_the_run_was_started(tmp_path, monkeypatch):
@@ -172,10 +161,11 @@ class Fragile(bs.ShearBuilding):
         return super().modes(values)
 
 
-def test_failures_in_workers_are_reported(copied_workers, tiny_study):
+def test_one_class_shares_its_evaluations_and_their_failures(copied_workers, tiny_study, shared):
     fragile = with_structure(tiny_study.model_classes[0], Fragile, "fragile")
     here, there = (bs.sample(fragile, 7, COARSE, bs.Run(each)) for each in (None, copied_workers))
     assert_same([there], [here])
+    assert shared == {"fragile"}
     (failed,) = [check for check in there.failed_checks if "the model failed" in check]
     how_often, where = failed.split("; the first time at k = ")
     n_failed, n_evaluations = (int(word) for word in how_often.split() if word.isdigit())
