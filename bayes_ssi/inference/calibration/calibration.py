@@ -42,6 +42,7 @@ from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
 MOST_STARTS = 10_000  # a minimum of a thousandth of them is missed with probability e^-10
+AT_ONCE = 16  # searches, between two reports of progress
 SAME_MINIMUM = 1e-2  # largest distance between the ends of searches at one minimum
 EQUALLY_GOOD = 1e-7  # to about this misfits are computed: exact fits differ by less
 SLIGHT_PULL = 1e-5  # to the prior medians; the prior's own is 1
@@ -160,13 +161,12 @@ def calibrate(
         raise ValueError(f"calibrate: seed must be zero or positive, got {seed!r}")
     model_class.check_structure()
     problem = CalibrationProblem(model_class, shape_weight, with_prior)
-    report = progress or (lambda *_: None)
+    report, starts = progress or (lambda *_: None), problem.starts(n_starts, seed)
     report("local searches", 0.0)
-    ends = []
-    for done, start in enumerate(problem.starts(n_starts, seed), 1):
-        end = problem.descend(start)
-        ends += [end] if end is not None else []
-        report("local searches", done / n_starts)
+    ends: list[FloatArray] = []
+    for first in range(0, n_starts, AT_ONCE):
+        ends += [*problem.minima(starts[first : first + AT_ONCE])]
+        report("local searches", min(first + AT_ONCE, n_starts) / n_starts)
     if not ends:
         raise ValueError(
             f"model class {model_class.name!r}: no local search for a minimum converged, as where "
@@ -212,9 +212,9 @@ def distinct_minima(
         # leads there: of residuals linear in the coordinates, to the solution of smallest norm.
         worse = misfits[kept[0]] + EQUALLY_GOOD
         kept = [kept[0], *(i for i in kept if misfits[i] >= worse)]
-        nearest = problem.descend(best, SLIGHT_PULL)
-        if nearest is not None and problem.misfit(nearest[None])[0] < worse:
-            best = nearest
+        nearest = problem.minima(best[None], SLIGHT_PULL)
+        if len(nearest) and problem.misfit(nearest)[0] < worse:
+            (best,) = nearest
     return [best, *(ends[i] for i in kept[1:])], undetermined
 
 

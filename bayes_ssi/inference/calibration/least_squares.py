@@ -188,38 +188,23 @@ class CalibrationProblem:
         """Jacobian (m, d) of the residuals over their standard errors, at one point."""
         return central_differences(self.residuals, z) / self.standard_errors[:, None]
 
-    def descend(self, start: FloatArray, pull: float = 0.0) -> FloatArray | None:
-        """The minimum reached from ``start``; None where the search leaves the model's domain.
+    def minima(self, starts: FloatArray, pull: float = 0.0) -> FloatArray:
+        """The minima (m, d) reached from ``starts`` (n, d), without those outside of the region.
 
         Besides the residuals, the coordinates times ``pull`` count.
         """
-        from scipy.optimize import least_squares
 
-        def minimised(z: FloatArray) -> FloatArray:
-            return self.minimised(z[None], pull)[0]
+        def minimised(z: FloatArray, _: object) -> FloatArray:
+            return self.minimised(z, pull)
 
-        def jacobian(z: FloatArray) -> FloatArray:
-            return central_differences(lambda points: self.minimised(points, pull), z)
-
-        if not np.isfinite(minimised(start)).all():
-            return None
-        try:
-            result = least_squares(
-                minimised,
-                start,
-                jac=jacobian,
-                bounds=(-FARTHEST, FARTHEST),
-                xtol=1e-12,
-                ftol=1e-14,
-                gtol=1e-12,
-                max_nfev=200,
-            )
-        except ValueError:  # residuals that are not finite: the structure broke down on the way
-            return None
-        at_bound = np.any(np.abs(result.x) > 0.999 * FARTHEST)
-        slope = np.abs(result.grad).max() / max(1e-8, np.linalg.norm(np.asarray(result.jac)))
-        # A search that ran out of evaluations ends on a slope.
-        return None if at_bound or slope > 1e-4 else np.asarray(result.x)
+        ends, _ = descend(minimised, starts, MOST_STEPS, PRECISE)
+        rows, at_ends = np.arange(len(ends)), minimised(ends, None)
+        jacobians = _jacobians(minimised, ends, rows, at_ends)
+        slopes = np.abs(np.einsum("nmi,nm->ni", jacobians, at_ends)).max(axis=1)
+        sizes = np.sqrt(np.einsum("nmi,nmi->n", jacobians, jacobians))
+        # A search that ran out of steps, or of answers of the model, ends on a slope.
+        settled = slopes <= 1e-4 * np.maximum(sizes, 1e-8)
+        return ends[settled & (np.abs(ends) < 0.999 * FARTHEST).all(axis=1)]
 
     def misfit(self, z: FloatArray) -> FloatArray:
         """Root of what is minimised, (B,): f_ob, or that of the sum of squares with the prior."""
@@ -270,10 +255,13 @@ def difference_quotients(both: FloatArray) -> FloatArray:
 Residuals = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
+# Of a calibration: steps, and the fall of half the sum of squares.
+MOST_STEPS, PRECISE = 200, 1e-20
 TOLERANCE = 1e-3  # fall of half the sum of squares that is worth no step, in nats
 FORWARD_STEP = 1e-7  # where rounding of residuals and truncation balance
 FIRST_DAMPING = 1e-3  # as a share of the squares' curvature (Marquardt 1963)
 DAMPING_FACTOR = 10.0  # by which every step changes it
+LEAST_DAMPING = 1e-12  # which tells a minimum from the points beside it, if they are as good
 MOST_DAMPING = 1e8  # with which steps are too short to go on
 LONGEST_STEP = 2.0  # in prior standard deviations
 
@@ -312,6 +300,7 @@ def descend(
         new_halves = _halves(new)
         down = new_halves < halves[active]
         damping[active] *= np.where(down, 1.0 / DAMPING_FACTOR, DAMPING_FACTOR)
+        np.maximum(damping, LEAST_DAMPING, out=damping)
         settled = (expected < tolerance) | (damping[active] > MOST_DAMPING)
         moved = active[down]
         z[moved], current[moved], halves[moved] = tried[down], new[down], new_halves[down]
