@@ -62,8 +62,8 @@ def calibrate(
             return calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
 
     calibrations = _of_each(candidates, calibrated)
-    for group in _same_to_the_reader(calibrations):
-        _show(group)
+    for calibration in calibrations:
+        _show(calibration)
     if calibrations:
         shapes = any(calibration.has_shapes for calibration in calibrations)
         terminal.say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
@@ -87,20 +87,10 @@ def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], 
     return results
 
 
-def _same_to_the_reader(calibrations: list[Calibration]) -> list[list[Calibration]]:
-    """Calibrations in groups of which all that is shown is the same, as where errors differ."""
-    groups: dict[str, list[Calibration]] = {}
-    for each in calibrations:
-        shown = each.standard_errors if each.with_prior or not each.determines_all else None
-        groups.setdefault(repr((each.before, each.minima, shown)), []).append(each)
-    return list(groups.values())
-
-
-def _show(group: list[Calibration]) -> None:
+def _show(calibration: Calibration) -> None:
     from bayes_ssi.report.tables import mode_tables
 
-    calibration, *others = group
-    terminal.show(mode_tables.calibration_table(calibration, [each.name for each in others]))
+    terminal.show(mode_tables.calibration_table(calibration))
     terminal.show(mode_tables.calibration_modes_table(calibration))
     table = mode_tables.standard_errors_table(calibration)
     if table is not None:

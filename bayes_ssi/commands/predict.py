@@ -95,7 +95,7 @@ def predict(
         save_predictions(partial, responses)
         save_prediction_figures(partial / "figures", responses)
 
-    from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table, shape_table
+    from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table
 
     title = predicted.stored.record.study
     test = f", configuration {predicted.configuration!r}" if predicted.configuration else ""
@@ -104,9 +104,6 @@ def predict(
         terminal.say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
     terminal.say(*(response.predictions.composition for response in responses), *remarks)
     terminal.show(frequency_table(responses))
-    shapes = shape_table(responses[0])
-    if shapes is not None:
-        terminal.show(shapes)
     if request.frequencies_hz is not None or request.motions:
         terminal.show(peak_table(responses))
     tables, figures = (

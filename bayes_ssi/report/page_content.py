@@ -1,10 +1,10 @@
 """The contents of a report, from stored records only: numbers and names for the template."""
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.criticism.misfit import INADEQUATE_SDS
-from bayes_ssi.inference.model_class.class_record import ConfigurationRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes
 from bayes_ssi.inference.posterior.posterior import Posterior, check_names
@@ -168,28 +167,18 @@ def _class(row: RankedClass, posterior: Posterior, stored: StoredResult) -> dict
             {
                 **_of_configuration(modes, stored.tests[modes.name], posterior),
                 "comac": comacs.get(modes.name),
-                "structure": _structure(records[modes.name], record.configurations[0]),
+                "structure": [
+                    (name, [text for _, text in lines])
+                    for name, lines in groupby(
+                        records[modes.name].structure_lines, key=itemgetter(0)
+                    )
+                ],
             }
             for modes in posterior.configurations
         ],
         "pairings": pairing_notes(posterior),
         "regions": region_notes(posterior),
     }
-
-
-def _structure(record: ConfigurationRecord, first: ConfigurationRecord) -> dict[str, Any]:
-    """A structure line by line, or its differences if it is much like the first configuration's."""
-    own, known = Counter(record.structure_lines), Counter(first.structure_lines)
-    if record is first or 2 * (own & known).total() < own.total():
-        return {"as_in": None, "lines": _grouped(own), "without": []}
-    return {"as_in": first.name, "lines": _grouped(own - known), "without": _grouped(known - own)}
-
-
-def _grouped(lines: Counter[tuple[str, str]]) -> list[tuple[str, list[str]]]:
-    return [
-        (name, [text for _, text in group])
-        for name, group in groupby(lines.elements(), key=lambda line: line[0])
-    ]
 
 
 def _of_configuration(

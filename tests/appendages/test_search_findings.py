@@ -14,7 +14,6 @@ from bayes_ssi.report.tables.search_tables import (
     averaged_table,
     search_notes,
     search_table,
-    several_table,
 )
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.appendage_search import SearchRecord
@@ -102,7 +101,7 @@ def of_a_tall_building(fake_sampling):
 
 def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
     record = of_a_tall_building.record
-    tables = [averaged_table(record), appendage_place_table(record), *several_table(record)]
+    tables = [averaged_table(record), appendage_place_table(record)]
     for table in (*tables, table_of(of_a_tall_building)):
         assert_every_cell_is_whole(table, 80)
     assert max(map(len, search_notes(record))) <= 80
@@ -126,15 +125,14 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
 def test_masses_have_the_unit_of_the_study(of_a_tall_building):
     record = of_a_tall_building.record
     assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
-    for table in (appendage_place_table(record), *several_table(record)):
-        assert "vibrating mass (kg)" in [str(column.header) for column in table.columns]
+    headings = [str(column.header) for column in appendage_place_table(record).columns]
+    assert "vibrating mass (kg)" in headings
     older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
     assert from_record(SearchRecord, older) == replace(record, mass_unit="")
 
 
 def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     """Among the hypotheses with one appendage: those at a place are those of one hypothesis."""
-    assert list(several_table(found_in_case_c.record)) == []
     table = appendage_place_table(found_in_case_c.record)
     names, probabilities, masses, frequencies = ([*map(str, c.cells)] for c in table.columns)
     assert names[0] == "infill 1-2"
@@ -145,12 +143,6 @@ def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     (infill,) = row.features
     assert masses[0] == quantity(*infill.amounts["mass"])
     assert frequencies[0] == quantity(*infill.amounts["frequency_hz"])
-
-
-def test_hypotheses_with_several_appendages_have_a_table(of_a_tall_building):
-    rows = [row for row in of_a_tall_building.record.hypotheses if len(row.features) > 1]
-    text = "\n".join(printed(next(several_table(of_a_tall_building.record))))
-    assert quantity(*rows[0].features[1].amounts["mass"]) in text
 
 
 def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):

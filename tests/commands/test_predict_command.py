@@ -102,7 +102,6 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
         "Damping: 2 % in all modes, assumed, since none was identified.",
         "Transfer functions: from the ground's acceleration, 1943 frequencies from 0 to 3 Hz.",
         "Natural frequencies (Hz) before and after updating, 90 % band",
-        "Mode shapes of 'average'",
         "Peak acceleration, absolute value, 90 % band",
         f"Saved in {out / 'predictions'}: 4 tables and 1 figure.",
     ):

@@ -3,7 +3,6 @@
 import re
 import shutil
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report.page_content import (
-    _structure,
     error_percent,
     heading,
     interval,
@@ -214,26 +212,6 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
     answer, rest = page.source.split('<nav aria-label="Sections">')
     assert 'aria-label="Probability of an appendage by place"' in answer
     assert "Probability of an appendage by place" not in rest
-
-
-def test_a_structure_in_a_later_configuration_is_described_by_what_differs():
-    plain = (("frame", "a frame"), ("masses", "1, 1"), ("sensor", "NE x"), ("sensor", "SW x"))
-    bare, loaded, other = (
-        SimpleNamespace(name=name, structure_lines=lines)
-        for name, lines in (
-            ("bare", plain),
-            ("loaded", (plain[0], ("masses", "1, 2"), ("block", "on 1"), *plain[2:])),
-            ("other", (("beam", "a beam"), ("mass", "3"))),
-        )
-    )
-    whole = [("frame", ["a frame"]), ("masses", ["1, 1"]), ("sensor", ["NE x", "SW x"])]
-    assert _structure(bare, bare) == {"as_in": None, "lines": whole, "without": []}
-    assert _structure(loaded, bare) == {
-        "as_in": "bare",
-        "lines": [("masses", ["1, 2"]), ("block", ["on 1"])],
-        "without": [("masses", ["1, 1"])],
-    }
-    assert _structure(other, bare)["as_in"] is None
 
 
 def test_a_saved_figure_is_shown_at_its_size(tmp_path):

@@ -1,10 +1,10 @@
-"""Modes of one record by each of several methods, side by side.
+"""Modes of one record by other methods than the Bayesian FFT.
 
-All but the Bayesian FFT look near modes that are given, as a user who compares them would, and give
-no errors. NExT-ERA: poles of free decays (:mod:`bayes_ssi.measurements.records.mode_candidates`).
-FDD, frequency domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the
-spectral matrix at its peaks. TFIE, time–frequency instantaneous estimators after Bonato, Ceravolo,
-De Stefano and Molinari (2000), as inferred from the abstract and from papers that use it: while a
+They look near modes that are given, as a user who compares them would, and give no errors.
+NExT-ERA: poles of free decays (:mod:`bayes_ssi.measurements.records.mode_candidates`). FDD,
+frequency domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the spectral
+matrix at its peaks. TFIE, time–frequency instantaneous estimators after Bonato, Ceravolo, De
+Stefano and Molinari (2000), as inferred from the abstract and from papers that use it: while a
 mode dominates, the phase between two channels is 0 or 180 degrees. The frequencies at which it
 stays there over time are those of modes, and the amplitude ratios at these give the shape.
 """
@@ -44,17 +44,6 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     if record.gaps:
         raise ValueError(f"{METHOD_NAMES[method]}: needs a record without gaps")
     return OTHERS[method](record.selected(identified.sensors), identified.band_hz, near)
-
-
-def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str]:
-    """The modes by every method, or why a method does not give them."""
-    modes: dict[str, ModalData | str] = {}
-    for method in METHOD_NAMES:
-        try:
-            modes[method] = modes_by(method, record, identified)
-        except ValueError as error:
-            modes[method] = str(error)
-    return modes
 
 
 def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:

@@ -1,7 +1,7 @@
 """Modes as they were read, by every method, merged, and before and after calibrations."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from rich.table import Table
 
@@ -11,8 +11,7 @@ from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.report.tables.layout import MOST_COLUMNS, add_row, digits, new_table, number, percent
-from bayes_ssi.structures.modal import mac
+from bayes_ssi.report.tables.layout import MOST_COLUMNS, digits, new_table, number, percent
 
 # Of each mode by one method, with standard deviations.
 ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
@@ -43,18 +42,6 @@ def estimates_table(modes: ModalData, method: str, estimated: Sequence[Estimated
     return new_table(f"Modes by {method}", ["mode"], (*ESTIMATES, "MPC", "phase °"), rows)
 
 
-def methods_table(by: Mapping[str, ModalData | str], names: Mapping[str, str]) -> Table:
-    """Each mode by every method, with the MAC of its shape with that of the first."""
-    shown = {name: modes for name, modes in by.items() if not isinstance(modes, str)}
-    first = next(iter(shown.values()))
-    table = new_table("Modes by every method", ["mode", "method"], [*ESTIMATES, "MAC"])
-    for i, label in enumerate(first.labels):
-        for name, modes in shown.items():
-            alike = mac(first.unit_shapes, modes.unit_shapes)[i, modes.labels.index(label)]
-            add_row(table, label, names[name], *_estimates(modes.mode(label)), f"{alike:.4f}")
-    return table
-
-
 def _estimates(mode: IdentifiedMode) -> tuple[str, ...]:
     return (
         f"{mode.frequency_hz:.5g}",
@@ -83,7 +70,7 @@ def merged_table(merged: MergedModes) -> Table:
     return new_table(merged.data.source, ["mode"], headings, rows)
 
 
-def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Table:
+def calibration_table(calibration: Calibration) -> Table:
     """Every distinct minimum: parameter values, objective and distance.
 
     A few parameters are columns; many are rows, and the best minima are columns.
@@ -96,9 +83,8 @@ def calibration_table(calibration: Calibration, same: Sequence[str] = ()) -> Tab
         for label, fit in fits.items()
     ]
     what = "Minima with the prior's pull" if calibration.with_prior else "Minima"
-    classes = ", ".join(map(repr, (calibration.name, *same)))
     weight = f", λ = {calibration.shape_weight:g}" * calibration.has_shapes
-    title = f"{what} of {classes}{weight}"
+    title = f"{what} of {calibration.name!r}{weight}"
     if len(names) <= MOST_COLUMNS:
         return new_table(title, [""], names, cells)
     shown = cells[:MOST_COLUMNS]

@@ -6,10 +6,9 @@ import numpy as np
 from rich.table import Table
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
+from bayes_ssi.report.tables.layout import digits, interval, marked, new_table
 from bayes_ssi.results.hierarchy.hierarchy_record import Hierarchy
 from bayes_ssi.results.predictions.requested_predictions import ResponseBands
-from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.ranking.comparison import SCALE_NAME, probability_text
 
 
@@ -35,19 +34,6 @@ def frequency_table(responses: Sequence[ResponseBands]) -> Table:
     title = f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band"
     headings = ["identified", "before", "median", "band", *["of draws"] * with_fractions]
     return new_table(title, ["model class", "mode"], headings, cells)
-
-
-def shape_table(response: ResponseBands) -> Table | None:
-    """Medians of the shapes of identified modes; None where there are none."""
-    shapes = response.shapes
-    if not shapes:
-        return None
-    title = f"Mode shapes of {response.name!r}, medians, {SHAPE_SCALE}"
-    rows = [
-        [place, *(number(shape.median[i], ".3f") for shape in shapes.values())]
-        for i, place in enumerate(response.places)
-    ]
-    return new_table(title, ["place"], list(shapes), rows)
 
 
 def peak_table(responses: Sequence[ResponseBands]) -> Table:

@@ -44,7 +44,6 @@ def further_tables(result: StoredResult) -> Iterator[Table | str]:
         if len(record.baselines) > 1:
             yield baseline_table(record)
         yield from baseline_notes(record)
-        yield from several_table(record)
     yield averaged_table(record)
     yield from search_notes(record)
 
@@ -129,27 +128,6 @@ def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
                 table, each.place.name, probability_text(each.probability), "-", frequency
             )
     return table
-
-
-def several_table(record: SearchRecord) -> Iterator[Table]:
-    """The appendages of the probable hypotheses with several of them, if there are any."""
-    rows = [row for row in _shown(record) if len(row.claimed) > 1]
-    rows = [row for row in rows if row.probability >= PROBABLE]
-    if not rows:
-        return
-    cells = [
-        (
-            "" if i else row.name,
-            each.place.name,
-            quantity(*each.amounts["mass"]),
-            quantity(*each.amounts["frequency_hz"]),
-        )
-        for row in rows
-        for i, each in enumerate(row.claimed)
-    ]
-    numbers = [record.mass_heading, "frequency (Hz)"]
-    title = "Appendages of hypotheses with several: medians and 90 % intervals"
-    yield layout.new_table(title, ["hypothesis", "appendage"], numbers, cells)
 
 
 def _shown(record: FamilyRecord) -> list[Any]:
