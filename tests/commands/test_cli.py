@@ -178,19 +178,6 @@ def test_calibrate_says_that_correlations_of_errors_do_not_count(run, study_file
     assert json.loads(run(*options, "--json").stdout)["calibrations"][0]["errors_are_correlated"]
 
 
-def test_calibrate_prints_once_what_differs_in_the_error_model_alone(run, study_file):
-    """With the same λ; the record has both."""
-    path = study_file(
-        ('"one k"', '"larger errors"'), ("(K * k, K * k)), modes, error", "(K * k1, K * k2)), "
-         "modes, bs.ErrorModel(0.04, 0.1)"),
-    )  # fmt: skip
-    printed = run("calibrate", path, "--starts", 4).stdout
-    assert printed.split()[:6] == ["Minima", "of", "'larger", "errors',", "'each", "k',"]
-    assert printed.count("Minima of") == 1
-    record = json.loads(run("calibrate", path, "--starts", 4, "--json").stdout)
-    assert [each["name"] for each in record["calibrations"]] == ["larger errors", "each k"]
-
-
 def test_check_warns_of_doubtful_data(run, csv_file):
     swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
     result = run("check", csv_file(swapped))

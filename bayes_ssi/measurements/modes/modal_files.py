@@ -240,6 +240,8 @@ def _read_statements(lines: list[Line]) -> dict[str, list[Any]]:
             raise line.error(f"{key} needs the name of one file, got {values!r}")
         elif key in stated:
             stated[key].append(", ".join(values))
+        elif key == "covariance":
+            raise line.error("of an earlier version; identify again, or remove it and its file")
         elif is_below:
             raise line.error(
                 "a row beginning with '#' below the column names that holds no key; comments "
