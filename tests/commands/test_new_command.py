@@ -32,12 +32,11 @@ def test_a_new_study_runs(run, kind):
     assert actual[0] > actual[1] + 10.0
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     "name", ["2 storeys ü", "it's", 'a"""b', "back\\slash", "$HOME;ls", "v1.2"]
 )
-def test_suggested_commands_are_quoted_for_a_shell(run, name, kind):
-    done = run("new", name, "--kind", kind)
+def test_suggested_commands_are_quoted_for_a_shell(run, name):
+    done = run("new", name)
     assert done.exit_code == 0, done.output
     suggested = [shlex.split(line) for line in done.stdout.splitlines()[1:]]
     assert suggested == [["bayes-ssi", "check", f"{name}.csv"], ["bayes-ssi", "rank", f"{name}.py"]]

@@ -77,23 +77,10 @@ def assert_same(data, other):
         "sep=,\n" + COMMAS,
         "\ufeffsep=;\r\n" + SEMICOLONS.replace("\n", "\r\n"),
         COMMAS.replace(", 0, 6.5", ": 0, 6.5").replace("source,", "source:"),
+        COMMAS.replace("band_hz, 0", "Band_hz = 0"),
         "# a remark, 5\n\n" + COMMAS,
         COMMAS.replace("2,\n", "2, , ,\n").replace("0.593", "0.593,,"),
         COMMAS.replace("floor 1", '"floor 1"').replace("2a", '"2a"'),
-    ],
-    ids=[
-        "commas",
-        "semicolons with decimal commas",
-        "tabs with decimal commas",
-        "tabs",
-        "byte order mark",
-        "windows line ends",
-        "stated commas",
-        "stated semicolons with decimal commas",
-        "colons",
-        "remark",
-        "trailing cells",
-        "quotes",
     ],
 )
 def test_every_form_gives_the_same_data(read, text):
@@ -131,10 +118,6 @@ def test_complex_components_with_decimal_commas(read):
     assert np.isnan(mode.shape[1])
 
 
-def test_components_without_imaginary_part_are_real(read):
-    assert read(HEAD + "1, 1.0, 0.3+0j, 2\n").modes[0].shape.dtype == float
-
-
 def test_a_row_of_empty_cells_has_no_shape(read):
     data = read(HEAD + "1, 1.0, , \n2, 2.0\n")
     assert [mode.shape for mode in data.modes] == [None, None]
@@ -149,7 +132,6 @@ def test_no_sensors_at_all(read):
 
 def test_band_from_the_caller(read):
     text = "label, frequency_hz\n1, 1.0\n"
-    assert read(text, band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
     assert read("# band_hz, 0, 6\n" + text, band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
 
 
@@ -297,7 +279,6 @@ def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path):
         [bs.IdentifiedMode("a, b", 1.0), bs.IdentifiedMode('"x"', 2.0)],
         [bs.IdentifiedMode("1#", 1.0), bs.IdentifiedMode("2", 2.0)],
     ],
-    ids=["all columns", "gaps", "complex", "complex with gap", "sizes", "quotes", "number sign"],
 )
 def test_round_trip(round_trip, modes):
     data = bs.ModalData(tuple(modes), (0.1, 7.0), ("floor 1", "roof, north"), "Test, of 12 May")
@@ -339,12 +320,3 @@ def test_keys_may_stand_below_the_column_names(read):
     assert (data.band_hz, data.source) == ((0.0, 6.0), "a test")
     with pytest.raises(ValueError, match="line 3: a second line of band_hz; the first is line 1"):
         read(HEAD + "# band_hz, 0, 9\n1, 1.0, 1, 2\n")
-
-
-@pytest.mark.parametrize("heading", ["Frequency [Hz]", "Frequency_Hz", "frequency (Hz)"])
-@pytest.mark.parametrize("head", ["# band_hz = 0, 6.5", "# band_hz: 0, 6.5", "# Band_hz, 0, 6.5"])
-def test_spellings_that_people_use(read, heading, head):
-    data = read(f"{head}\nLabel,{heading},Floor 1\n1,0.98,0.3\n")
-    assert data.band_hz == (0.0, 6.5)
-    assert data.sensors == ("Floor 1",)
-    assert data.modes[0].frequency_hz == 0.98

@@ -81,19 +81,6 @@ def test_one_sensor_gives_frequencies_and_dampings(samples):
         modes_by("fdd", record, modes)
 
 
-def test_one_sensor_from_the_command_line_to_a_ranking(samples, run, tmp_path):
-    head = "# rate_hz, 20\n# unit, m/s2\nfloor 2"
-    np.savetxt(tmp_path / "a.csv", samples[1], header=head, comments="")
-    asked = ["--band", 0.5, 4, "--mode", 1.0, "--mode", 2.62, "--out", tmp_path / "m.csv"]
-    done = run("identify", tmp_path / "a.csv", *asked)
-    assert done.exit_code == 0, done.output
-    modes = bs.read_modal_data(tmp_path / "m.csv")
-    k = bs.Parameter("k", bs.LogNormal(median=100.0, cov=0.3))
-    building = bs.ShearBuilding((1.0, 1.0), (k, k))
-    one = bs.ModelClass("a", building, modes, bs.ErrorModel(0.01), pairing={"1": 1, "2": 2})
-    assert np.isfinite(one.log_likelihood(np.array([[100.0]])))
-
-
 def dead(rows, _rng):
     rows[2] = 0.2
 
