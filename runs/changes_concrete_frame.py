@@ -65,13 +65,13 @@ class Counted:
 
 def compared(path, seed, visible):
     model_class, group, loss = tests(path, seed)
-    solve = Counted(AssembledStructure.__dict__["full_modes"])
-    AssembledStructure.full_modes = solve
+    solve = Counted(AssembledStructure.__dict__["shifted_modes"])
+    AssembledStructure.shifted_modes = solve
     begun, cpu = perf_counter(), process_time()
     search = bs.changes(
         model_class, ["before"], ["after"], seed=seed, settings=SAMPLING, visible=visible
     )
-    AssembledStructure.full_modes = solve.method
+    AssembledStructure.shifted_modes = solve.method
     seconds = perf_counter() - begun
     record = search.record
     first = record.places_by_probability[0]

@@ -244,14 +244,20 @@ def _reminder_of_checkpoint() -> Iterator[None]:
 
 
 def _print_performance_hints(study: Study) -> None:
-    """Advise how to shorten a long run, once for each of a kind."""
-    names_by_hint: dict[str, list[str]] = {}
+    """Say what nothing holds, and advise how to shorten a long run, once for each of a kind."""
+    names_by_hint: dict[tuple[str, str], list[str]] = {}
     for candidate in study.model_classes:
         for configuration in candidate.configurations:
-            if hint := configuration.structure.performance_hint:
-                names_by_hint.setdefault(hint, []).append(repr(candidate.name))
-    for hint, names in names_by_hint.items():
-        click.echo(f"Slow: {', '.join(dict.fromkeys(names))}: {hint}", err=True)
+            structure = configuration.structure
+            free = ""
+            if n := structure.n_rigid_modes:
+                modes = f"{n} rigid-body mode{'s' if n > 1 else ''}"
+                free = f"{modes} left out; mode 1 is the first that deforms"
+            for hint in (("Slow", structure.performance_hint), ("No support", free)):
+                if hint[1]:
+                    names_by_hint.setdefault(hint, []).append(repr(candidate.name))
+    for (what, words), names in names_by_hint.items():
+        click.echo(f"{what}: {', '.join(dict.fromkeys(names))}: {words}", err=True)
 
 
 def _json_record(

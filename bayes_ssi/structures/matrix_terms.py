@@ -116,9 +116,10 @@ class CarriedElements:
         elements: Sequence[Element],
         rows_of: RowsOf,
         size: int,
+        shift: float = 0.0,
         taken: Iterable[str] = (),
     ) -> "CarriedElements":
-        """Find the rows of elements."""
+        """Find the rows of elements; ``shift`` is that of a free body, for the springs."""
         labels, known = own_labels(elements), set(taken)
         for label in labels:
             if label in known:
@@ -134,6 +135,8 @@ class CarriedElements:
 
         springs = [AddedTerm.of(term, rows, e.label) for e in elements for term in e.springs()]
         masses = [AddedTerm.of(term, rows, e.label) for e in elements for term in e.masses()]
+        if shift:
+            springs += [term._replace(coefficient=shift * term.coefficient) for term in masses]
         return cls(labels, tuple(springs), tuple(masses), size)
 
     @property

@@ -70,17 +70,31 @@ def _one_basis(shapes: FloatArray) -> FloatArray:
 # The scale of every mode shape that is shown, in words; :func:`scaled_shapes` gives it.
 SHAPE_SCALE = "scaled to a largest component of 1 on the main structure"
 NOT_SUPPORTED = (
-    "the stiffness matrix is singular; is the structure supported (by soft springs, if it was hung "
-    "freely), and no part of it loose?"
-)
-NOT_DEFINITE = (
-    "the stiffness matrix is not positive definite; is a stiffness negative, or the structure not "
-    "supported (by soft springs, if it was hung freely)?"
+    "the stiffness matrix is singular; is the structure supported, and no part of it loose?"
 )
 
 
 class NoModesError(ValueError):
     """A structure has no modes, or fewer than requested."""
+
+
+class FreeBody(NamedTuple):
+    """Rigid-body modes of a structure that nothing holds, left out of its modes.
+
+    Solvers take K + shift·M in place of K, which is positive definite and has the same shapes.
+    """
+
+    number: int = 0  # of rigid-body modes, which are the lowest
+    shift: float = 0.0  # in (rad/s)², by which all (2πf)² are raised; zero where there are none
+
+    def elastic(self, raised: "Modes") -> "Modes":
+        """The modes above the rigid-body ones, at their own frequencies."""
+        if not self.number:
+            return raised
+        squares = (2.0 * math.pi * raised.frequencies_hz[..., self.number :]) ** 2
+        return Modes(
+            frequencies_hz(np.maximum(squares - self.shift, 0.0)), raised.shapes[..., self.number :]
+        )
 
 
 class Eigenpairs(NamedTuple):
@@ -209,7 +223,7 @@ def lowest_eigenpairs(
             mass, stiffness, subset_by_index=[max(n - wanted - 2, 0), n - 1]
         )
     except scipy.linalg.LinAlgError:
-        raise NoModesError(NOT_DEFINITE) from None
+        raise NoModesError("the stiffness matrix is not positive definite") from None
     except ValueError:
         raise NoModesError("a matrix has entries that are not finite") from None
     inverses, vectors = inverses[::-1], vectors[:, ::-1]

@@ -229,6 +229,11 @@ class Structure(ABC):
         return ""
 
     @property
+    def n_rigid_modes(self) -> int:
+        """Number of rigid-body modes, which are left out of :attr:`modes`."""
+        return 0
+
+    @property
     def exact(self) -> Structure:
         """The structure whose modes this one approximates; itself where it approximates none."""
         return self
@@ -388,6 +393,7 @@ class SubstituteStructure(Structure):
     parameters = _as_substituted("parameters")
     degrees_of_freedom = _as_substituted("degrees_of_freedom")
     n_modes = _as_substituted("n_modes")
+    n_rigid_modes = _as_substituted("n_rigid_modes")
     sensors = _as_substituted("sensors")
     appendages = _as_substituted("appendages")
     geometry = _as_substituted("geometry")

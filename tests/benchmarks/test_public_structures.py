@@ -53,7 +53,7 @@ def test_the_air_frame_is_that_of_its_source():
     bonded, *_ = bs.load_study(ROOT / "model_classes" / "garteur.py").model_classes
     for test, first, expected in zip(
         bonded.configurations,
-        (3, 3),
+        (2, 0),
         ([6.5447, 32.4838, 48.8944, 55.7801], [17.8138, 32.5071, 37.1930, 45.9033]),
         strict=True,
     ):

@@ -127,15 +127,21 @@ class AssembledStructure(PointwiseStructure):
         if self._n_modes is not None:
             return self._n_modes
         assert self._up_to_hz is not None
+        number, shift = self.system.free_body
         factor = 1.0 + FREQUENCY_MARGIN
-        limit = (2.0 * math.pi * factor * self._up_to_hz) ** 2
-        count = count_below(*self.system.matrices(self.prior_medians()[0]), limit)
+        limit = (2.0 * math.pi * factor * self._up_to_hz) ** 2 + shift
+        matrices = self.system.shifted_matrices(self.prior_medians()[0])
+        count = count_below(*matrices, limit) - number
         if not count:
             raise ValueError(
                 f"MatrixStructure: up_to_hz: no mode below {factor:g} times "
                 f"{self._up_to_hz:g} Hz at the prior medians; are the units right?"
             )
         return count
+
+    @property
+    def n_rigid_modes(self) -> int:
+        return self.system.free_body.number
 
     # Places, and elements on them.
 
@@ -152,8 +158,8 @@ class AssembledStructure(PointwiseStructure):
             ValueError: the element's place is not on the structure, or its label is taken.
         """
         main, elements = self.without_elements, (*self.elements, element)
-        taken = (*self._names, *(self.labels or ()))
-        carried = CarriedElements.of(elements, main.rows_of, main.size, taken)
+        shift, taken = main.system.free_body.shift, (*self._names, *(self.labels or ()))
+        carried = CarriedElements.of(elements, main.rows_of, main.size, shift, taken)
         whole = copy(self)
         whole._main, whole.elements, whole._carried = main, elements, carried
         whole.__dict__ = whole.__getstate__()
@@ -248,11 +254,17 @@ class AssembledStructure(PointwiseStructure):
         own = np.arange(self._carried.size, self.size)
         return np.append(self.system.rows[self._rows], own)
 
+    @property
+    def n_solved(self) -> int:
+        """The number of modes that are solved for, with the rigid-body ones."""
+        return self.n_modes + self.n_rigid_modes
+
     def modes(self, values: FloatArray) -> Modes:
         if self.size > modal.BATCHED_UP_TO:
             return super().modes(values)
         stiffness, mass = (each.evaluate(values) for each in self._dense)
-        modes = modal.solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        modes = self.system.free_body.elastic(modal.solve_modes(stiffness, mass, self.n_solved))
+        modes = modes.repeated(len(values))
         failed = np.isnan(modes.frequencies_hz).any(axis=1)
         if failed.any():
             row = values[failed.argmax()]
@@ -265,15 +277,20 @@ class AssembledStructure(PointwiseStructure):
         system = self.system
         return system.stiffness.dense(self.parameters), system.mass.dense(self.parameters)
 
-    def full_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
+    def full_modes(self, values: FloatArray) -> Eigenpairs:
         """A full solution at ``values`` (n_parameters,), rows as in :attr:`system`.
 
-        It may have more modes than :attr:`n_modes`, by ``extra`` if there are so many.
+        It may have more modes than :attr:`n_modes`, and has none of the rigid-body modes.
 
         Raises:
             NoModesError: there are fewer than :attr:`n_modes`, or they cannot be counted.
         """
-        return lowest_modes(*self.system.matrices(values), self.n_modes, extra)
+        modes, (number, shift) = self.shifted_modes(values), self.system.free_body
+        return Eigenpairs(modes.eigenvalues[number:] - shift, modes.vectors[:, number:])
+
+    def shifted_modes(self, values: FloatArray, extra: int = 0) -> Eigenpairs:
+        """Modes of the shifted matrices, with rigid-body modes and ``extra`` more if there are."""
+        return lowest_modes(*self.system.shifted_matrices(values), self.n_solved, extra)
 
     def solved_at(self, values: FloatArray) -> tuple[FloatArray, ...]:
         """Frequencies, shapes and, where ``influence`` is known, participation."""
@@ -282,7 +299,7 @@ class AssembledStructure(PointwiseStructure):
         shapes, influence = modes.vectors[:, :n], self.system.influence
         if influence is None:
             return frequencies, shapes[rows]
-        _, mass = self.system.matrices(values)
+        _, mass = self.system.shifted_matrices(values)
         return frequencies, shapes[rows], shapes.T @ (mass @ influence)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
@@ -324,12 +341,14 @@ class AssembledStructure(PointwiseStructure):
 
     def description(self) -> Mapping[str, Any]:
         up_to = f", those up to {self._up_to_hz:g} Hz and a margin" if self._up_to_hz else ""
+        number = self.n_rigid_modes
+        rigid = f", without {number} rigid-body mode{'s' if number > 1 else ''}" if number else ""
         observed = len(self.degrees_of_freedom)
         return {
             "size": f"{self.size} degrees of freedom, {observed} of them observed",
             "stiffness": self._stiffness.formula("K"),
             "mass": self._mass.formula("M"),
-            "modes": f"the lowest {self.n_modes}{up_to}",
+            "modes": f"the lowest {self.n_modes}{up_to}{rigid}",
             **{element.label: element for element in self.elements},
             **self._described_sensors(),
         }

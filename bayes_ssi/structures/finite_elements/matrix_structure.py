@@ -112,7 +112,7 @@ class ReducedStructure(ApproximateStructure):
         shares, directions = self._directions(values)
         # The energy that is neglected of a mode is about twice the relative error of its frequency.
         neglected = np.cumsum(shares) <= 2.0 * DRAWS_ACCURACY * FREQUENCY_ERROR
-        n_kept = max(int((~neglected).sum()), min(self.full.n_modes, len(shares)))
+        n_kept = max(int((~neglected).sum()), min(self.full.n_solved, len(shares)))
         basis = self.basis.combined(directions[:, -n_kept:])
         return ProjectedStructure.of(basis, self.full, places, self._reference)
 
@@ -131,7 +131,7 @@ class ReducedStructure(ApproximateStructure):
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Combinations (N, N) of the basis, by ascending mean shares (N,) in the modes' energy."""
-        shapes = self._modes_in_basis(values).shapes
+        shapes = self._shifted_modes_in_basis(values).shapes
         modes = shapes[np.isfinite(shapes).all(axis=(1, 2))].transpose(1, 0, 2)
         modes = modes.reshape(len(modes), -1)
         modes = modes / np.linalg.norm(modes, axis=0)
@@ -173,12 +173,17 @@ class ReducedStructure(ApproximateStructure):
     def bounds(self, values: FloatArray, n_modes: int | None = None) -> Bounds:
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
         basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
-        rows = [basis.bounds(at, n, reference) for at in self.full.system.coefficients(values)]
+        rigid = self.full.n_rigid_modes
+        rows = [
+            basis.bounds(each, n + rigid, reference)
+            for each in self.full.system.coefficients(values)
+        ]
         frequency, shape = (
-            np.array([getattr(row, name) for row in rows]).reshape(-1, n)
+            np.array([getattr(row, name) for row in rows]).reshape(-1, n + rigid)[:, rigid:]
             for name in ("frequency", "shape")
         )
-        return Bounds(frequency, shape)
+        # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
+        return Bounds(1.5 * frequency if rigid else frequency, shape)
 
     def accurate_at(self, required: Requirement) -> Self:
         """See :meth:`Structure.accurate_at`; at most ``MOST_FULL_SOLUTIONS`` in all."""
@@ -213,6 +218,7 @@ class ReducedStructure(ApproximateStructure):
     def _train(self, required: Requirement) -> None:
         """Add full solutions where errors are largest, until they are small at all values."""
         points, n_bounded = required.values, required.n_modes or self.n_modes
+        n_bounded += self.full.n_rigid_modes
         negligible = self._negligible(required.frequency, required.shape)
         of_points = self.full.system.coefficients(points)
         whole = self._basis or ReducedBasis.empty(self._reference)
@@ -241,7 +247,7 @@ class ReducedStructure(ApproximateStructure):
                 # No point is solved twice, whatever rounding makes of its bound.
                 errors[worst] = 0.0
                 try:
-                    modes = self.full.full_modes(points[worst], extra=1)
+                    modes = self.full.shifted_modes(points[worst], extra=1)
                 except modal.NoModesError:
                     if not size:
                         raise
@@ -256,7 +262,10 @@ class ReducedStructure(ApproximateStructure):
 
     def _modes_in_basis(self, values: FloatArray) -> Modes:
         """Modes of the small problem: shapes are y (B, N, n_modes); NaN in rows without modes."""
-        n, size = self.full.n_modes, self.basis.size
+        return self.full.system.free_body.elastic(self._shifted_modes_in_basis(values))
+
+    def _shifted_modes_in_basis(self, values: FloatArray) -> Modes:
+        n, size = self.full.n_solved, self.basis.size
         frequencies_hz, y = np.empty((len(values), n)), np.empty((len(values), size, n))
         step = 64  # rows, whose matrices stay in the processor's cache
         for start in range(0, len(values), step):

@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, as_product
 from bayes_ssi.structures.finite_elements.model_arguments import Matrix, checked_matrix
-from bayes_ssi.structures.finite_elements.sparse_modes import fill_reducing_order, is_semidefinite
+from bayes_ssi.structures.finite_elements.sparse_modes import (
+    fill_reducing_order,
+    is_semidefinite,
+    rigid_body_modes,
+)
 from bayes_ssi.structures.matrix_terms import AddedTerm, AffineArray, CarriedElements
-from bayes_ssi.structures.modal import NoModesError
+from bayes_ssi.structures.modal import FreeBody, NoModesError
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +148,13 @@ class Coefficients(NamedTuple):
 class System:
     """K(θ) and M(θ), with their rows in an order that keeps factors sparse; elements come last."""
 
-    stiffness: AffineMatrix
+    stiffness: AffineMatrix  # K + shift·M, of the shift of ``free_body``
     mass: AffineMatrix
     parameters: tuple[Parameter, ...]  # the columns of values
     rows: NDArray[np.intp]  # (n,): row i of the model, as it was given, is row ``rows[i]`` here
     # (n,), displacements when the ground moves by 1; None if not known.
     influence: FloatArray | None
+    free_body: FreeBody
     carried: CarriedElements  # the elements on the model; their terms follow its own
 
     @classmethod
@@ -170,7 +175,7 @@ class System:
         row_sums = np.asarray(pattern.sum(axis=1)).ravel()
         order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
         stiffness, mass = stiffness.ordered(order), mass.ordered(order)
-        m = mass.at(mass.coefficients(medians, parameters)[0])
+        k, m = (each.at(each.coefficients(medians, parameters)[0]) for each in (stiffness, mass))
         if not is_semidefinite(m):
             raise NoModesError("the mass matrix is not positive semi-definite")
         n_with_mass = int(np.count_nonzero(np.diff(m.indptr)))
@@ -179,12 +184,19 @@ class System:
                 f"the mass matrix has mass at {n_with_mass} degrees of freedom, which gives fewer "
                 f"modes than the {n_modes} asked for"
             )
+        free_body = rigid_body_modes(k, m)
+        if free_body.number:
+            stiffness = AffineMatrix(
+                (*stiffness.products, *mass.products),
+                (*stiffness.matrices, *(free_body.shift * each for each in mass.matrices)),
+            )
         return cls(
             stiffness,
             mass,
             parameters,
             np.argsort(order),
             None if influence is None else influence[order],
+            free_body,
             CarriedElements((), (), (), len(order)),
         )
 
@@ -211,8 +223,8 @@ class System:
         )
         return list(map(Coefficients, of_stiffness, of_mass))
 
-    def matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
-        """K and M at ``values`` (n_parameters,)."""
+    def shifted_matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
+        """K + shift·M and M at ``values`` (n_parameters,)."""
         (coefficients,) = self.coefficients(values[None])
         for name, numbers in coefficients._asdict().items():
             if not np.isfinite(numbers).all():

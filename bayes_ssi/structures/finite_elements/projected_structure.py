@@ -34,7 +34,7 @@ from bayes_ssi.structures.finite_elements.assembled_structure import AssembledSt
 from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, Sensor, SinglePlace, motion_of
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
-from bayes_ssi.structures.modal import Modes, settle, solve_modes
+from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
 from bayes_ssi.structures.structure import Structure
 
 
@@ -68,6 +68,7 @@ class ProjectedStructure(Structure):
     moved_sensors: FloatArray
     measured: tuple[str, ...]
     n_main_modes: int
+    free_body: FreeBody  # by whose shift the stiffness is raised
     sensors: Sequence[Sensor] = ()
     elements: tuple[Element, ...] = ()
 
@@ -109,6 +110,7 @@ class ProjectedStructure(Structure):
             moved,
             full.degrees_of_freedom,
             full.n_modes,
+            system.free_body,
             full.sensors,
         )
 
@@ -119,7 +121,8 @@ class ProjectedStructure(Structure):
 
     @cached_property
     def _carried(self) -> CarriedElements:
-        return CarriedElements.of(self.elements, self._rows_of, len(self.places))
+        size, shift = len(self.places), self.free_body.shift
+        return CarriedElements.of(self.elements, self._rows_of, size, shift)
 
     def require_place(self, place: Place, label: str) -> None:
         for single, _ in motion_of(place):
@@ -176,7 +179,8 @@ class ProjectedStructure(Structure):
         else:
             whole = mass[:, :, None] * np.eye(mass.shape[1]) if mass.ndim == 2 else mass
             mass = whole + _sum_of_squares(masses, vectors.masses)
-        modes = solve_modes(stiffness, mass, self.n_modes).repeated(len(values))
+        free = self.free_body
+        modes = solve_modes(stiffness, mass, self.n_modes + free.number).repeated(len(values))
         # One product for each row of the batch, of one layout in memory, so that no other row
         # changes its last digit.
         in_basis = np.ascontiguousarray(modes.shapes)
@@ -185,7 +189,7 @@ class ProjectedStructure(Structure):
             elongations = vectors.springs[:, i : i + 1] @ in_basis
             shapes -= vectors.at_sensors[:, i, :, None] * (springs[:, i, None, None] * elongations)
         settle(modes.frequencies_hz, shapes)  # as for a reduced structure
-        return Modes(modes.frequencies_hz, shapes)
+        return free.elastic(Modes(modes.frequencies_hz, shapes))
 
     @cached_property
     def vectors(self) -> ElementVectors:

@@ -11,6 +11,7 @@ own, and where only a few have inertia all modes follow from their flexibility. 
 definite.
 """
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +28,12 @@ DENSE_UP_TO = 150  # smaller problems are solved faster as dense ones
 # Modes are counted below a shift that differs from every (2πf)² by this share, and with a factor
 # that solves equations this accurately: closer to singularity, signs of pivots are unreliable.
 COUNT_GAP = 1e-6
+# By which a free model can be solved, in units of the mean of diagonal stiffness over mass.
+FREE_SHIFT = 1e-8
+RIGID_SQUARE = 1e-4  # a rigid-body mode's (2πf)² is a smaller share of the next one's
+# Steps of inverse iteration, after which a motion of a held model has strain energy, a thousand
+# times what rounding makes of a rigid one.
+STEPS_TO_LOWEST, CERTAIN = 6, 1e3
 MOST_RESTARTS = 10  # of Lanczos iterations for the lowest eigenvalue, which needs few or thousands
 
 
@@ -52,7 +59,7 @@ class Factor:
     def require_positive_definite(self) -> None:
         """Check the factor of a stiffness matrix; NoModesError if it has a negative eigenvalue."""
         if self.n_negative:
-            raise NoModesError(modal.NOT_DEFINITE)
+            raise NoModesError("the stiffness matrix is not positive definite")
 
     def solve(self, right: FloatArray) -> FloatArray:
         """K⁻¹ times vectors (n,) or (n, k)."""
@@ -151,6 +158,48 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
         modes = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
     modal.require_supported(stiffness, modes.vectors[:, 0])
     return modes
+
+
+def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> modal.FreeBody:
+    """The rigid-body modes of a model, none where it is held.
+
+    A motion is rigid where its strain energy is no more than rounding the entries of K to nine
+    digits makes of it, and where its frequency is less than a hundredth of the next.
+    """
+    inertia = mass.diagonal()
+    with_mass = inertia > 0.0
+    mean_square = stiffness.diagonal()[with_mass].sum() / inertia[with_mass].sum()
+    shift = FREE_SHIFT * mean_square
+    shifted = sp.csc_array(stiffness + shift * mass)
+    try:
+        factor = Factor(shifted)
+        lowest = np.random.default_rng(0).standard_normal((len(inertia), 1))
+        for _ in range(STEPS_TO_LOWEST):
+            lowest = factor.solve(mass @ (lowest / np.linalg.norm(lowest)))
+        if _strain(stiffness, lowest)[0] > CERTAIN:
+            return modal.FreeBody()
+        # One more than the six that a body in space may have.
+        modes = lowest_modes(shifted, mass, 1, extra=6)
+    except NoModesError:
+        return modal.FreeBody()  # whatever is wrong is said where its modes are computed
+    squares = modes.eigenvalues - shift
+    without_strain = np.logical_and.accumulate(_strain(stiffness, modes.vectors) <= 1.0)
+    steps = squares[:-1] < RIGID_SQUARE * squares[1:]
+    numbers = np.flatnonzero(without_strain[:-1] & steps) + 1
+    if not len(numbers):
+        return modal.FreeBody()
+    number = int(numbers[-1])
+    # Of the order of the lowest frequency above, so that its digits are kept.
+    return modal.FreeBody(number, 0.5 * float(squares[number]))
+
+
+def _strain(stiffness: Matrix, shapes: FloatArray) -> FloatArray:
+    """Strain energy (m,) of shapes (n, m), over what rounding K to nine digits may make of it."""
+    energy, parts = np.einsum("nm,nm->m", shapes, stiffness @ shapes), shapes**2
+    # The standard deviation of Σ φ_i φ_j ΔK_ij, whose terms are equal two by two.
+    nine_digits = 5e-10 / math.sqrt(3.0)  # standard deviation of the rounding, over an entry
+    rounding = nine_digits * np.sqrt(2.0 * np.einsum("nm,nm->m", parts, stiffness**2 @ parts))
+    return np.asarray(np.abs(energy) / (4.0 * rounding))
 
 
 def _counted(
