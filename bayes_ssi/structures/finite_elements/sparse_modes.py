@@ -148,14 +148,14 @@ def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) 
     # With many modes, Lanczos vectors (twice as many) would span half of the space.
     if n <= DENSE_UP_TO or 4 * n_modes >= n:
         return modal.lowest_eigenpairs(stiffness.toarray(), mass.toarray(), n_modes, extra)
-    factor = Factor(stiffness, modal.NOT_SUPPORTED)
     with_mass = np.flatnonzero(np.diff(mass.indptr))
     if len(with_mass) <= DENSE_UP_TO:
         loads = np.zeros((n, len(with_mass)))
         loads[with_mass, np.arange(len(with_mass))] = 1.0
+        factor = Factor(stiffness, modal.NOT_SUPPORTED)
         modes = _modes_under(loads, mass, factor, n_modes, n_modes + extra)
     else:
-        modes = _counted(stiffness, mass, factor, n_modes, n_modes + extra)
+        modes = _counted(stiffness, mass, n_modes, n_modes + extra)
     modal.require_supported(stiffness, modes.vectors[:, 0])
     return modes
 
@@ -178,6 +178,7 @@ def rigid_body_modes(stiffness: Matrix, mass: Matrix) -> modal.FreeBody:
             lowest = factor.solve(mass @ (lowest / np.linalg.norm(lowest)))
         if _strain(stiffness, lowest)[0] > CERTAIN:
             return modal.FreeBody()
+        del factor  # before there is another one
         # One more than the six that a body in space may have.
         modes = lowest_modes(shifted, mass, 1, extra=6)
     except NoModesError:
@@ -202,13 +203,15 @@ def _strain(stiffness: Matrix, shapes: FloatArray) -> FloatArray:
     return np.asarray(np.abs(energy) / (4.0 * rounding))
 
 
-def _counted(
-    stiffness: Matrix, mass: Matrix, factor: Factor, n_modes: int, at_most: int
-) -> Eigenpairs:
-    """Modes by Lanczos iterations, verified by a count, which also shows K positive definite."""
+def _counted(stiffness: Matrix, mass: Matrix, n_modes: int, at_most: int) -> Eigenpairs:
+    """Modes by Lanczos iterations, verified by a count, which also shows K positive definite.
+
+    The factors of iterations and of the count are never in memory together.
+    """
     n = stiffness.shape[0]
     problem = "there is no gap between eigenvalues"
     for attempt in range(4):  # each with another start vector and more modes
+        factor = Factor(stiffness, modal.NOT_SUPPORTED)
         if attempt:
             factor.require_positive_definite()
         n_computed = min(at_most + 2 + 6 * attempt, n - 2)
@@ -217,6 +220,7 @@ def _counted(
         except NoModesError as error:
             problem = str(error)
             break
+        del factor
         last = _last_before_a_gap(modes.eigenvalues, at_most)
         if last is None:
             continue
@@ -228,13 +232,13 @@ def _counted(
         if count == last:
             # The count includes negative eigenvalues of K: with positive ones alone it has none.
             if not modes.eigenvalues[0] > 0.0:
-                factor.require_positive_definite()
+                Factor(stiffness, modal.NOT_SUPPORTED).require_positive_definite()
             modal.settle(modes.eigenvalues[None, :last], modes.vectors[None, :, :last])
             return Eigenpairs(modes.eigenvalues[:last], modes.vectors[:, :last])
         problem = f"Lanczos iterations gave {last} modes where Sylvester's law counts {count}"
     # Iterations stop early where M has hardly more modes than are asked for.
     normal = np.random.default_rng(n).standard_normal((n, 2 * (at_most + 10)))
-    loads = mass @ normal
+    loads, factor = mass @ normal, Factor(stiffness, modal.NOT_SUPPORTED)
     energies = np.linalg.eigvalsh(loads.T @ factor.solve(loads))
     if energies.min() <= modal.ROUNDING * energies.max():
         return _modes_under(loads, mass, factor, n_modes, at_most)
