@@ -167,7 +167,7 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
 
 
 def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
-    first = each.places[0]
+    first, *others = each.places
     mass = quantity(*first.amounts["mass"], unit=search.mass_unit)
     share = first.amounts["in_model"]
     already = (
@@ -180,13 +180,15 @@ def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
         f"{probability_in_words(first.probability)}), where {mass} vibrates"
         f"{already * (share[2] > 0.0)}."
     )
-    left = each.credible_places
-    if len(left) > 1:
-        shown = [f"{one.place.name} ({probability_in_words(one.probability)})" for one in left]
+    left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
+    if others and (len(left) > 1 or each.against_by_prior):
+        shown = [f"{name} ({probability_in_words(p)})" for name, p in left.items()]
         words += (
-            f" Of {len(each.places)} places for {whose}, {len(left)} hold 95 % of the probability: "
-            f"{shortened(shown)}."
+            f" Of {len(each.places)} places for {whose}, the data alone leave {len(left)}, with a "
+            f"prior that is uniform in the logarithm of mass: {shortened(shown)}."
         )
+    if against := [place.place.name for place in each.against_by_prior]:
+        words += f" Only the prior of the mass speaks against {shortened(against)}."
     return words
 
 

@@ -1,4 +1,4 @@
-"""What the data determine of an appendage."""
+"""What the data determine of an appendage, whatever the prior of its mass."""
 
 import math
 from types import SimpleNamespace
@@ -44,9 +44,8 @@ def baseline(main_structure):
     return bs.ModelClass("frame", frame(factor), data, error, pairing="any")
 
 
-@pytest.fixture(scope="module")
-def uniform(baseline):
-    options = SearchSettings(number_weights=(1.0, 1.0))
+def found(baseline, **settings):
+    options = SearchSettings(number_weights=(1.0, 1.0), **settings)
     baselines = choose_baselines(bs.Study("frame", [baseline]), options=options)
     pendulums = tuple(p for p in baselines.appendages("frame") if p.word == "pendulum")
     baselines.features["frame"] = pendulums
@@ -56,6 +55,17 @@ def uniform(baseline):
     rows = hypotheses_by_probability(nothing_sampled, draws)
     (one,) = matched_appendages(draws, rows, baselines, tried)
     return one
+
+
+@pytest.fixture(scope="module")
+def uniform(baseline):
+    return found(baseline)
+
+
+@pytest.fixture(scope="module")
+def of_heavy_ones(baseline):
+    """With a prior under which a pendulum of a hundredth of a floor is far too light."""
+    return found(baseline, mass_ratio=bs.LogNormal(0.05, 0.7))
 
 
 def test_the_effective_mass_is_that_of_the_motion_of_its_place(uniform, main_structure):
@@ -74,16 +84,27 @@ def test_a_light_appendage_may_be_at_any_place_that_moves(uniform):
 
     Floor 1 would have lost up to a tenth of its mass, which its other modes would show.
     """
-    left = {one.place.candidate.place: one.probability for one in uniform.credible_places}
+    left = {place.place.candidate.place: place.by_data for place in uniform.places_by_data}
     assert left.keys() == {2, 3, 4, 5}
     assert max(left.values()) < 0.5
     masses = {place.place.candidate.place: place.amounts["mass"][1] for place in uniform.places}
     assert sorted(masses, key=masses.get) == [5, 4, 3, 2, 1]
+    assert not uniform.against_by_prior
 
 
-def test_two_appendages_are_matched_by_frequency_draw_by_draw(uniform):
+def test_the_data_say_the_same_under_any_prior_of_the_mass(uniform, of_heavy_ones):
+    """Under it a heavier one near the ground is the more probable, but not by the data."""
+    by_data = {place.place.name: place.by_data for place in uniform.places}
+    for place in of_heavy_ones.places:
+        assert place.by_data == pytest.approx(by_data[place.place.name], abs=0.12)
+    assert of_heavy_ones.places[0].place.candidate.place < FLOOR
+    probabilities = {p.place.candidate.place: p.probability for p in of_heavy_ones.places}
+    assert probabilities[2] > 3.0 * probabilities[5]
+
+
+def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     """Of one hypothesis, half of the draws have them the other way round."""
-    first, second = (place.place for place in uniform.places[:2])
+    first, second = (place.place for place in of_heavy_ones.places[:2])
     swapped = np.array([False, True, False, True])
     low, high = np.array([1.0, 1.1, 1.2, 1.3]), np.array([4.0, 4.1, 4.2, 4.3])
 
@@ -95,20 +116,21 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(uniform):
     of_second = draws(np.where(swapped, low, high), np.where(swapped, 0.1, 0.2))
     places = (first, second)
     both = dict(zip(places, (of_first, of_second), strict=True))
-    by_rank = ranked_draws([both], [1.0], places)
+    by_rank = ranked_draws([both], [1.0], [bs.LogUniform(0.01, 1.0)], places)
     lower, upper = (matched(each, places, {}) for each in by_rank)
     assert lower.frequency_hz == (1.0, 1.1, 1.3)
     assert upper.frequency_hz == (4.0, 4.1, 4.3)
     for each in (lower, upper):
         assert {p.place: p.probability for p in each.places} == {first: 0.5, second: 0.5}
+        assert [p.by_data for p in each.places] == pytest.approx([0.5, 0.5])
         assert each.effective_mass is None
     assert {p.amounts["mass"] for p in lower.places} == {(1.0, 1.0, 1.0)}
     assert {p.amounts["mass"] for p in upper.places} == {(2.0, 2.0, 2.0)}
 
 
-def test_frequencies_that_are_apart_are_two_answers(uniform):
+def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
     """Places whose appendage explains one mode are not averaged with those that explain another."""
-    first, second = (place.place for place in uniform.places[:2])
+    first, second = (place.place for place in of_heavy_ones.places[:2])
 
     def of_two(share_of_first):
         third, tenth = np.full(3, 1.0 / 3.0), np.full(3, 0.1)
@@ -117,7 +139,8 @@ def test_frequencies_that_are_apart_are_two_answers(uniform):
             for hz in ((3.7, 3.8, 3.9), (17.0, 17.5, 18.0))
         )
         shares = [share_of_first, 1.0 - share_of_first]
-        (only,) = ranked_draws([{first: low}, {second: high}], shares, (first, second))
+        priors = [bs.LogUniform(0.01, 1.0)] * 2
+        (only,) = ranked_draws([{first: low}, {second: high}], shares, priors, (first, second))
         return matched(only, (first, second), {})
 
     answer = of_two(0.4)

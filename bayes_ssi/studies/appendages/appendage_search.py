@@ -21,6 +21,7 @@ from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.appendages.baselines import (
     Baselines,
     Feature,
@@ -51,11 +52,12 @@ from bayes_ssi.studies.search.findings import (
 )
 
 # Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
-# numbers of the hypothesis, which do not fall, and of the place; what it is; and its weight.
+# numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
+# weight under a prior that is uniform in the logarithm of mass.
 RankedDraws = np.recarray[Any, Any]
 COLUMNS = [
     *((name, np.intp) for name in ("hypothesis", "place")),
-    *((name, float) for name in ("mass", "frequency_hz", "in_model", "weights")),
+    *((name, float) for name in ("mass", "frequency_hz", "in_model", "weights", "by_data")),
 ]
 
 
@@ -78,9 +80,17 @@ class MatchedAppendage:
     places: tuple[Finding, ...]  # where it may be, the most probable first
 
     @property
-    def credible_places(self) -> tuple[Finding, ...]:
-        """The fewest places that hold 95 % of the probability."""
-        return credible(self.places, [place.probability for place in self.places])
+    def places_by_data(self) -> tuple[Finding, ...]:
+        """The fewest places that the data leave with 95 %, whatever the prior of the mass."""
+        by_data = {each.place: each.by_data or 0.0 for each in self.places}
+        ordered = sorted(self.places, key=lambda each: -by_data[each.place])
+        return credible(ordered, [by_data[each.place] for each in ordered])
+
+    @property
+    def against_by_prior(self) -> tuple[Finding, ...]:
+        """Places that the data leave, and only the prior of the mass makes improbable."""
+        left = credible(self.places, [place.probability for place in self.places])
+        return tuple(place for place in self.places_by_data if place not in left)
 
 
 @dataclass(frozen=True)
@@ -194,6 +204,7 @@ def matched_appendages(
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
     of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
     motions = {i: known for i, row in enumerate(chosen) if (known := of_baselines[row.baseline])}
+    scales = [baselines.scales[row.baseline].mass for row in chosen]
     of_rows = [
         {each: of_one for each, of_one in draws[row.name].items() if not each.is_common}
         for row in chosen
@@ -202,6 +213,7 @@ def matched_appendages(
     of_ranks = ranked_draws(
         of_rows,
         [row.probability / shares[number] for row in chosen],
+        [baselines.options.prior_of_mass_ratio(scale) for scale in scales],
         places,
     )
     return tuple(matched(each, places, motions) for each in of_ranks)
@@ -210,22 +222,27 @@ def matched_appendages(
 def ranked_draws(
     draws: Sequence[Mapping[Any, Draws]],
     shares: Sequence[float],
+    priors: Sequence[Prior],
     places: Sequence[AppendagePlace],
 ) -> list[RankedDraws]:
     """The draws of every appendage, by the rank of its frequency in each draw.
 
-    ``draws`` are of hypotheses with equally many appendages; ``shares`` those of the probability.
+    ``draws`` are of hypotheses with equally many appendages; ``shares`` those of the probability,
+    ``priors`` those of mass ratios.
     """
     blocks = []
-    for number, (appendages, share) in enumerate(zip(draws, shares, strict=True)):
-        masses, frequencies, in_model = (
+    for number, (appendages, share, prior) in enumerate(zip(draws, shares, priors, strict=True)):
+        masses, ratios, frequencies, in_model = (
             np.stack([each.column(name) for each in appendages.values()])
-            for name in ("mass", "frequency_hz", "in_model")
+            for name in ("mass", "mass_ratio", "frequency_hz", "in_model")
         )
         weights = share * np.stack([each.weights for each in appendages.values()])
+        # The prior density of the logarithm of a mass, which weighs draws in a uniform one's place.
+        density = ratios * np.exp(prior.log_density(ratios))
+        by_data = np.divide(weights, density, out=np.zeros_like(weights), where=density > 0.0)
         numbers = np.array([places.index(place) for place in appendages])
         order = np.argsort(frequencies, axis=0)
-        columns = (masses, frequencies, in_model, weights)
+        columns = (masses, frequencies, in_model, weights, by_data)
         sorted_columns = (np.take_along_axis(column, order, axis=0) for column in columns)
         blocks.append((np.full_like(order, number), numbers[order], *sorted_columns))
     joined = [np.concatenate(column, axis=1) for column in zip(*blocks, strict=True)]
@@ -305,6 +322,7 @@ def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Findi
                         name: weighted_quantiles(getattr(there, name), there.weights)
                         for name in ("mass", "frequency_hz", "in_model")
                     },
+                    by_data=float(there.by_data.sum() / draws.by_data.sum()),
                 )
             )
     return tuple(sorted(possible, key=lambda place: -place.probability))

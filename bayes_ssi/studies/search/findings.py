@@ -40,6 +40,9 @@ class Finding:
     probability: float  # summed over all hypotheses with it, or that of one hypothesis
     amounts: Mapping[str, Quantiles]  # quantity → 5, 50 and 95 % quantiles, averaged likewise
     is_observed: bool = True  # whether the tests say anything about the place
+    # The same probability of one of several appendages if the prior of the mass were uniform in its
+    # logarithm, and so in that of the effective mass, which prefers no place to any other.
+    by_data: float | None = None
     # Places that may have changed instead: the data do not tell them apart.
     alike: tuple[str, ...] = ()
     # The smallest loss of all its parameters that the tests would have shown with probability 0.9;
