@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -40,13 +41,19 @@ def module_name(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-# What builds the guide is run by Sphinx and Hatchling, and is no part of the package.
-TREES = {
-    module_name(path): ast.parse(path.read_text("utf-8"))
-    for path in sorted(PACKAGE.rglob("*.py"))
-    if path.parent.name != "guide"
-}
-MODULES = [name for name in TREES if not (PACKAGE.parent / name.replace(".", "/")).is_dir()]
+@cache
+def trees():
+    """The code of every module but those that Sphinx and Hatchling run to build the guide."""
+    return {
+        module_name(path): ast.parse(path.read_text("utf-8"))
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path.parent.name != "guide"
+    }
+
+
+@cache
+def modules():
+    return [name for name in trees() if not (PACKAGE.parent / name.replace(".", "/")).is_dir()]
 
 
 def imported(tree):
@@ -56,39 +63,41 @@ def imported(tree):
             assert node.level == 0, "imports are absolute"
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
-                yield whole if whole in TREES else node.module
+                yield whole if whole in trees() else node.module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             # Such as what import_module would load.
-            yield from {node.value} & TREES.keys() - {"bayes_ssi"}
+            yield from {node.value} & trees().keys() - {"bayes_ssi"}
 
 
-IMPORTS = {name: set(imported(tree)) & set(TREES) for name, tree in TREES.items()}
+@cache
+def imports():
+    return {name: set(imported(tree)) & set(trees()) for name, tree in trees().items()}
 
 
 def layer(name):
     """The wing of a module, and its folder there, by number from below."""
     _, wing, *inside = name.split(".")
     folders = FOLDERS.get(wing, ("",))
-    folder = inside[0] if inside and f"bayes_ssi.{wing}.{inside[0]}" not in MODULES else ""
+    folder = inside[0] if inside and f"bayes_ssi.{wing}.{inside[0]}" not in modules() else ""
     # A wing's own name stands for all that its folders offer.
     return ORDER.index(wing), folders.index(folder) if inside else len(folders)
 
 
 def test_every_module_has_its_place():
-    for name in TREES:
+    for name in trees():
         assert name == "bayes_ssi" or layer(name)
 
 
 def test_imports_go_down():
-    arrows = [(name, other) for name in TREES if name != "bayes_ssi" for other in IMPORTS[name]]
+    arrows = [(name, other) for name in trees() if name != "bayes_ssi" for other in imports()[name]]
     assert [a for a in arrows if a[1] == "bayes_ssi" or layer(a[1]) > layer(a[0])] == []
 
 
 def test_no_imports_go_in_a_circle():
     try:
-        TopologicalSorter(IMPORTS).prepare()
+        TopologicalSorter(imports()).prepare()
     except CycleError as error:
         pytest.fail(" imports ".join(reversed(error.args[1])))
 
@@ -98,7 +107,7 @@ def test_circles_and_imports_inside_functions_would_be_seen():
     assert set(imported(tree)) == {"bayes_ssi.parameters.priors"}
     by_name = ast.parse('WORDS = "bayes_ssi.results.answer"')
     assert set(imported(by_name)) == {"bayes_ssi.results.answer"}
-    assert IMPORTS["bayes_ssi.api"] >= {
+    assert imports()["bayes_ssi.api"] >= {
         "bayes_ssi.parameters.parameters",
         "bayes_ssi.inference.model_class.model_class",
     }
@@ -111,13 +120,13 @@ def repeated(names):
 
 
 def test_no_two_modules_have_one_name():
-    assert repeated(name.split(".")[-1] for name in MODULES) == []
+    assert repeated(name.split(".")[-1] for name in modules()) == []
 
 
 def test_no_two_public_classes_have_one_name():
     classes = (
         node.name
-        for tree in TREES.values()
+        for tree in trees().values()
         for node in tree.body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
@@ -161,15 +170,15 @@ def named(nodes):
 def test_modules_import_what_takes_long_where_they_use_it():
     """Plots themselves are imported where they are drawn: they may import matplotlib."""
     slow = {"scipy.stats", "matplotlib", "arviz", "corner", "h5py", "h5netcdf", "xarray"}
-    found = [(name, module) for name in MODULES for module in slow & {*named(TREES[name].body)}]
-    plots = [(name, "matplotlib") for name in MODULES if name.startswith("bayes_ssi.plots.")]
+    found = [(name, module) for name in modules() for module in slow & {*named(trees()[name].body)}]
+    plots = [(name, "matplotlib") for name in modules() if name.startswith("bayes_ssi.plots.")]
     assert set(found) <= set(plots)
 
 
 def test_one_module_touches_arviz():
     touching = [
         name
-        for name, tree in TREES.items()
+        for name, tree in trees().items()
         if any(module.startswith(("arviz", "xarray")) for module in named(ast.walk(tree)))
     ]
     assert touching == ["bayes_ssi.foundations.arviz_functions"]
