@@ -23,56 +23,6 @@ def study(name, package, extra):
     return load_study(STUDIES / name)
 
 
-def frame_matrix(ends, area, inertia, young):
-    """Stiffness of an Euler beam between two points, in global axes (6, 6)."""
-    (x1, y1), (x2, y2) = ends
-    length = math.hypot(x2 - x1, y2 - y1)
-    c, s = (x2 - x1) / length, (y2 - y1) / length
-    axial, bending = young * area / length, young * inertia / length**3
-    b = bending * np.array([
-        [12, 6 * length, -12, 6 * length],
-        [6 * length, 4 * length**2, -6 * length, 2 * length**2],
-        [-12, -6 * length, 12, -6 * length],
-        [6 * length, 2 * length**2, -6 * length, 4 * length**2],
-    ])  # fmt: skip
-    local = np.zeros((6, 6))
-    local[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = b
-    local[np.ix_([0, 3], [0, 3])] = axial * np.array([[1, -1], [-1, 1]])
-    turn = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
-    return turn.T @ local @ turn
-
-
-def portal_frequencies(columns, beams):
-    span, heights, young = 6.0, (0.0, 4.0, 7.5), 210e9
-    place = {(level, side): 3 * (2 * level + side) for level in range(3) for side in range(2)}
-    stiffness = np.zeros((18, 18))
-
-    def add(a, b, area, inertia, factor):
-        ends = [(side * span, heights[level]) for level, side in (a, b)]
-        rows = np.r_[place[a] : place[a] + 3, place[b] : place[b] + 3]
-        stiffness[np.ix_(rows, rows)] += frame_matrix(ends, area, inertia, factor * young)
-
-    for level in (1, 2):
-        for side in (0, 1):
-            add((level - 1, side), (level, side), 7.8e-3, 5.7e-5, columns)
-        add((level, 0), (level, 1), 5.4e-3, 8.4e-5, beams)
-    mass = np.tile([6000.0, 6000.0, 1.0], 4)
-    root = 1.0 / np.sqrt(mass)
-    eigenvalues = np.linalg.eigvalsh(stiffness[6:, 6:] * np.outer(root, root))
-    return np.sqrt(eigenvalues) / (2.0 * math.pi)
-
-
-def test_portal_frame_by_opensees():
-    loaded = study("opensees_frame.py", "openseespy.opensees", "opensees")
-    _, apart = loaded.model_classes
-    values = np.array([[1.0, 1.0], [0.85, 1.2]])
-    frequencies = apart.modes(values)[0].frequencies_hz
-    for row, (columns, beams) in zip(frequencies, values, strict=True):
-        np.testing.assert_allclose(row, portal_frequencies(columns, beams)[:3], rtol=1e-6)
-    likely = apart.log_likelihood(values)
-    assert likely[1] > likely[0] + 10.0
-
-
 def test_beam_by_scikit_fem():
     loaded = study("beam_on_a_support.py", "skfem", "fem")
     plain, at_tip, anywhere = loaded.model_classes

@@ -88,7 +88,7 @@ def test_all_kinds_are_one_model(kind):
 
 @pytest.mark.parametrize(
     ("kind", "economical"),
-    [("function", False), ("function", True), ("reduced", False), ("reduced with places", False)],
+    [("function", True), ("reduced", False), ("reduced with places", False)],
 )
 def test_the_evidence_is_that_of_quadrature(kind, economical):
     (model_class,) = STUDY_OF(kind).model_classes

@@ -31,19 +31,6 @@ def test_one_parameter_in_a_mass_and_a_stiffness_is_tied():
     np.testing.assert_allclose(frequencies, np.array([5.0, 10.0]) / math.tau, rtol=1e-13)
 
 
-def test_an_appendage_of_uncertain_mass_and_frequency():
-    m = bs.Parameter("m", bs.LogNormal(0.1, 0.3))
-    f = bs.Parameter("f", bs.LogNormal(1.0, 0.3))
-    building = bs.ShearBuilding((1.0,), ((2.0 * math.pi) ** 2,))
-    structure = building.with_element(bs.Pendulum(1, m, f))
-    # Columns by first appearance in stiffness, then mass: the spring is m (2 pi f)^2.
-    assert [p.name for p in structure.parameters] == ["m", "f"]
-    mu, root = 0.2, math.sqrt(0.2 + 0.01)
-    expected = np.sqrt([1.0 + mu / 2.0 - root, 1.0 + mu / 2.0 + root])
-    frequencies = structure.modes(np.array([[0.2, 1.0]])).frequencies_hz[0]
-    np.testing.assert_allclose(frequencies, expected, rtol=1e-12)
-
-
 def test_rows_that_are_not_positive_definite_are_nan(frame):
     values = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, np.nan, 1.0], [4.0, 4.0, 4.0]])
     frequencies = frame.modes(values).frequencies_hz
