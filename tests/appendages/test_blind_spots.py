@@ -20,11 +20,11 @@ FLOORS = module._Test(("floor 1", "floor 2", "floor 3"), (0.0, 6.0))
 
 @pytest.fixture(scope="module")
 def spots():
-    """A pendulum of a tenth of a floor's mass on floor 2, at the higher two of four frequencies."""
+    """A pendulum of a tenth of a floor's mass on floor 2, at the third of four frequencies."""
     all_cases = module._cases
 
     def cases(*arguments):
-        return (each for each in all_cases(*arguments) if each[0].frequency_hz > 2.0)
+        return (each for each in all_cases(*arguments) if 2.0 < each[0].frequency_hz < 7.0)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "MASSES", (0.1,))
@@ -73,9 +73,6 @@ def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spot
     said = [case for case in spots.cases if case.warning]
     assert {case.missed for case in said} >= {0}
     assert all(abs(case.error) > module.WRONG for case in said)
-    # The mode above the band cannot be identified, nor missed.
-    highest = [case.missed for case in spots.cases if case.frequency_hz > 7.0]
-    assert highest == [0, 3]
     assert spots.n_tried == 1
     assert list(spots.remedies) == ["a band to 9.38 Hz"]
 
@@ -130,6 +127,8 @@ def test_a_study_of_several_classes_is_refused():
 
 
 def test_the_command_prints_and_saves_the_map(run, tmp_path, spots, monkeypatch):
+    above = replace(spots.cases[0], frequency_hz=7.5, error=0.0, warning="")
+    spots = replace(spots, cases=(*spots.cases, above))
     monkeypatch.setattr(module, "blind_spots", lambda *_, **__: spots)
     done = run("blind-spots", STUDY, "--out", tmp_path / "map")
     assert done.exit_code == 0, done.output

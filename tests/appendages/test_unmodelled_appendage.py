@@ -39,20 +39,9 @@ def ranked(study, *names, settings=QUICK):
     return bs.rank(chosen.only(names) if names else chosen, settings=settings)
 
 
-def test_the_analyst_who_misses_the_infill_is_warned():
-    """The paper's numerical study: 1-a fits perfectly with stiffnesses that are 10 % off."""
-    comparison = ranked("shear_building", "1-a", "2").comparison
-    assert comparison.best.name == "1-a"
-    text = comparison.unmodelled_appendage
-    assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one that")
-    assert "most probably an infill between floors 1 and 2" in text
-    assert text.endswith("ask with a search for appendages")
-    assert comparison.failed_checks == (text,)
-
-
 def test_nothing_is_said_where_the_best_class_has_the_appendage():
     """Approach 3: no further appendage would change a parameter by more than its interval."""
-    comparison = ranked("shear_building", "1-a", "3", settings=COARSE).comparison
+    comparison = ranked("shear_building", "3", settings=COARSE).comparison
     assert not comparison.unmodelled_appendage
     assert not comparison.hidden_appendage
 
@@ -121,27 +110,29 @@ def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
 
 @pytest.mark.usefixtures("no_drawings")
 def test_the_warning_comes_first_and_fails(run):
-    result = run("rank", MODEL_CLASSES / "bare_building.py", "--error", "0.1", "--out", "out")
+    """The paper's numerical study: 1-a fits perfectly with stiffnesses that are 10 % off."""
+    result = run("rank", MODEL_CLASSES / "shear_building.py", "--class", "1-a", "--class", "2",
+                 "--error", "0.1", "--out", "out")  # fmt: skip
     assert result.exit_code == 3
     warning = result.stdout.index("(!) The data look as if an appendage split a mode")
     assert warning < result.stdout.index("log evidence")
-    said = " ".join(result.stdout.split())
-    assert "The answer is among wrong" in said
-    # Either of two modes may be the spurious one, and a class alone has no probability.
-    assert re.search(r"in the most probable pairing \(probability 0\.5\d+\), and takes", said)
-    assert re.search(r"bare frame -2\.\d+ ± 0\.\d+ 0\.00 - ", said)
-    again = run("report", "out")
-    assert again.exit_code in (0, 3), again.output
+    assert "The answer is among wrong" in " ".join(result.stdout.split())
     stored = bs.load_result("out").comparison
-    assert "ask with a search" in stored.unmodelled_appendage
+    assert stored.best.name == "1-a"
+    text = stored.unmodelled_appendage
+    assert text.startswith("modes '2a' and '2b' (15 % apart, MAC 0.92) look like one that")
+    assert "most probably an infill between floors 1 and 2" in text
+    assert text.endswith("ask with a search for appendages")
+    assert stored.failed_checks == (text,)
 
 
-def test_a_spurious_mode_is_no_appendage():
+def test_a_spurious_mode_is_no_appendage(monkeypatch):
     """A bare building's own modes, and one that has nothing to do with it."""
     (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
     data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
     odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
     data = replace(data, modes=(data.modes[0], odd, *data.modes[1:]))
+    monkeypatch.setattr(module, "hidden_appendages", lambda *_: [])
     ranking = bs.rank(bs.Study("one", [replace(bare, data=data)]), settings=COARSE)
     assert set(ranking.posteriors[0].configurations[0].pairing) == {"1", "2", "3"}
     assert not ranking.comparison.unmodelled_appendage
@@ -149,5 +140,9 @@ def test_a_spurious_mode_is_no_appendage():
 
 def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
-    (check,) = appendage_checks(ranked("bare_building", settings=COARSE), Run())
+    ranking = ranked("bare_building", settings=COARSE)
+    (check,) = appendage_checks(ranking, Run())
     assert check.words.endswith("which 'bare frame' lacks; ask with a search for appendages")
+    # Either of two modes may be the spurious one.
+    said = " ".join(first_screen(ranking).split())
+    assert re.search(r"in the most probable pairing \(probability 0\.5\d+\), and takes", said)

@@ -10,8 +10,11 @@ from searches import COARSE as OF_FEW
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.results.answer import first_screen
-from bayes_ssi.results.search_answer import further_sentences
+from bayes_ssi.results.search_answer import (
+    further_sentences,
+    search_sentences,
+    search_verdict,
+)
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen
@@ -67,8 +70,8 @@ def of_second_storey():
         before=identified(stiffnesses=(1.05, 0.95, 1.0), rng=rng),
         after=identified(stiffnesses=(1.05, 0.665, 1.0), rng=rng),
     )
-    losses = bs.ChangeSettings(losses_only=True)
-    return bs.changes(tests, ["before"], ["after"], losses, settings=COARSE, visible=False)
+    one = bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=True)
+    return bs.changes(tests, ["before"], ["after"], one, settings=COARSE, visible=False)
 
 
 def test_the_storey_that_lost_stiffness_is_found_and_how_much(of_second_storey):
@@ -92,31 +95,6 @@ def test_the_share_of_errors_is_inferred_and_said(of_second_storey):
     assert "of the errors of the model, which is wrong in the same way before and after" in further
 
 
-def test_exactly_the_same_modes_show_no_change():
-    losses = bs.ChangeSettings(losses_only=True)
-    found = bs.changes(TWO, ["a"], ["b"], losses, settings=COARSE, visible=False)
-    assert found.record.probability_of_any < 0.05
-    assert found.record.hypotheses[0].name == "nothing changed"
-    assert "That nothing changed" in first_screen(found)
-    # Where it would be is said from a hundredth on.
-    is_said = "If anything changed, it is most probably" in first_screen(found)
-    assert is_said == (found.record.probability_of_any >= 0.01)
-
-
-def test_a_common_loss_is_no_change():
-    """Three per cent of all stiffnesses, as by temperature; exact modes."""
-    tests = model_class(a=SAME, b=identified(stiffnesses=(0.97, 0.97, 0.97)))
-    settings = bs.ChangeSettings(losses_only=True)  # considered since all frequencies fell alike
-    found = bs.changes(tests, ["a"], ["b"], settings, settings=COARSE, visible=False)
-    assert found.record.hypotheses[0].name == "all in common"
-    assert found.record.probability_of_any < 0.2
-    (common,) = [each for each in found.record.places if each.place.is_common]
-    ((low, _, high),) = common.amounts.values()
-    assert low < 0.03 < high
-    assert "counts as no change" in first_screen(found)
-    assert "All 3 frequencies that both sides have fell by 1.5 to 1.5 %" in first_screen(found)
-
-
 def changed_by(*elements, labels=("1", "2", "3"), rng_seed=1):
     """Modes of the building with elements on it, with errors."""
     structure = BUILDING
@@ -128,14 +106,40 @@ def changed_by(*elements, labels=("1", "2", "3"), rng_seed=1):
 WITH_NEW = changed_by(bs.Pendulum(3, 0.05, 1.2), labels=("1", "2", "new", "3"))
 
 
-def screened_changes(after):
+def screened_changes(after, before=None, losses_only=False, structure=BUILDING):
     """The hypotheses of one change, by probability, from their approximate evidences."""
-    tests = model_class(a=changed_by(rng_seed=2), b=after)
-    settings = bs.ChangeSettings(number_weights=(1.0, 1.0))
+    tests = model_class(a=before or changed_by(rng_seed=2), b=after)
+    settings = bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=losses_only)
+    tests = tests.with_structures(lambda *_: structure)
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], settings)
     hypotheses, levels = screened_hypotheses(family, 0, bs.Run(), most_full=0)
     none = SimpleNamespace(posteriors=(), comparison=SimpleNamespace(classes=()))
     return change_record(family, FamilySearch(none, tuple(hypotheses.values()), tuple(levels)))
+
+
+def test_exactly_the_same_modes_show_no_change():
+    record = screened_changes(SAME, SAME, losses_only=True)
+    assert record.probability_of_any < 0.05
+    assert record.hypotheses[0].name == "nothing changed"
+    assert "That nothing changed" in search_verdict(record)
+    # Where it would be is said from a hundredth on.
+    is_said = "If anything changed, it is most probably" in " ".join(search_sentences(record, None))
+    assert is_said == (record.probability_of_any >= 0.01)
+
+
+def test_a_common_loss_is_no_change():
+    """Three per cent of all stiffnesses, as by temperature; exact modes."""
+    fallen = identified(stiffnesses=(0.97, 0.97, 0.97))
+    # Considered since all frequencies fell alike.
+    record = screened_changes(fallen, SAME, losses_only=True)
+    assert record.hypotheses[0].name == "all in common"
+    assert record.probability_of_any < 0.2
+    (common,) = [each for each in record.places if each.place.is_common]
+    ((low, _, high),) = common.amounts.values()
+    assert low < 0.03 < high
+    words = " ".join(search_sentences(record, None))
+    assert "counts as no change" in words
+    assert "All 3 frequencies that both sides have fell by 1.5 to 1.5 %" in words
 
 
 def test_a_mass_that_came_is_found_as_one():
@@ -260,19 +264,12 @@ def test_two_places_that_do_the_same_are_named_together():
     factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.05)) for name in ("a", "b", "k2", "k3")]
     a, b, *others = factors
     structure = bs.ShearBuilding((1.0,) * 3, [K * a * b, *(K * each for each in others)])
-    tests = model_class(before=SAME, after=identified(stiffnesses=(0.8, 1.0, 1.0)))
-    found = bs.changes(
-        tests.with_structures(lambda *_: structure),
-        ["before"],
-        ["after"],
-        bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=True),
-        settings=COARSE,
-        visible=False,
-    )
-    (change,) = found.record.hypotheses[0].features
-    (other,) = found.record.place(change.place.name).alike
+    lost = identified(stiffnesses=(0.8, 1.0, 1.0))
+    record = screened_changes(lost, SAME, losses_only=True, structure=structure)
+    (change,) = record.hypotheses[0].features
+    (other,) = record.place(change.place.name).alike
     assert {change.place.name, other} == {"a", "b"}
-    assert "The data do not tell" in found.summary()
+    assert "The data do not tell" in " ".join(search_sentences(record, None))
 
 
 def test_a_changed_structure_asks_the_other_one_at_what_is_left():
