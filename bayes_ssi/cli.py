@@ -13,6 +13,7 @@ from bayes_ssi.commands.blind_spots import blind_spots
 from bayes_ssi.commands.calibrate import calibrate, sensitivities
 from bayes_ssi.commands.changes import changes
 from bayes_ssi.commands.check import check
+from bayes_ssi.commands.export import export
 from bayes_ssi.commands.guide import guide
 from bayes_ssi.commands.hierarchy import hierarchy
 from bayes_ssi.commands.identify import identify
@@ -44,6 +45,7 @@ COMMANDS = (
     what_if,
     hierarchy,
     predict,
+    export,
     report,
     guide,
 )

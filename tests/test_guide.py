@@ -96,6 +96,7 @@ def check_solver_files(printed):
     for line in ("K = columns K_columns + walls K_walls", "M = M_0"):
         assert line in lines
         assert f"{line}\n" in text
+    assert "Wrote parameters, and 3 modes at 3 nodes, to runs/results/frame/updated." in lines
     assert any(re.fullmatch(r"both.sti: predicted to \d\.\de-1[5-9]", line) for line in lines)
 
 

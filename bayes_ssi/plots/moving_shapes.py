@@ -257,7 +257,7 @@ def _motions(
 ) -> dict[str, FloatArray]:
     """Degree of freedom → its components (n_modes,), from what costs one solution at most."""
     if structure.geometry is not None:
-        labels, shapes = structure.labelled_shapes(values)
+        labels, _, shapes = structure.labelled_modes(values)
     elif structure.is_cheap:
         labels, shapes = structure.degrees_of_freedom, structure.modes(values[None]).shapes[0]
     else:  # posterior medians

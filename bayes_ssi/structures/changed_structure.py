@@ -73,8 +73,8 @@ class ChangedStructure(SubstituteStructure):
         left[:, [n - 1 for n in self.falls]] -= values[:, values.shape[1] - len(self.falls) :]
         return frequencies_hz * left
 
-    def labelled_shapes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
-        return self.structure.labelled_shapes(self.left(values[None])[0])
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        return self.structure.labelled_modes(self.left(values[None])[0])
 
     @property
     def exact(self) -> Structure:
@@ -145,6 +145,6 @@ class FurtherMode(ChangedStructure):
         like = modes.shapes[:, :, [self.like]]
         return Modes(frequencies, np.concatenate([modes.shapes, like], axis=2))
 
-    def labelled_shapes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
-        labels, shapes = super().labelled_shapes(values)
-        return labels, np.c_[shapes, shapes[:, self.like]]
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        labels, frequencies, shapes = super().labelled_modes(values)
+        return labels, np.append(frequencies, values[-1]), np.c_[shapes, shapes[:, self.like]]

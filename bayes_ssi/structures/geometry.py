@@ -9,6 +9,7 @@ matrix, with terms for these degrees of freedom only, however many the structure
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -118,6 +119,15 @@ class Geometry:
                 raise ValueError(
                     f"geometry: a face joins three or more nodes that it names, got {face!r}"
                 )
+
+    @cached_property
+    def edges(self) -> tuple[tuple[str, str], ...]:
+        """The lines, and the sides of all faces, each once."""
+        sides = (
+            side for face in self.faces for side in zip(face, (*face[1:], face[0]), strict=True)
+        )
+        once = {frozenset(side): side for side in (*self.lines, *sides)}
+        return tuple(once.values())
 
     def location(self, motion: Motion) -> Location | None:
         """Where a combination of degrees of freedom moves; None where a node is not known.

@@ -322,9 +322,10 @@ class Structure(ABC):
         """
         return np.zeros(len(places))
 
-    def labelled_shapes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
-        """Labels (n) and shapes (n, n_modes) at all that has a label, at one row of values."""
-        return self.degrees_of_freedom, self.modes(values[None]).shapes[0]
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """Labels (n), frequencies (m,) and shapes (n, m) at all that has a label, at one row."""
+        frequencies, shapes = (each[0] for each in self.modes(values[None]))
+        return self.degrees_of_freedom, frequencies, shapes
 
     @property
     def given_as_mass(self) -> tuple[AddedMass, ...]:
@@ -399,7 +400,7 @@ class SubstituteStructure(Structure):
     geometry = _as_substituted("geometry")
     heights = _as_substituted("heights")
     description = _as_substituted("description")
-    labelled_shapes = _as_substituted("labelled_shapes")
+    labelled_modes = _as_substituted("labelled_modes")
     shape_variances = _as_substituted("shape_variances")
     location_of = _as_substituted("location_of")
     drawing = _as_substituted("drawing")

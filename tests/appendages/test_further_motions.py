@@ -36,7 +36,7 @@ def test_a_further_mode_changes_no_other(plane):
     np.testing.assert_array_equal(modes.shapes[:, :, :3], own.shapes)
     np.testing.assert_array_equal(modes.shapes[:, :, 3], own.shapes[:, :, 1])
     assert whole.modal_model(np.c_[values, [1.5, 2.5]]).participation[:, 3].tolist() == [0.0, 0.0]
-    _, labelled = whole.labelled_shapes(np.array([1.0, 1.1, 0.9, 1.5]))
+    *_, labelled = whole.labelled_modes(np.array([1.0, 1.1, 0.9, 1.5]))
     assert labelled.shape == (3, 4)
 
 

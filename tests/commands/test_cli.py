@@ -321,6 +321,14 @@ def test_help_lists_commands_whole_and_in_the_order_of_work(run):
     assert names[:3] == ["new", "import", "identify"]
 
 
+def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_result, tmp_path):
+    result = run("export", tiny_result.directory, "--out", tmp_path / "updated")
+    assert result.exit_code == 0
+    assert "No modes at nodes are written: no degree of freedom is labelled" in result.stdout
+    (written,) = (tmp_path / "updated").iterdir()
+    assert written.read_text("utf-8").startswith("name,most_probable,mean")
+
+
 def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
     (tmp_path / "m.csv").write_text("Mode;Frequency [Hz];Damping [%];roof\n1;1,5;1,2;1\n")
     done = run("check", tmp_path / "m.csv", "--band", 0, 6)

@@ -313,13 +313,13 @@ class AssembledStructure(PointwiseStructure):
         inertia = (motions @ mass).multiply(motions).sum(axis=1)
         return np.asarray(inertia / motions.power(2).sum(axis=1) ** 2)
 
-    def labelled_shapes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray]:
+    def labelled_modes(self, values: FloatArray) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
         """By a full solution, at all degrees of freedom where these have labels."""
         modes, n = self.full_modes(values), self.n_modes
         labels, rows = self.degrees_of_freedom, self.sensor_rows
         if self.labels is not None:
             labels, rows = self.labels, self.system.rows[: len(self.labels)]
-        return labels, modes.vectors[rows, :n]
+        return labels, modal.frequencies_hz(modes.eigenvalues[:n]), modes.vectors[rows, :n]
 
     def modal_model(self, values: FloatArray) -> ModalModel:
         influence = self.require_influence()
