@@ -49,7 +49,7 @@ def found(baseline, **settings):
     baselines = choose_baselines(bs.Study("frame", [baseline]), options=options)
     pendulums = tuple(p for p in baselines.appendages("frame") if p.word == "pendulum")
     baselines.features["frame"] = pendulums
-    tried = tuple(screened_hypotheses(baselines, 0, bs.Run(), most_full=0)[0].values())
+    tried = tuple(screened_hypotheses(baselines, 0, bs.Run())[0].values())
     nothing_sampled = FamilySearch(SimpleNamespace(posteriors=()), tried, ())
     draws = feature_draws(baselines, nothing_sampled)
     rows = hypotheses_by_probability(nothing_sampled, draws)
