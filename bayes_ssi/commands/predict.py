@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     text="Ground motion (AT2, text or CSV) for time histories; may be repeated.")  # fmt: skip
 @click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), if not in the file.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
-@options.default_option("--level", 0.9, "Probability of the credible bands.")
 @options.default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
 @options.path_option(
     "--out", text="Directory for tables and figures.  [default: RESULT/predictions]")  # fmt: skip
@@ -126,7 +125,7 @@ def predict(
 def _requested(
     predicted: StoredPredictions, first: Predictions, quantity: Quantity, places: tuple[str, ...],
     damping: str | None, transfer: str | None, frequencies: tuple[float, float] | None,
-    records: tuple[Path, ...], unit: str | None, dt: float | None, level: float,
+    records: tuple[Path, ...], unit: str | None, dt: float | None,
 ) -> tuple[ResponseRequest, list[str]]:  # fmt: skip
     """The request from the options, and remarks on it."""
     from bayes_ssi.measurements.records.record_files import read_ground_motion
@@ -150,7 +149,6 @@ def _requested(
         source=transfer,
         band_hz=frequencies,
         motions=tuple(read_ground_motion(file, unit=unit, dt=dt) for file in records),
-        level=level,
     )
     if frequencies is not None and request.frequencies_hz is None:
         raise ValueError("--frequencies: applies to transfer functions, but --transfer is none")

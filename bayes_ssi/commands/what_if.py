@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,15 +24,12 @@ PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 @options.number_option(
     "--detection", "PROBABILITY", "Probability that a mode in the band is identified.")  # fmt: skip
 @options.number_option("--spurious", "NUMBER", "Expected number of spurious modes in the band.")
-@options.repeated_option("--band", "bands", "LOW,HIGH",
-    "Band of the search for modes in Hz, NAME=LOW,HIGH of configuration NAME where there are "
-    "several; may be repeated.")  # fmt: skip
 @options.repeated_option(
     "--weight", "weights", "NAME=WEIGHT", "Prior weight of a model class; may be repeated."
 )
 @terminal.json_option
 def what_if(
-    result: Path, priors: tuple[str, ...], bands: tuple[str, ...], weights: tuple[str, ...],
+    result: Path, priors: tuple[str, ...], weights: tuple[str, ...],
     frequency_cov: float | None, shape_sd: float | None, detection: float | None,
     spurious: float | None,
 ) -> None:  # fmt: skip
@@ -62,9 +58,6 @@ def what_if(
         shape_sd=shape_sd,
         detection_probability=detection,
         expected_spurious_modes=spurious,
-        bands_hz=options.named_values(
-            "--band", bands, "[NAME=]LOW,HIGH", r"(?:(.+)=)?([^=]*)", _band
-        ),
         prior_weights=options.named_values(
             "--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number
         ),
@@ -89,13 +82,6 @@ def what_if(
     of_data = () if accepted else answer.failed_data_checks
     failed = [text for text in (*of_data, answer.misfit, *answer.problems) if text]
     terminal.conclude({"directory": str(result), "answer": answer}, failed)
-
-
-def _band(text: str) -> tuple[float, float]:
-    bounds = [part for part in re.split(r"[,\s]+", text) if part]
-    if len(bounds) != 2:
-        raise ValueError(f"must be two frequencies in Hz, LOW,HIGH, got {text!r}")
-    return _number(bounds[0]), _number(bounds[1])
 
 
 def _number(text: str) -> float:

@@ -97,7 +97,7 @@ def save_prediction_figures(
 
 def _figures(responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
     request = responses[0].request
-    places, level = request.output.labels, 100 * request.level
+    places = request.output.labels
     if request.frequencies_hz is not None:
         bands = {
             response.name: response.transfer.curves
@@ -106,13 +106,13 @@ def _figures(responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
         }
         plot = partial(plot_transfer_functions, request.frequencies_hz,
                        quantity=f"amplitude ({request.transfer_unit})")  # fmt: skip
-        title = f"{request.transfer_name}, median and {level:g} % band"
+        title = f"{request.transfer_name}, median and 90 % band"
         yield "transfer_functions", _by_place(places, bands, plot, title)
     for i, motion in enumerate(request.motions, 1):
         bands = {each.name: each.histories[motion.name].curves for each in responses}
         quantity = f"{request.output.quantity} ({request.unit})"
         plot = partial(plot_time_history, motion.times, quantity=quantity)
-        title = f"{motion.name}, median and {level:g} % envelope"
+        title = f"{motion.name}, median and 90 % envelope"
         number = f"_{i}" if len(request.motions) > 1 else ""
         yield f"time_histories{number}", _by_place(places, bands, plot, title)
 

@@ -17,12 +17,9 @@ def saved(tmp_path_factory, tiny_ranking):
 
 def test_the_change_is_shown(run, saved, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
-    done = run(
-        "what-if", saved, "--prior", "k=Normal(1, 0.2)", "--band", "0, 2.5", "--weight", "one k=3"
-    )
+    done = run("what-if", saved, "--prior", "k=Normal(1, 0.2)", "--weight", "one k=3")
     assert done.exit_code == 0, done.output
     assert "Changed: prior of 'k': LogNormal(median=1.0, cov=0.3) → Normal(" in done.stdout
-    assert "Changed: band_hz: 0 to 3 → 0 to 2.5." in done.stdout
     assert "Changed: prior weight of 'one k': 1 → 3." in done.stdout
     assert "'one k' is the most probable class before and after." in done.stdout
     assert all(len(line) <= 60 for line in done.stdout.splitlines() if "─" in line)
@@ -50,7 +47,6 @@ def test_a_record(run, saved):
         (("--prior", "k=Gamma(1, 2)"), ("--prior", "choose from Normal, LogNormal")),
         (("--prior", "k=Normal(1, -2)"), ("--prior: Normal: sd must be positive",)),
         (("--prior", "k=Normal(1, 2)", "--prior", "k=Normal(1, 3)"), ("'k' is given twice",)),
-        (("--band", "0"), ("--band: must be two frequencies", "'0'")),
         (("--weight", "one k=x"), ("--weight: 'x' is not a number",)),
         (("--weight", "one k=0"), ("prior weight of 'one k'", "positive")),
         (("--spurious", "0"), ("expected_spurious_modes must be positive",)),

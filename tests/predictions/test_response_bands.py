@@ -37,7 +37,7 @@ def predicted(tiny_result):
 def response_request():
     rng = np.random.default_rng(0)
     motions = tuple(GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
-    return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions, level=0.9)
+    return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions)
 
 
 @pytest.fixture(scope="module")

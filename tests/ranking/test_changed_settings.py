@@ -54,15 +54,13 @@ def test_closed_forms(tiny_result):
 
 
 def test_against_sampling_with_the_changed_settings(tiny_result, tiny_study):
-    """Prior, error size and band at once; the prior concerns one class alone."""
+    """Prior and error size at once; the prior concerns one class alone."""
     prior = bs.LogNormal(1.1, 0.2)
-    settings = bs.ChangedSettings(
-        priors={"k2": prior}, frequency_cov=0.025, bands_hz={"": (0.0, 2.0)}
-    )
+    settings = bs.ChangedSettings(priors={"k2": prior}, frequency_cov=0.025)
     answer = bs.what_if(tiny_result, settings)
     for candidate in tiny_study.model_classes:
         again = bs.ModelClass(
-            candidate.name, candidate.structure, replace(candidate.data, band_hz=(0.0, 2.0)),
+            candidate.name, candidate.structure, candidate.data,
             bs.ErrorModel(frequency_cov=0.025, shape_sd=0.05), pairing=candidate.pairing,
             priors={"k2": prior} if candidate.name == "each k" else {},
         )  # fmt: skip
@@ -133,8 +131,6 @@ def test_a_class_too_improbable_to_matter_need_not_be_sampled_again(tiny_ranking
     [
         ({"priors": {"k9": K}}, "prior: no parameter 'k9'; choose from 'k', 'k1', 'k2'"),
         ({"prior_weights": {"two k": 1.0}}, "unknown model class 'two k'"),
-        ({"bands_hz": {"bare": (0.0, 2.0)}}, "without a name; got 'bare'"),
-        ({"bands_hz": {"": (0.0, 1.0)}}, "lies outside the band 0.0 to 1.0 Hz"),
         ({"detection_probability": 1.0}, "strictly between 0 and 1"),
         ({"frequency_cov": -0.1}, "must be positive and finite"),
     ],

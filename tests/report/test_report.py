@@ -37,7 +37,7 @@ def reported(tiny_ranking, tmp_path_factory):
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
-    record = {"predictions_of": ["average"], "draws": 500, "level": 0.95, "configuration": "",
+    record = {"predictions_of": ["average"], "draws": 500, "configuration": "",
               "damping": 0.02}  # fmt: skip
     write_json(predictions / "predictions.json", record)
     (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")

@@ -17,7 +17,6 @@ def frequency_table(responses: Sequence[ResponseBands]) -> Table:
 
     Where only some of the averaged classes explain a mode, the fraction of such draws is given.
     """
-    level = responses[0].request.level
     rows = [(response.name, mode) for response in responses for mode in response.modes]
     with_fractions = any(mode.share < 1.0 for _, mode in rows)
     cells = [
@@ -31,7 +30,7 @@ def frequency_table(responses: Sequence[ResponseBands]) -> Table:
         )
         for name, mode in rows
     ]
-    title = f"Natural frequencies (Hz) before and after updating, {100 * level:g} % band"
+    title = "Natural frequencies (Hz) before and after updating, 90 % band"
     headings = ["identified", "before", "median", "band", *["of draws"] * with_fractions]
     return new_table(title, ["model class", "mode"], headings, cells)
 
@@ -39,7 +38,7 @@ def frequency_table(responses: Sequence[ResponseBands]) -> Table:
 def peak_table(responses: Sequence[ResponseBands]) -> Table:
     """Peaks of transfer functions and of time histories at every place, median and band."""
     request = responses[0].request
-    title = f"Peak {request.output.quantity}, absolute value, {100 * request.level:g} % band"
+    title = f"Peak {request.output.quantity}, absolute value, 90 % band"
     rows = [
         (response.name, motion or "transfer", place, f"{median:.4g}", interval(low, high), unit)
         for response in responses

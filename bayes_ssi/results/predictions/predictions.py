@@ -209,9 +209,7 @@ class PredictedMode(NamedTuple):
     share: float
 
 
-def predicted_modes(
-    data: ModalData, predictions: Predictions, level: float
-) -> Iterator[PredictedMode]:
+def predicted_modes(data: ModalData, predictions: Predictions) -> Iterator[PredictedMode]:
     """Frequencies of all identified modes that a prediction explains.
 
     Before updating, they are those at the prior medians of each draw's class, in the median.
@@ -228,9 +226,7 @@ def predicted_modes(
         if before:
             after = predictions.frequencies_hz(mode.label)
             median = float(Prediction(np.concatenate(before)).band().median)
-            yield PredictedMode(
-                mode.label, mode.frequency_hz, median, after.band(level), after.share
-            )
+            yield PredictedMode(mode.label, mode.frequency_hz, median, after.band(), after.share)
 
 
 def shown_places(predictions: Predictions, data: ModalData) -> tuple[str, ...]:

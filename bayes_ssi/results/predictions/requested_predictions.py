@@ -17,7 +17,6 @@ import numpy as np
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.foundations.packages import versions
-from bayes_ssi.foundations.summaries import LEVEL
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.results.predictions.posterior_draws import (
     ARRAY_SIZE,
@@ -65,11 +64,10 @@ class ResponseRequest:
         force_at: where the force of the transfer functions acts; if None, their input is the
             acceleration of the ground.
         motions: of the ground, for time histories and their peaks.
-        level: probability of the bands.
 
     Raises:
-        ValueError: a frequency, a damping ratio or the level is not usable, or two ground motions
-            have one name.
+        ValueError: a frequency or a damping ratio is not usable, or two ground motions have one
+            name.
     """
 
     output: Output
@@ -77,13 +75,11 @@ class ResponseRequest:
     frequencies_hz: FloatArray | None = None
     force_at: str | None = None
     motions: tuple[GroundMotion, ...] = ()
-    level: float = LEVEL
 
     def __post_init__(self) -> None:
         if self.frequencies_hz is not None:
             checked_frequencies(self.frequencies_hz)
         damping_ratios(self.damping, np.size(self.damping))
-        Prediction(np.zeros(1)).band(self.level)
         object.__setattr__(self, "motions", tuple(self.motions))
         for name, count in Counter(motion.name for motion in self.motions).items():
             if count > 1:
@@ -165,8 +161,8 @@ def predict_responses(
             some = places[start : start + at_once]
             draws = compute(Output(request.output.quantity, some)).draws
             largest = np.maximum(draws.max(-1), -draws.min(-1))
-            curves.append(Prediction(draws).band(request.level))
-            peaks.append(Prediction(largest).band(request.level))
+            curves.append(Prediction(draws).band())
+            peaks.append(Prediction(largest).band())
         return Response(joined(curves), joined(peaks))
 
     transfer = None
@@ -181,11 +177,9 @@ def predict_responses(
         )
         for motion in request.motions
     }
-    modes = tuple(predicted_modes(predicted.data, predictions, request.level))
+    modes = tuple(predicted_modes(predicted.data, predictions))
     places = shown_places(predictions, predicted.data)
-    shapes = {
-        m.label: predictions.shapes(m.label, places).band(request.level) for m in modes if places
-    }
+    shapes = {m.label: predictions.shapes(m.label, places).band() for m in modes if places}
     return ResponseBands(predictions, request, modes, places, shapes, transfer, histories)
 
 
@@ -198,7 +192,6 @@ def completed_request(
     source: str | None = None,
     band_hz: tuple[float, float] | None = None,
     motions: tuple[GroundMotion, ...] = (),
-    level: float = ResponseRequest.level,
 ) -> tuple[ResponseRequest, list[str]]:
     """The request with what is given and defaults for the rest, and remarks on it.
 
@@ -244,7 +237,7 @@ def completed_request(
     ]
     modes_hz = np.median(predictions.classes[0].frequencies_hz, axis=0)
     remarks += [f"(!) {text}." for motion in motions for text in motion.warnings(modes_hz)]
-    return ResponseRequest(output, damping, hz, force_at, motions, level), remarks
+    return ResponseRequest(output, damping, hz, force_at, motions), remarks
 
 
 def default_damping(data: ModalData) -> tuple[float, str]:
@@ -313,7 +306,6 @@ def predictions_record(
         "configuration": predicted.configuration,
         "predictions_of": names,
         "draws": predicted.n_draws,
-        "level": request.level,
         "quantity": request.output.quantity,
         "places": request.output.labels,
         "damping": damping if isinstance(damping, (int, float)) else tuple(damping),
@@ -340,7 +332,7 @@ def load_saved_predictions(result: Path) -> dict[str, Any]:
             with (directory / name).open(encoding="utf-8", newline="") as file:
                 tables[name] = list(csv.reader(file))
     record = read_json(directory / MARKER)
-    if missing := {"configuration", "damping", "draws", "level", "predictions_of"} - record.keys():
+    if missing := {"configuration", "damping", "draws", "predictions_of"} - record.keys():
         raise ValueError(f"{directory / MARKER}: damaged: no {', '.join(sorted(missing))}")
     figures = sorted(directory.glob("figures/*.png"))
     return {"record": record, "tables": tables, "figures": figures}

@@ -14,11 +14,9 @@ from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import systematic_indices
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue, adequacy, inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import N_DRAWS
-from bayes_ssi.inference.model_class.configuration import choose_configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.measurements.modes.identified_mode import checked_band
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.ranking.comparison import (
@@ -31,7 +29,6 @@ from bayes_ssi.studies.ranking.variations import (
     Varied,
     reweighted,
     spreads_as_sampled,
-    with_bands,
     with_priors,
 )
 
@@ -50,12 +47,10 @@ class ChangedSettings:
         shape_sd: prediction error of shapes, likewise.
         detection_probability: probability that a mode in the band is identified.
         expected_spurious_modes: expected number of spurious modes in the band.
-        bands_hz: name of a configuration → lowest and highest frequency of the search; the name
-            is empty where there is one configuration.
         prior_weights: name of a model class → its new prior weight.
 
     Raises:
-        ValueError: nothing is changed, or a band is not 0 <= lowest < highest.
+        ValueError: nothing is changed.
         TypeError: a prior is not a prior distribution.
     """
 
@@ -64,28 +59,25 @@ class ChangedSettings:
     shape_sd: float | None = None
     detection_probability: float | None = None
     expected_spurious_modes: float | None = None
-    bands_hz: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     prior_weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if all(getattr(self, each.name) in (None, {}) for each in fields(self)):
             raise ValueError(
                 "nothing is changed; give a prior, an error size, a detection probability, an "
-                "expected number of spurious modes, a band or a prior weight"
+                "expected number of spurious modes or a prior weight"
             )
         for name, prior in self.priors.items():
             if not isinstance(prior, Prior):
                 raise TypeError(f"prior of {name!r}: must be a prior distribution, got {prior!r}")
-        bands = {name: checked_band(band) for name, band in self.bands_hz.items()}
-        object.__setattr__(self, "bands_hz", bands)
 
     def applied_to(self, model_class: ModelClass) -> ModelClass:
         """The class with these settings, as far as they concern it; the same if they do not.
 
         Raises:
-            ValueError: a number is not usable, or a mode lies outside its new band.
+            ValueError: a number is not usable.
         """
-        model_class = with_priors(self.priors, with_bands(self.bands_hz, model_class))
+        model_class = with_priors(self.priors, model_class)
         own = _numbers(model_class)
         given = {name: value for name, value in self._numbers.items() if name in own}
         changes: dict[str, Any] = {}
@@ -104,8 +96,8 @@ class ChangedSettings:
         """Refuse a setting that none of the classes has.
 
         Raises:
-            ValueError: there is no such parameter, configuration or class, or an error size is
-                inferred in every class.
+            ValueError: there is no such parameter or class, or an error size is inferred in every
+                class.
         """
         known = dict.fromkeys(name for each in model_classes for name in each.parameter_names)
         require_known("prior: no parameter", self.priors, known)
@@ -118,9 +110,6 @@ class ChangedSettings:
                 raise ValueError(
                     f"{name}: it is inferred in every model class; change the prior of {inferred}"
                 )
-        tests = dict.fromkeys(model_classes[0].configuration_names)
-        for name in self.bands_hz:
-            choose_configuration(tests, name, "the result")
 
 
 def _numbers(model_class: ModelClass) -> dict[str, float]:
@@ -138,13 +127,11 @@ def _in_words(
     """What is changed: from what, to what, and in which classes if not in all."""
     known = {
         model_class.name: _settings_in_words(
-            {p.name: p.prior for p in model_class.parameters},
-            _numbers(model_class),
-            {test.name: test.data.band_hz for test in model_class.configurations},
+            {p.name: p.prior for p in model_class.parameters}, _numbers(model_class)
         )
         for model_class in model_classes
     }
-    changed = _settings_in_words(settings.priors, settings._numbers, settings.bands_hz)
+    changed = _settings_in_words(settings.priors, settings._numbers)
     for what, after in changed.items():
         before = {name: words[what] for name, words in known.items() if what in words}
         only = "" if len(before) == len(known) else f" in {', '.join(map(repr, before))}"
@@ -153,17 +140,10 @@ def _in_words(
         yield f"prior weight of {name!r}: {prior_weights[name]:g} → {weight:g}"
 
 
-def _settings_in_words(
-    priors: Mapping[str, Prior],
-    numbers: Mapping[str, float],
-    bands_hz: Mapping[str, tuple[float, float]],
-) -> dict[str, str]:
+def _settings_in_words(priors: Mapping[str, Prior], numbers: Mapping[str, float]) -> dict[str, str]:
     """What a setting is called → its value."""
     words = {f"prior of {name!r}": str(prior) for name, prior in priors.items()}
-    words |= {name: f"{number:g}" for name, number in numbers.items()}
-    for test, (low, high) in bands_hz.items():
-        words[f"band_hz of configuration {test!r}" if test else "band_hz"] = f"{low:g} to {high:g}"
-    return words
+    return words | {name: f"{number:g}" for name, number in numbers.items()}
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ from bayes_ssi.studies.ranking.variations import (
     reweighted,
     sampled_again,
     spreads_as_sampled,
-    with_bands,
     with_missed,
     with_spurious,
     with_wider_priors,
@@ -256,5 +255,14 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
         # The identified modes stay inside.
         band = (min(ends[0], float(identified[0])), max(ends[1], float(identified[-1])))
         name = f"the band{where} {('beginning', 'ending')[edge.end]} at {band[edge.end]:.3g} Hz"
-        moves.append(Variation(name, partial(with_bands, {test.name: band})))
+        moves.append(Variation(name, partial(_with_band, test.name, band)))
     return moves
+
+
+def _with_band(name: str, band_hz: tuple[float, float], candidate: ModelClass) -> ModelClass:
+    """The class with another band of one of its tests."""
+    tests = (
+        replace(test, data=replace(test.data, band_hz=band_hz)) if test.name == name else test
+        for test in candidate.configurations
+    )
+    return replace(candidate, configurations=tuple(tests))

@@ -63,16 +63,6 @@ def with_priors(priors: Mapping[str, Prior], candidate: ModelClass) -> ModelClas
     return replace(candidate, priors={**candidate.priors, **own}) if own else candidate
 
 
-def with_bands(bands_hz: Mapping[str, tuple[float, float]], candidate: ModelClass) -> ModelClass:
-    tests = tuple(
-        replace(test, data=replace(test.data, band_hz=bands_hz[test.name]))
-        if test.name in bands_hz
-        else test
-        for test in candidate.configurations
-    )
-    return replace(candidate, configurations=tests) if bands_hz else candidate
-
-
 @dataclass(frozen=True)
 class ParameterSpread(Summary):
     mean_error: float
