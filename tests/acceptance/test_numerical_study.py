@@ -103,8 +103,8 @@ def test_posterior_means_and_standard_deviations(name, results):
 
 
 def test_error_bars_are_those_of_the_scatter(results):
-    """Forty seeds: error bars agree with the scatter of the results."""
-    sampled = results("1-a", 40)
+    """Thirty seeds: error bars agree with the scatter of the results."""
+    sampled = results("1-a", 30)
     log_evidences = np.array([evidence.log_evidence for evidence, _ in sampled])
     reported = np.mean([evidence.error for evidence, _ in sampled])
     ratio = reported / log_evidences.std(ddof=1)

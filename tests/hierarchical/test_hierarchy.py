@@ -13,8 +13,10 @@ from conftest import assert_one_line_error
 import bayes_ssi as bs
 from bayes_ssi.commands.options import read_covariate
 from bayes_ssi.inference.criticism.adequacy import PValue
+from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
 from bayes_ssi.results.hierarchy.ranked_populations import (
+    different_structures,
     judged_tests,
     repeated_errors,
 )
@@ -131,12 +133,16 @@ def test_parameters_that_are_left_out_are_independent_from_test_to_test(of_k2):
 
 
 def test_a_test_that_the_class_does_not_explain_fails(rankings):
+    """And one whose data failed a check of their own."""
     candidate = model_class("April")
     mistaken = replace(candidate.data, sensors=candidate.data.sensors[::-1])
     tests = [replace(candidate.configurations[0], data=mistaken)]
     april = ranking(replace(candidate, configurations=tests))
-    made = bs.hierarchy({**rankings, "April": april}, settings=COARSE)
-    (failed,) = made.failed_checks
+    doubtful = rankings["July"].comparison.with_checks([Check("data", "the methods differ")])
+    july = replace(rankings["July"], comparison=doubtful)
+    made = bs.hierarchy({**rankings, "April": april, "July": july}, settings=COARSE)
+    of_data, failed = made.failed_checks
+    assert of_data == "test 'July': the methods differ"
     assert failed.startswith("test 'April', 'frame': the data are not explained: mode '")
     assert "Likely cause: channels 'floor 2' and 'floor 1' seem to be exchanged" in failed
 
@@ -256,19 +262,12 @@ def test_structures_that_are_not_defined_alike_are_said_once(rankings):
         test = replace(configuration(name), structure=heavier)
         others[name] = of_classes(rankings[name], replace(model_class(name), configurations=[test]))
     alike, not_alike = (
-        [each for each in bs.hierarchy(tests, settings=COARSE).remarks if "not defined" in each]
-        for tests in (rankings, {**rankings, **others})
+        list(different_structures({n: class_record(r.study.model_classes[0]) for n, r in all_of}))
+        for all_of in (rankings.items(), {**rankings, **others}.items())
     )
     assert not alike
     (remark,) = not_alike
     assert remark.startswith("the structure of test 'April' is not defined as that of 'January': ")
-
-
-def test_failed_checks_of_the_data_are_those_of_the_test(rankings):
-    failed = rankings["April"].comparison.with_checks([Check("data", "the methods differ")])
-    tests = {**rankings, "April": replace(rankings["April"], comparison=failed)}
-    made = bs.hierarchy(tests, settings=COARSE)
-    assert made.failed_checks == ("test 'April': the methods differ",)
 
 
 @pytest.fixture

@@ -143,11 +143,11 @@ def hierarchy(
         populations=ranked(sampled),
         seed=seed,
         failed_checks=(*failed_in_tests, *failed, *repeated_errors(class_name, posteriors)),
-        remarks=(*_different_structures(records), *unusual),
+        remarks=(*different_structures(records), *unusual),
     )
 
 
-def _different_structures(records: Mapping[str, ClassRecord]) -> Iterator[str]:
+def different_structures(records: Mapping[str, ClassRecord]) -> Iterator[str]:
     """A sentence if a test's structure is not defined as that of the first, of the first such."""
     defined = {name: [c.definition for c in own.configurations] for name, own in records.items()}
     first, *others = defined
