@@ -103,6 +103,10 @@ def check_solver_files(printed):
 def check_plots_and_arviz(printed):
     assert re.search(r"^k1 ", printed, re.M)
     assert re.search(r"^k2 ", printed, re.M)
+    rows = re.findall(r"^(alike|unlike) .* (-?\d+\.\d+)$", printed, re.M)
+    (first, more), (second, less) = rows
+    assert (first, second) == ("alike", "unlike"), "as leaving modes out ranks them"
+    assert float(more) - float(less) == pytest.approx(1.1, abs=0.3), "log evidences"
 
 
 def check_for_contributors(printed):

@@ -9,13 +9,15 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.arviz_functions import Group, groups_of, netcdf_file
 from bayes_ssi.inference.model_class.configuration import label_in
+from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.inference.posterior.posterior import Posterior, draws_with_shapes
 
 MODEL, FREQUENCY, MODE = "model", "frequency_hz", "model_mode"
-LOG_LIKELIHOODS = "log_likelihood_total"
+LOG_LIKELIHOODS, LOG_LIKELIHOOD, DATUM = "log_likelihood_total", "modes", "datum"
+IDENTIFIED, IDENTIFIED_MODE = "identified_hz", "identified_mode"
 SHAPES, WITH_SHAPES = "sensor_shapes", "draw_of_all_chains"
 # Names of dimensions and coordinates; no parameter's variable can have one of them.
-RESERVED = ("chain", "draw", FREQUENCY, MODE)
+RESERVED = ("chain", "draw", FREQUENCY, MODE, DATUM, IDENTIFIED, IDENTIFIED_MODE)
 
 
 def save_draws(path: Path, posterior: Posterior) -> None:
@@ -42,6 +44,16 @@ def _groups(posterior: Posterior) -> dict[str, Group]:
     if posterior.prior_draws is not None:
         prior = posterior.prior_draws[None]
         groups["prior"] = {name: (draw, prior[..., i]) for i, name in enumerate(names)}
+    if posterior.datum_terms is not None:
+        terms = posterior.datum_terms
+        labels: Group = {IDENTIFIED_MODE: ([IDENTIFIED_MODE], terms.identified)}
+        groups["log_likelihood"] = {
+            LOG_LIKELIHOOD: ([*draw, DATUM], _varying_terms(terms)),
+            DATUM: ([DATUM], terms.data),
+        }
+        groups["observed_data"] = {IDENTIFIED: ([IDENTIFIED_MODE], terms.identified_hz), **labels}
+        predicted = ([*draw, IDENTIFIED_MODE], terms.predicted_hz)
+        groups["posterior_predictive"] = {IDENTIFIED: predicted, **labels}
     if posterior.sensor_shapes is not None:
         groups[SHAPES] = {
             SHAPES: ([WITH_SHAPES, SHAPES + "_component"], posterior.sensor_shapes),
@@ -61,6 +73,23 @@ def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
     ]
 
 
+def _varying_terms(terms: DatumTerms) -> FloatArray:
+    """Log-likelihoods (n_chains, n_steps, n_data) of which none is constant.
+
+    A spurious mode has the same density at every draw. Leave-one-out cross-validation fits the
+    tail of each term's distribution, which a constant lacks: it is scattered by a millionth of a
+    nat, which the first term that varies takes back, so that the sum stays the same.
+    """
+    # What differs by no more than this between draws, in nats, is constant but for rounding.
+    constant = np.ptp(terms.log_likelihoods, axis=(0, 1)) <= 1e-9
+    if constant.all():
+        return terms.log_likelihoods
+    scatter = 1e-6 * np.random.default_rng(0).standard_normal(terms.log_likelihoods.shape)
+    scatter *= constant
+    scatter[..., int(np.argmin(constant))] -= scatter.sum(axis=-1)
+    return terms.log_likelihoods + scatter
+
+
 def load_draws(path: Path, posterior: Posterior) -> Posterior:
     """The posterior with the draws that :func:`save_draws` wrote."""
     import h5py  # the files are plain netCDF
@@ -71,12 +100,25 @@ def load_draws(path: Path, posterior: Posterior) -> Posterior:
         def draws(group: str) -> FloatArray:
             return np.stack([file[group][name][...] for name in names], axis=-1)
 
+        def labels(group: str, name: str) -> tuple[str, ...]:
+            return tuple(file[group][name].asstr()[...])
+
+        terms = None
+        if "log_likelihood" in file:
+            terms = DatumTerms(
+                labels("log_likelihood", DATUM),
+                file["log_likelihood"][LOG_LIKELIHOOD][...],
+                labels("observed_data", IDENTIFIED_MODE),
+                file["observed_data"][IDENTIFIED][...],
+                file["posterior_predictive"][IDENTIFIED][...],
+            )
         return replace(
             posterior,
             draws=draws("posterior"),
             log_likelihoods=file["sample_stats"][LOG_LIKELIHOODS][...],
             frequencies_hz=file[MODEL][FREQUENCY][...],
             sensor_shapes=file[SHAPES][SHAPES][...] if SHAPES in file else None,
+            datum_terms=terms,
             prior_draws=draws("prior")[0] if "prior" in file else None,
         )
 

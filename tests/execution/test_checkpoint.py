@@ -8,6 +8,7 @@ import pytest
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
+from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Evaluated
@@ -68,16 +69,22 @@ def kept(monkeypatch):
 def assert_equal(a, b):
     assert a.comparison == b.comparison
     for left, right in zip(a.posteriors, b.posteriors, strict=True):
-        for item in fields(left):
-            x, y = getattr(left, item.name), getattr(right, item.name)
-            if isinstance(x, np.ndarray):
-                assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
-            elif item.name == "importance_draws":
-                assert x.keys() == y.keys()
-                for name in x:
-                    np.testing.assert_array_equal(x[name], y[name], err_msg=name)
-            elif item.name != "seconds":
-                assert x == y, item.name
+        assert_same_fields(left, right)
+
+
+def assert_same_fields(left, right):
+    for item in fields(left):
+        x, y = getattr(left, item.name), getattr(right, item.name)
+        if isinstance(x, np.ndarray):
+            assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
+        elif isinstance(x, DatumTerms):
+            assert_same_fields(x, y)
+        elif item.name == "importance_draws":
+            assert x.keys() == y.keys()
+            for name in x:
+                np.testing.assert_array_equal(x[name], y[name], err_msg=name)
+        elif item.name != "seconds":
+            assert x == y, item.name
 
 
 def test_a_run_interrupted_anywhere_is_resumed_to_the_same_result(

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
+from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 from bayes_ssi.parameters.parameters import as_product
 
 SD, SHAPE_SD = 0.004, 0.05  # with which no modes are close
@@ -373,6 +374,45 @@ def test_evidence_and_inferred_correlation_of_a_linear_model():
     assert inferred.mean == pytest.approx(mean, abs=4.0 * inferred.mean_error)
     assert mean == pytest.approx(0.8, abs=0.15)
     assert posterior.failed_checks == ()
+
+
+@pytest.mark.parametrize(
+    "error", [bs.ErrorModel(SIZE, SHAPE_SD, RHO), bs.ErrorModel(SD, SHAPE_SD, 0.8, NEXT)]
+)
+def test_terms_of_data_join_what_is_correlated(error):
+    sensors = ("floor 1", "floor 4")
+    tests = (
+        configuration("a", 1.0, (1, 2, 3), 1, sensors),
+        configuration("b", 1.5, (1, 2, 4), 2, sensors),
+    )
+    candidate = model_class(error, tests)
+    values = values_of(candidate)
+    result = at_draws(candidate, values)
+    np.testing.assert_allclose(result.log_likelihoods.sum(axis=1), candidate.log_likelihood(values))
+    pairings = [test.pairing for test in tests]
+    terms = datum_terms(candidate, values, result, pairings, (2, 10), np.random.default_rng(1))
+    no_other = ("a: no other mode", "b: no other mode")
+    if error.between_modes == 0.0:
+        joint = ("a: mode 1 and b: mode 1", "a: mode 2 and b: mode 2", "a: mode 3")
+        assert terms.data == (*joint, no_other[0], "b: mode 4", no_other[1])
+    else:
+        own = [f"{test.name}: {label}" for test in tests for label in test.data.labels]
+        assert terms.data == (" and ".join(own), *no_other)
+
+
+def test_predicted_data_have_correlated_errors():
+    tests = TESTS[:2]
+    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.5), tests)
+    n = 20_000
+    values = np.ones((n, len(candidate.parameters)))
+    result = at_draws(candidate, values)
+    pairings = [test.pairing for test in tests]
+    terms = datum_terms(candidate, values, result, pairings, (2, n // 2), np.random.default_rng(1))
+    rows = paired(candidate, values[:1])
+    (covariance,) = covariances(candidate, values[:1], rows)
+    sds = np.sqrt(np.diag(covariance))
+    drawn = np.corrcoef(terms.predicted_hz.reshape(n, -1).T)
+    np.testing.assert_allclose(drawn, covariance / np.outer(sds, sds), atol=5.0 / math.sqrt(n))
 
 
 @pytest.mark.parametrize(

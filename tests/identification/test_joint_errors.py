@@ -12,7 +12,7 @@ from scipy.stats import chi2, multivariate_normal
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
 from bayes_ssi.inference.likelihood.joint_errors import ErrorGroup, JointErrors, Separation
-from bayes_ssi.inference.posterior.model_at_draws import at_draws
+from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 FIXED = bs.ErrorModel(0.001, 0.006)  # with which no modes are close
@@ -256,6 +256,23 @@ def test_expected_macs_are_those_of_the_directions_in_which_a_shape_errs(buildin
     exact = 0.5 * np.array([1e-6 * chi2.ppf(0.95, 2), 1e-4 * chi2.ppf(0.95, 1)])
     np.testing.assert_allclose(result.expected_macs[:, 0], (1.0 - exact[0]) ** 2, atol=1e-9)
     np.testing.assert_allclose(result.expected_macs[:, 1], (1.0 - exact[1]) ** 2, atol=1e-9)
+
+
+def test_paired_modes_are_one_datum_and_predicted_together(building):
+    data = identified(building)
+    pairing = {"a": 1, "c": 4}
+    joint = bs.ModelClass("joint", building, data, FIXED, pairing=pairing)
+    n = 20_000
+    values = np.ones((n, len(joint.parameters)))
+    result = at_draws(joint, values)
+    np.testing.assert_allclose(result.log_likelihoods.sum(axis=1), joint.log_likelihood(values))
+    terms = datum_terms(joint, values, result, [pairing], (2, n // 2), np.random.default_rng(1))
+    assert terms.data == ("a and c", "b", "no other mode")
+    predicted = terms.predicted_hz.reshape(n, -1)
+    covariance = data.covariance[np.ix_([0, 2], [0, 2])] + 0.001**2 * np.eye(2)
+    correlation = covariance[0, 1] / np.sqrt(covariance.diagonal().prod())
+    drawn_together = np.corrcoef(predicted[:, 0], predicted[:, 2])[0, 1]
+    assert drawn_together == pytest.approx(correlation, abs=5.0 / math.sqrt(n))
 
 
 def test_a_stored_result_keeps_the_joint_errors(building, tmp_path):

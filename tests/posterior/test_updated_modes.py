@@ -9,7 +9,9 @@ import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import described
 from bayes_ssi.inference.posterior.model_at_draws import (
     MOST_PLACES,
+    at_draws,
     configuration_modes,
+    datum_terms,
 )
 from bayes_ssi.structures.modal import mac
 
@@ -71,6 +73,46 @@ def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
     ends = [np.sin(i * np.pi / (2 * n + 1)) for i in (50, n)]
     _, median, _ = modes.updated.modes[0].shape_after
     np.testing.assert_allclose(median, [ends[0] / ends[1], 1.0])
+
+
+@pytest.mark.parametrize("name", ["1-a", "2", "3"])
+def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
+    candidate = model_classes[name]
+    own = values[:, : len(candidate.parameters)]
+    result = at_draws(candidate, own)
+    np.testing.assert_allclose(result.log_likelihoods.sum(1), candidate.log_likelihood(own))
+    expected = candidate.modes(own)[0].frequencies_hz
+    np.testing.assert_array_equal(result.frequencies_hz, expected)
+    if name == "2":  # 2a and 2b are spurious: ν over the band and over the half of 4π
+        expected = np.log(0.1 / 6.0) - np.log(4.0 * np.pi)
+        np.testing.assert_allclose(result.log_likelihoods[:, 1:3], expected)
+
+
+def test_an_inferred_pairing_gives_one_datum_per_test(model_classes, values):
+    candidate = model_classes["3"].with_any_pairing("any")
+    result = at_draws(candidate, values)
+    np.testing.assert_allclose(result.log_likelihoods[:, 0], candidate.log_likelihood(values))
+
+
+def test_predicted_frequencies_scatter_as_the_errors_say(model_classes):
+    candidate = model_classes["1-a"]
+    n = 20000
+    values = np.ones((n, 3))
+    result = at_draws(candidate, values)
+    terms = datum_terms(
+        candidate, values, result, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
+    )
+    assert terms.data == ("1", "2a", "2b", "3", "no other mode")
+    predicted = terms.predicted_hz.reshape(n, 4)
+    model = candidate.structure.modes(np.ones((1, 3))).frequencies_hz[0]
+    identified = candidate.data.frequencies_hz
+    for column, mode in ((0, 0), (1, 1), (3, 2)):
+        sd = 0.01 * identified[column]
+        assert predicted[:, column].mean() == pytest.approx(model[mode], abs=5 * sd / np.sqrt(n))
+        assert predicted[:, column].std() == pytest.approx(sd, rel=0.03)
+    spurious = predicted[:, 2]  # anything in the band from 0 to 6 Hz
+    assert spurious.mean() == pytest.approx(3.0, abs=5 * 6.0 / np.sqrt(12 * n))
+    assert 0.0 <= spurious.min() < 0.1 < 5.9 < spurious.max() <= 6.0
 
 
 def test_a_structure_in_words(augmented):

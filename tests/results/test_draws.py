@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_ssi.results.draws import load_draws, save_draws
+import bayes_ssi as bs
+from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
+from bayes_ssi.results.draws import _varying_terms, load_draws, save_draws
 
 
 @pytest.fixture
@@ -68,8 +70,70 @@ def test_a_file_that_is_read_is_closed(tmp_path, save):
     assert not path.exists()
 
 
-def test_arviz_finds_the_prior(tiny_result):
-    """A lognormal of median 1: half of the prior lies below it."""
+def test_arviz_finds_prior_data_and_likelihoods(tiny_ranking, tiny_result):
     tree = open_with_arviz(tiny_result.directory / "posteriors" / "each_k.nc")
+    posterior = tiny_ranking.posteriors[1]
+    modes = tree["log_likelihood"]["modes"]
+    # Every model mode is paired: that there is no other is as probable at every draw.
+    assert modes["datum"].values.tolist() == ["1", "2", "no other mode"]
+    np.testing.assert_allclose(modes.sum("datum").values, posterior.log_likelihoods)
+    # A lognormal of median 1: half of the prior lies below it.
     below = float((tree["prior"]["k1"] < 1.0).mean())
     assert abs(below - 0.5) < 5 * 0.5 / np.sqrt(tree["prior"]["k1"].size)
+    observed = tree["observed_data"]["identified_hz"].values
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    np.testing.assert_allclose(observed, [1.0 / golden, golden])
+    predicted = tree["posterior_predictive"]["identified_hz"]
+    assert predicted.dims == ("chain", "draw", "identified_mode")
+    np.testing.assert_allclose(predicted.mean(("chain", "draw")), observed, rtol=0.02)
+
+
+def test_arviz_judges_by_leaving_data_out(tiny_ranking, tiny_result):
+    tree = open_with_arviz(tiny_result.directory / "posteriors" / "one_k.nc")
+    import arviz
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        loo = arviz.loo(tree, var_name="modes")
+    # Left out by importance weights: E[1/p]⁻¹ of each datum, summed.
+    inverse = -tiny_ranking.posteriors[0].datum_terms.log_likelihoods.reshape(-1, 3)
+    expected = -np.log(np.exp(inverse).mean(0)).sum()
+    elpd = loo.elpd_loo if hasattr(loo, "elpd_loo") else loo.elpd
+    assert abs(float(elpd) - expected) < 0.2
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16])
+def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_varies(rounding):
+    """A model mode far above the band is missed at all draws with a probability of nearly one."""
+    rng = np.random.default_rng(0)
+    varying, missed = rng.standard_normal((2, 2, 50))
+    log_likelihoods = np.stack([varying, -0.1 + rounding * missed], axis=-1)
+    data, hz = ("1", "no other mode"), np.ones(1)
+    terms = DatumTerms(data, log_likelihoods, ("1",), hz, varying[..., None])
+    kept = _varying_terms(terms)
+    assert kept.std(axis=(0, 1)) == pytest.approx([varying.std(), 1e-6], rel=0.2)
+    np.testing.assert_allclose(kept.sum(axis=-1), log_likelihoods.sum(axis=-1), atol=1e-9)
+
+
+def test_arviz_compares_classes_and_predicts_their_data(tmp_path):
+    """Also where they call different modes spurious."""
+    k = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
+    building = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.4 * k, 103.4 * k))
+    modes = [bs.IdentifiedMode(str(i), f) for i, f in enumerate((1.01, 2.59, 3.1), 1)]
+    data = bs.ModalData(tuple(modes), band_hz=(0.0, 4.0))
+    classes = [
+        bs.ModelClass(name, building, data, bs.ErrorModel(0.02), pairing={"1": 1, name: 2})
+        for name in ("2", "3")
+    ]
+    bs.save_result(bs.rank(bs.Study("which one", classes)), tmp_path / "r")
+    trees = {n: open_with_arviz(tmp_path / "r" / "posteriors" / f"{n}.nc") for n in ("2", "3")}
+    import arviz
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = arviz.compare(trees)
+        if hasattr(arviz, "plot_ppc_dist"):  # arviz 1
+            assert arviz.plot_ppc_dist(trees["2"], num_samples=20) is not None
+        else:
+            assert arviz.plot_ppc(trees["2"], num_pp_samples=20) is not None
+    assert next(iter(table.index)) == "2"

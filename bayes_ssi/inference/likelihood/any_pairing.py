@@ -25,6 +25,8 @@ from bayes_ssi.inference.likelihood.pairings import (
 )
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser
 
+# The one datum of a test whose pairing is inferred.
+ALL_MODES = "all modes"
 # An identified mode turns with no model mode that it is with less than exp(this) of the weight of
 # being spurious, however alike their shapes.
 NEGLIGIBLE_WEIGHT = -9.0
@@ -60,6 +62,14 @@ class AnyPairing(ModalLikelihood):
 
     def _is_unpaired(self, values: FloatArray) -> NDArray[np.bool_]:
         return pair_probabilities(self.pairing_weights(values)).sum(axis=1) < 0.5
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        return (ALL_MODES,)
+
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """One column: a sum over pairings has no terms of single modes."""
+        return self.log_density(values, modes)[:, None]
 
     def log_density(self, values: FloatArray, modes: ComparedModes | None = None) -> FloatArray:
         nothing_paired = -self.identification.expected_spurious_modes + self._spurious.sum()

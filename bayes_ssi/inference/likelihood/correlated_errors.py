@@ -257,6 +257,17 @@ class CorrelatedErrors:
                 together[i] = white
         return independent, together
 
+    def correlated_normals(self, normals: FloatArray, values: FloatArray) -> FloatArray:
+        """Independent ``normals`` (B, N) with the correlation of paired frequencies' residuals."""
+        sizes, _ = self._sizes(values)
+        correlated = normals.copy()
+        for group, joint in zip(self.groups, self._joint, strict=True):
+            covariance = joint.frequencies.covariance(sizes)
+            factors = np.linalg.cholesky(covariance)
+            factors /= np.sqrt(np.einsum("...ii->...i", covariance))[..., None]
+            correlated[:, group] = np.einsum("...ij,...j->...i", factors, normals[:, group])
+        return correlated
+
     def conditional(
         self,
         values: FloatArray,

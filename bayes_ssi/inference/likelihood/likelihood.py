@@ -54,6 +54,9 @@ from bayes_ssi.structures.geometry import SensorMatrix
 from bayes_ssi.structures.modal import Modes, seen_shapes
 from bayes_ssi.structures.structure import Structure
 
+# The datum that no other modes were identified.
+MISSED = "no other mode"
+
 
 class ComparedModes(NamedTuple):
     """The modes of a model at a batch of B parameter values, compared with the identified ones."""
@@ -159,6 +162,28 @@ class ModalLikelihood:
                 self.log_missed(modes.frequencies_hz, error_var[:, :1], unpaired),
                 self._unpaired_data,
             )
+
+    @property
+    def datum_names(self) -> tuple[str, ...]:
+        """The columns of :meth:`log_likelihoods`."""
+        return (*self.data.labels, MISSED)
+
+    def log_likelihoods(self, values: FloatArray, modes: ComparedModes) -> FloatArray:
+        """The log-likelihood of each datum, (B, n_data); the sum of a row is the whole.
+
+        One column for each identified mode, paired or spurious; the last one for what was not
+        identified: unpaired model modes, and no further spurious modes.
+        """
+        terms = self.terms(values, modes)
+        spurious = [self.log_spurious(mode) for mode in self.data.modes]
+        undetected = row_sums(terms.missed) - self.identification.expected_spurious_modes
+        log_likelihoods = np.column_stack([np.tile(spurious, (len(values), 1)), undetected])
+        column = np.array(
+            [self.data.labels.index(m.label) for m in self.pairs.modes], dtype=np.intp
+        )
+        log_likelihoods[:, column] = terms.frequency
+        log_likelihoods[:, column[self.pairs.with_shape]] += terms.shape
+        return log_likelihoods
 
     def modes(self, values: FloatArray) -> Modes:
         """The structure's modes at ``values``, columns as in :attr:`parameters`."""

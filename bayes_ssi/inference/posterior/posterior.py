@@ -24,6 +24,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.model_at_draws import (
     DRAWS_WITH_SHAPES,
     ConfigurationModes,
+    DatumTerms,
 )
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.measurements.modes.modal_data import ModalData
@@ -140,7 +141,8 @@ class Posterior(Displayed):
             :func:`~bayes_ssi.inference.posterior.posterior.draws_with_shapes`, as in
             :class:`~bayes_ssi.inference.posterior.model_at_draws.AtDraws`; None where they are not
             known.
-        prior_draws: (m, n_parameters), for other packages.
+        datum_terms: log-likelihoods and predictions datum by datum, for other packages.
+        prior_draws: (m, n_parameters), likewise.
         adequacy: how far the data are from what the class says they should be.
         remarks: further remarks on how it was computed, a sentence each.
         frequency_error: largest error of ``frequencies_hz``, as a fraction, at the draws at which
@@ -179,6 +181,7 @@ class Posterior(Displayed):
     relative_spreads: FloatArray
     prior_quantiles: FloatArray
     sensor_shapes: FloatArray | None = None
+    datum_terms: DatumTerms | None = None
     prior_draws: FloatArray | None = None
     adequacy: Adequacy | None = None
     remarks: tuple[str, ...] = ()

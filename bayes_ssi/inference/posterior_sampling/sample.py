@@ -24,6 +24,7 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     AtDraws,
     at_draws,
     configuration_modes,
+    datum_terms,
     remarks_on_close_modes,
 )
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region, draws_with_shapes
@@ -208,6 +209,14 @@ def sample_as_it_is(
         ),
         prior_draws=model_class.values(np.random.default_rng(0).standard_normal((1000, n))),
         sensor_shapes=at_values.sensor_shapes[draws_with_shapes(len(at_values.sensor_shapes))],
+        datum_terms=datum_terms(
+            model_class,
+            values,
+            at_values,
+            [each.pairing for each in configurations],
+            z.shape[:2],
+            rng,
+        ),
         adequacy=_adequacy(model_class, values, at_values, seed),
         importance_draws=sampled.importance.arrays,
     )

@@ -204,7 +204,7 @@ class RankedStudy(InWords):
 
 
 IN_THE_FILE_OF_DRAWS = (
-    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "prior_draws",
+    "draws", "log_likelihoods", "frequencies_hz", "sensor_shapes", "datum_terms", "prior_draws",
 )  # fmt: skip
 NOT_IN_THE_RECORD = (*IN_THE_FILE_OF_DRAWS, "emulators", "importance_draws")
 
