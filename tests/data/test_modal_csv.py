@@ -252,11 +252,6 @@ def test_messages_about_the_whole_file(read, text, message):
         read(text)
 
 
-def test_a_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match="absent"):
-        bs.read_modal_data(tmp_path / "absent.csv")
-
-
 def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path):
     """A pipe that nobody writes to, and a device without end."""
     os.mkfifo(tmp_path / "pipe")

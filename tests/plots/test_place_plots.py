@@ -1,6 +1,5 @@
 """Places of a search: in space, and as bars."""
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -38,11 +37,6 @@ def title_of(ax):
 
 def labels_of(ax):
     return [text.get_text() for legend in ax.figure.legends for text in legend.get_texts()]
-
-
-def test_the_colour_map_gets_darker_with_probability():
-    sampled = mpl.colormaps["YlOrRd"](np.linspace(0.0, 1.0, 50))
-    assert (np.diff(darkness(sampled)) > 0.0).all()
 
 
 def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_probability(draw):
