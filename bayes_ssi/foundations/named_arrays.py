@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from bayes_ssi.foundations.text_files import damage_named, require_regular_file
 
@@ -15,7 +14,7 @@ ARRAY_FILES = (".npz", ".mat", ".h5", ".hdf5")
 def read_arrays(
     path: Path, names: Collection[str] | None = None, attributes: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Name → array of a file, in its order; of MATLAB, also sparse ones and cells.
+    """Name → array of a file, in its order; of MATLAB, also cells, and sparse ones before 7.3.
 
     A field of a MATLAB structure has the name ``structure.field``.
 
@@ -67,15 +66,12 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _items(file: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays in HDF5, in groups too, and groups that MATLAB makes of a sparse matrix."""
+    """Arrays in HDF5, in groups too."""
     items: dict[str, Any] = {}
     file.visititems(items.__setitem__)
-    sparse = [f"{name}/" for name, item in items.items() if "MATLAB_sparse" in item.attrs]
     for name, item in items.items():
         # MATLAB keeps what cells hold in groups that begin so.
-        if name.startswith(("#", *sparse)):
-            continue
-        if f"{name}/" in sparse or (hasattr(item, "dtype") and _holds_values(item.dtype)):
+        if not name.startswith("#") and hasattr(item, "dtype") and _holds_values(item.dtype):
             yield name, item
 
 
@@ -101,9 +97,6 @@ def _read_hdf5(
         for name, item in _items(file):
             if names is not None and name not in names:
                 continue
-            if isinstance(item, h5py.Group):
-                arrays[name] = _sparse(item)
-                continue
             if h5py.check_ref_dtype(item.dtype):
                 arrays[name] = np.array([_text(file[cell]) for cell in item[()].ravel("F")])
                 continue
@@ -120,11 +113,3 @@ def _read_hdf5(
 def _text(characters: Any) -> str:
     """What MATLAB keeps as the codes of characters, in a cell or by itself."""
     return "".join(map(chr, characters[()].ravel())) if characters.dtype.kind == "u" else ""
-
-
-def _sparse(group: Any) -> sp.csc_array:
-    columns = np.asarray(group["jc"][()]).ravel()
-    shape = (int(group.attrs["MATLAB_sparse"]), len(columns) - 1)
-    if "data" not in group:
-        return sp.csc_array(shape)
-    return sp.csc_array((group["data"][()].ravel(), group["ir"][()].ravel(), columns), shape=shape)

@@ -302,13 +302,7 @@ class TestFiles:
             np.testing.assert_array_equal(dense, sparse.toarray())
 
     def test_matlab_7_3(self, tmp_path):
-        sparse = chain(5)
         with h5py.File(tmp_path / "k.mat", "w", userblock_size=512) as file:
-            group = file.create_group("K")
-            group.attrs["MATLAB_sparse"] = np.uint64(5)
-            for name, values in (("data", sparse.data), ("ir", sparse.indices),
-                                 ("jc", sparse.indptr)):  # fmt: skip
-                group.create_dataset(name, data=values)
             file.create_dataset("M", data=np.eye(5))
             file.create_dataset("model/C", data=np.arange(6.0).reshape(2, 3))
             text = file.create_dataset("#refs#/a", data=np.ones(3))
@@ -316,12 +310,10 @@ class TestFiles:
         with (tmp_path / "k.mat").open("r+b") as file:
             text = b"MATLAB 7.3 MAT-file".ljust(124)
             file.write(text + b"\x00\x02IM")
-        read = bs.read_matrix(tmp_path / "k.mat", "K")
-        np.testing.assert_array_equal(read.toarray(), sparse.toarray())
         np.testing.assert_array_equal(bs.read_matrix(tmp_path / "k.mat", "M"), np.eye(5))
         of_struct = bs.read_matrix(tmp_path / "k.mat", "model/C")
         np.testing.assert_array_equal(of_struct, [[0.0, 3.0], [1.0, 4.0], [2.0, 5.0]])
-        with pytest.raises(ValueError, match="no array 'cell'; choose from 'K', 'M', 'model/C'"):
+        with pytest.raises(ValueError, match="no array 'cell'; choose from 'M', 'model/C'"):
             bs.read_matrix(tmp_path / "k.mat", "cell")
 
     @pytest.mark.parametrize(

@@ -39,13 +39,6 @@ def test_rows_that_are_not_positive_definite_are_nan(frame):
     np.testing.assert_allclose(frequencies[[0, 3]], [bare, 2.0 * bare], rtol=1e-8)
 
 
-def test_a_negative_mass_row_is_nan():
-    m = bs.Parameter("m", bs.LogNormal(1.0, 0.3))
-    frequencies = bs.ShearBuilding((m,), (1.0,)).modes(np.array([[-1.0], [1.0]])).frequencies_hz
-    assert np.isnan(frequencies[0, 0])
-    assert frequencies[1, 0] == pytest.approx(1.0 / math.tau)
-
-
 def test_medians_are_one_row(augmented):
     k = bs.Parameter("k", bs.Uniform(2.0, 6.0))
     building = bs.ShearBuilding((1.0,), (k,))

@@ -8,26 +8,6 @@ import bayes_ssi as bs
 from bayes_ssi.structures.modal import BATCHED_UP_TO
 
 N = 2 * BATCHED_UP_TO
-FLOORS = np.arange(1, N + 1)
-
-
-def of_uniform_storeys(numbers):
-    """Angular frequencies and shapes of equal storeys of unit mass and stiffness."""
-    angles = (2.0 * numbers - 1.0) * math.pi / (2 * N + 1)
-    return 2.0 * np.sin(angles / 2.0), np.sin(FLOORS[:, None] * angles)
-
-
-def test_equal_storeys_have_the_modes_of_the_closed_form():
-    factor = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
-    building = bs.ShearBuilding((1.0,) * N, (factor,) * N)
-    values = np.array([[1.0], [4.0], [9.0]])
-    modes = building.modes(values)
-    omegas, shapes = of_uniform_storeys(np.arange(1, N + 1))
-    np.testing.assert_allclose(
-        modes.frequencies_hz * math.tau, omegas * np.sqrt(values), rtol=1e-11
-    )
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    np.testing.assert_allclose(np.abs(modes.shapes), np.abs([shapes] * 3), atol=1e-11)
 
 
 def test_close_modes_of_two_parts_that_hardly_touch():

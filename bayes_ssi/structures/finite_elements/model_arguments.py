@@ -34,8 +34,8 @@ def read_matrix(path: str | Path, key: str | None = None) -> Any:
     """A matrix, sparse or dense, from a file.
 
     Files of scipy (``.npz``, as :func:`scipy.sparse.save_npz` writes them) and Matrix Market
-    (``.mtx``) hold one; of numpy (``.npz``) and MATLAB (``.mat``, version 7.3 too) several, by
-    key.
+    (``.mtx``) hold one; of numpy (``.npz``) and MATLAB (``.mat``, of version 7.3 full
+    ones only) several, by key.
 
     Args:
         path: the file; its ending gives the format.
