@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.parameters.parameters import Product, Value, as_product, positive_product
@@ -13,9 +14,16 @@ from bayes_ssi.structures.lumped import LumpedStructure
 DIRECTIONS = ("x", "y", "torsion")
 
 
-def floor_label(floor: int, direction: str) -> str:
-    """The degree of freedom of a floor in one of its three directions."""
-    return f"floor {floor} {direction}"
+# A floor from 1, or three labels of a rigid part of any structure: of what moves in x, in y, and
+# turns about the vertical.
+RigidPart = int | tuple[str, str, str]
+
+
+def floor_label(floor: RigidPart, direction: str) -> str:
+    """The degree of freedom of a floor or rigid part in one of its three directions."""
+    if isinstance(floor, int):
+        return f"floor {floor} {direction}"
+    return floor[DIRECTIONS.index(direction)]
 
 
 @dataclass(frozen=True)
@@ -148,15 +156,17 @@ class ShearBuilding3D(RigidFloors):
 
 @dataclass(frozen=True)
 class FloorBlock(Element):
-    """A mass somewhere on a floor of a structure in space.
+    """A mass somewhere on a floor of a structure in space, or off a node of another one.
 
     Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
     inertia about the centre.
 
     Attributes:
-        on: the floor, from 1.
+        on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
+            in x, y and torsion (in radians) of the node or rigid part that carries it.
         mass: the mass, in the structure's unit.
-        at: (x, y) of its centre from the floor's centre, in the structure's unit of length.
+        at: (x, y) of its centre from the floor's centre or from the node, in the structure's unit
+            of length.
         radius: radius of gyration about its own centre; a point mass if None.
         label: names the element in messages and reports; made from its place if not given.
 
@@ -164,15 +174,16 @@ class FloorBlock(Element):
         ValueError, TypeError: as those of every :class:`Element`.
     """
 
-    on: int
+    on: RigidPart
     mass: Value
     at: tuple[float, float] = (0.0, 0.0)
     radius: Value | None = None
     label: str = ""
 
     def __post_init__(self) -> None:
-        _require_floor(self.on, f"{self.label or 'block'}: on")
-        self._check(f"block on floor {self.on}")
+        on = _rigid_part(self.on, f"{self.label or 'block'}: on")
+        object.__setattr__(self, "on", on)
+        self._check(f"block on {f'floor {on}' if isinstance(on, int) else on[0]}")
         if self.radius is not None:
             positive_product(self.radius, f"{self.label}: radius")
         object.__setattr__(self, "at", _point(self.at, f"{self.label}: at"))
@@ -188,19 +199,22 @@ class FloorBlock(Element):
 
 
 @checked
-def floor_sensor(label: str, floor: int, at: tuple[float, float], direction: str | float) -> Sensor:
-    """A sensor at a point of a floor of a structure in space.
+def floor_sensor(
+    label: str, floor: RigidPart, at: tuple[float, float], direction: str | float
+) -> Sensor:
+    """A sensor at a point of a floor of a structure in space, or off a node of another one.
 
     Args:
         label: its name in the data.
-        floor: number of the floor, from 1.
-        at: (x, y) from the floor's centre, in the structure's unit of length.
+        floor: number of the floor, from 1; on other structures, labels of the degrees of freedom
+            in x, y and torsion of the rigid part that carries it.
+        at: (x, y) from the floor's centre or from the node, in the structure's unit of length.
         direction: direction of measurement: "x", "y", or degrees from x towards y.
 
     Raises:
         ValueError: the floor, the point or the direction is not valid.
     """
-    _require_floor(floor, f"sensor {label!r}: floor")
+    floor = _rigid_part(floor, f"sensor {label!r}: floor")
     angles = {"x": 0.0, "y": 90.0}
     angle = angles.get(direction) if isinstance(direction, str) else float(direction)
     if angle is None or not math.isfinite(angle):
@@ -216,7 +230,7 @@ def rigid_masses(floor: int, mass: Product, rotational_inertia: Product) -> list
     return [Contribution.on(floor_label(floor, direction), each) for each, direction in inertias]
 
 
-def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, float]:
+def _motion_at(floor: RigidPart, at: tuple[float, float], angle: float) -> dict[str, float]:
     """Motion of a point of a floor along an axis, at an angle in degrees from x.
 
     The point itself moves by (u - y θ, v + x θ); zero terms are left out.
@@ -230,9 +244,16 @@ def _motion_at(floor: int, at: tuple[float, float], angle: float) -> dict[str, f
     return {floor_label(floor, direction): part for direction, part in parts if part != 0.0}
 
 
-def _require_floor(floor: int, where: str) -> None:
-    if not isinstance(floor, int) or isinstance(floor, bool) or floor < 1:
-        raise ValueError(f"{where} must be a floor from 1 upwards, got {floor!r}")
+def _rigid_part(on: Any, where: str) -> RigidPart:
+    if isinstance(on, int) and not isinstance(on, bool) and on >= 1:
+        return on
+    labels = tuple(on) if isinstance(on, (tuple, list)) else ()
+    if len(labels) != 3 or not all(isinstance(each, str) and each.strip() for each in labels):
+        raise ValueError(
+            f"{where} must be a floor from 1 upwards, or three labels of degrees of freedom, in "
+            f"x, y and torsion, got {on!r}"
+        )
+    return labels
 
 
 def _point(at: Sequence[float], where: str) -> tuple[float, float]:

@@ -249,6 +249,41 @@ def test_places_that_do_not_exist_are_refused(make, element, message):
         make().with_element(element)
 
 
+@pytest.mark.parametrize("reduced", [False, True], ids=["exact", "reduced"])
+def test_a_block_off_a_node(reduced):
+    """Mass, static moment and polar inertia: K and M of a floor in space, against the floor."""
+    floor = bs.ShearBuilding3D((2.0,), (1.5,), (800.0,), (600.0,), (900.0,))
+    stiffness, mass = (matrices[0] for matrices in floor.matrices(np.empty((1, 0))))
+    node = ("7 x", "7 y", "7 rz")
+    matrices = bs.MatrixStructure(stiffness, np.diag(mass), labels=node, sensors=node, n_modes=3)
+    floor, matrices = (
+        structure.with_sensors([bs.floor_sensor("corner", on, (1.0, 2.0), 30.0)])
+        for structure, on in ((floor, 1), (matrices, node))
+    )
+    at, block = (1.2, -0.7), bs.Parameter("m", bs.LogNormal(0.5, 0.1))
+    expected, made = (
+        structure.with_element(bs.FloorBlock(on, block, at)).with_element(
+            bs.FloorBlock(on, 0.1, radius=0.8)
+        )
+        for structure, on in ((floor, 1), (matrices.reduced() if reduced else matrices, node))
+    )
+    assert bs.FloorBlock(node, block, at).label == "block on 7 x"
+    values = np.array([[0.5], [0.9]])
+    modes, of_floor = made.modes(values), expected.modes(values)
+    np.testing.assert_allclose(modes.frequencies_hz, of_floor.frequencies_hz, rtol=1e-10)
+    at_corner, of_corner = (
+        structure.sensor_matrix(["corner"]).apply(each.shapes)
+        for structure, each in ((made, modes), (expected, of_floor))
+    )
+    np.testing.assert_allclose(abs(at_corner), abs(of_corner), atol=1e-9)
+
+
+def test_a_rigid_part_is_three_labels():
+    for on in (("7 x", "7 y"), ("7 x", "7 y", ""), "7 x", True):
+        with pytest.raises(ValueError, match="on must be a floor from 1 upwards, or three labels"):
+            bs.FloorBlock(on, 1.0, (0.0, 0.0))
+
+
 def test_a_model_with_elements_is_sent_without_matrices_of_its_own():
     """A search sends a large model once for each hypothesis; its matrices are most of it."""
     n = 500

@@ -54,6 +54,14 @@ def test_both_triangles_and_own_nodes(tmp_path):
     assert model.total_mass["x"] == 5e3
 
 
+def test_without_labels(tmp_path):
+    k, m = (
+        [f"{i + 1}, {j + 1}, {value!r}" for i, j, value in lower_entries(each)] for each in portal()
+    )
+    model = bs.read_model(written(tmp_path, stiffness=k, mass=m), labels=LABELS)
+    assert_is_portal(model)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -111,7 +111,7 @@ def test_parameters_stand_in_any_field():
          "stiffnesses_y, number 1 from below, must be positive and finite, got -2.0"),
         (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [1.0], [1.0], [(0, 0), (0, 0)]),
          "1 torsional_stiffnesses, 2 eccentricities"),
-        (lambda: bs.FloorBlock(0, 1.0), "block: on must be a floor from 1 upwards, got 0"),
+        (lambda: bs.FloorBlock(0, 1.0), "on must be a floor from 1 upwards, or three labels"),
         (lambda: bs.FloorBlock(1, 0.0), "block on floor 1: mass must be positive"),
         (lambda: bs.FloorBlock(1, 1.0, 3), "at must be two coordinates, "),
         (lambda: bs.FloorBlock(1, 1.0, radius=0.0), "block on floor 1: radius must be positive"),

@@ -6,7 +6,8 @@ matrices"; Keywords Guide, ``*MATRIX INPUT``). Each line has, separated by comma
 degree of freedom of a row, those of a column, and the entry (FORMAT=MATRIX INPUT, the default, or
 LABELS); of a symmetric matrix one triangle or both. Restrained degrees of freedom have 1e36 on the
 diagonal of the stiffness. Nodes numbered 0 or less are Abaqus's own (multipliers of constraints).
-FORMAT=COORDINATE does not say which row is which degree of freedom, and is not read.
+FORMAT=COORDINATE (row, column, entry, separated by blanks) does not say which row is which degree
+of freedom.
 
 CalculiX (CrunchiX User's Manual, ``*FREQUENCY, SOLVER=MATRIXSTORAGE``): ``.sti`` and ``.mas`` hold
 stiffness and mass, one line for each entry of the upper triangle and the diagonal, column by
@@ -29,6 +30,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from bayes_ssi.foundations.text_files import first_bytes
 from bayes_ssi.structures.geometry import Geometry, Point
 from bayes_ssi.structures.solver_files.exported_model import Matrices, Source, file_named
 from bayes_ssi.structures.solver_files.solver_text import (
@@ -49,14 +51,24 @@ RESTRAINED = 1e36
 
 
 def recognises_abaqus(suffix: str, head: bytes) -> bool:
-    """Lines of five numbers: others end in .mtx as well."""
+    """Lines of five numbers or three: others end in .mtx as well."""
+    data = _first_data(head)
+    return suffix == ".mtx" and (data.count(",") == 4 or _is_coordinate(data))
+
+
+def _first_data(head: bytes) -> str:
     lines = head.decode("ascii", "replace").splitlines()
-    data = next((line for line in lines if line.strip() and not line.startswith("*")), "")
-    return suffix == ".mtx" and data.count(",") == 4
+    return next((line for line in lines if line.strip() and not line.startswith("*")), "")
+
+
+def _is_coordinate(line: str) -> bool:
+    """Whether a line has a row, a column and an entry."""
+    fields = line.replace(",", " ").split()
+    return len(fields) == 3 and fields[0].isdigit() and fields[1].isdigit()
 
 
 def read_abaqus(source: Source) -> Matrices:
-    """Stiffness and mass by nodes and degrees of freedom."""
+    """Stiffness and mass: labelled, or by the numbers of rows alone."""
     path = source.path
     by_name = file_named(path, _STIFFNESS_NAME.sub("_MASS", path.stem) + path.suffix)
     mass = source.mass or (by_name if by_name and by_name.name != path.name else None)
@@ -65,6 +77,12 @@ def read_abaqus(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
+    return (_unlabelled if _is_coordinate(_first_data(first_bytes(path))) else _labelled)(
+        path, mass
+    )
+
+
+def _labelled(path: Path, mass: Path) -> Matrices:
     files = (path, mass)
     lines = [read_number_lines(file, _LABELLED, delimiter=",", comment="*") for file in files]
     stated = [
@@ -96,6 +114,22 @@ def read_abaqus(source: Source) -> Matrices:
         geometry=geometry_of_deck(deck) if deck else None,
         removed=np.flatnonzero(stiffness.diagonal() >= RESTRAINED),
         notes=tuple(notes),
+    )
+
+
+def _unlabelled(path: Path, mass: Path) -> Matrices:
+    entries = [
+        read_number_lines(file, "row, column, entry", delimiter=delimiter, comment="*")
+        for file in (path, mass)
+        for delimiter in ["," if "," in _first_data(first_bytes(file)) else None]
+    ]
+    size = int(entries[0][:, :2].max())
+    stiffness = matrix_of_lines(path, entries[0], size)
+    return Matrices(
+        (stiffness, matrix_of_lines(mass, entries[1], size)),
+        (path, mass),
+        removed=np.flatnonzero(stiffness.diagonal() >= RESTRAINED),
+        notes=("FORMAT=COORDINATE does not say which row is which degree of freedom",),
     )
 
 
