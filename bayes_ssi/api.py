@@ -24,6 +24,7 @@ from bayes_ssi.measurements.modes.merging import merge_modal_data as merge_modal
 from bayes_ssi.measurements.modes.modal_data import ModalData as ModalData
 from bayes_ssi.measurements.modes.modal_files import read_modal_data as read_modal_data
 from bayes_ssi.measurements.modes.modal_files import write_modal_data as write_modal_data
+from bayes_ssi.measurements.modes.run_tables import read_runs as read_runs
 from bayes_ssi.measurements.records.modal_identification import identify as identify
 from bayes_ssi.measurements.records.record import Record as Record
 from bayes_ssi.measurements.records.record_files import read_ground_motion as read_ground_motion
@@ -55,6 +56,7 @@ from bayes_ssi.structures.elements import AddedMass as AddedMass
 from bayes_ssi.structures.elements import InPlaneInfill as InPlaneInfill
 from bayes_ssi.structures.elements import OutOfPlaneInfill as OutOfPlaneInfill
 from bayes_ssi.structures.elements import Pendulum as Pendulum
+from bayes_ssi.structures.emulation.emulated_runs import EmulatedRuns as EmulatedRuns
 from bayes_ssi.structures.finite_elements.function_structure import (
     FunctionStructure as FunctionStructure,
 )

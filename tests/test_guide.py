@@ -98,6 +98,12 @@ def check_solver_files(printed):
         assert f"{line}\n" in text
     assert "Wrote parameters, and 3 modes at 3 nodes, to runs/results/frame/updated." in lines
     assert any(re.fullmatch(r"both.sti: predicted to \d\.\de-1[5-9]", line) for line in lines)
+    # Emulated from runs, and by the matrices: errors of coarse sampling are in both.
+    for pair in re.findall(r"^ln evidence (\S+) (\S+)$", printed, re.M):
+        assert float(pair[0]) == pytest.approx(float(pair[1]), abs=0.3)
+    apart = re.findall(r"^\w+: .* ± .* ± \S+ (-?[\d.]+)$", printed, re.M)
+    assert len(apart) == 6 + 4
+    assert max(abs(float(each)) for each in apart) < 0.5
 
 
 def check_plots_and_arviz(printed):

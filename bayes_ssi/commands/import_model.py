@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,9 +36,16 @@ if TYPE_CHECKING:
 
 @click.command("import")
 @click.argument("name", type=PATH)
-@click.option("--nominal", metavar="FILE[+MASS]", required=True,
+@click.option("--nominal", metavar="FILE[+MASS]",
               help="Export with nominal properties, in any format of bs.read_model; where each "
               "matrix has a file, that of the stiffness, + and that of the mass.")  # fmt: skip
+@path_option("--runs", metavar="DIRECTORY",
+             text="In place of exports: runs of a program that exports no matrices, a table of "
+             "modes each, at the factors in design.csv.")  # fmt: skip
+@click.option("--properties", metavar="NAME,…",
+              help="Of --runs: those whose factors are altered; writes design.csv.")  # fmt: skip
+@click.option("--design", type=click.IntRange(min=4), metavar="N",
+              help="Runs in design.csv; 2, and 2 a property, if not given.")  # fmt: skip
 @click.option("--changed", multiple=True, metavar="PROPERTY=FACTOR:FILE[+MASS]",
               help="Export with one property altered, as in columns=1.1:frame_columns.TXK; "
               "repeatable, also with other factors of a property.")  # fmt: skip
@@ -65,7 +73,8 @@ if TYPE_CHECKING:
     "--units", metavar="UNITS", help="Units of the model, as in 'N, mm': turns it into N, m, kg."
 )
 def import_model(
-    name: Path, nominal: str, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
+    name: Path, nominal: str | None, runs: Path | None, properties: str | None,
+    design: int | None, changed: tuple[str, ...], checks: tuple[str, ...], keys: str | None,
     labels: Path | None, number_rows: bool, files: tuple[str, ...], sensors: tuple[str, ...],
     points: Path | None, band: tuple[float, float] | None, units: str | None,
 ) -> None:  # fmt: skip
@@ -84,6 +93,11 @@ def import_model(
 
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
+    if runs is not None:
+        say(*_from_runs(study, runs, properties, design, data, band))
+        return
+    if nominal is None or properties or design:
+        raise ValueError("give --nominal, an export, or --runs, where there are no matrices")
     tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
@@ -125,6 +139,45 @@ def import_model(
         "Next:",
         *next_commands(study, *(data.values() if band is None else ())),
     )
+
+
+def _from_runs(
+    study: Path, runs: Path, properties: str | None, design: int | None, data: Mapping[str, Path],
+    band: tuple[float, float] | None,
+) -> list[str]:  # fmt: skip
+    """Write the design of runs, or the study of those that were made; what is to be said."""
+    from bayes_ssi.measurements.modes.run_tables import DESIGN, read_runs
+    from bayes_ssi.structures.emulation.emulated_runs import first_runs
+
+    if properties is not None:
+        names = [name.strip() for name in properties.split(",")]
+        if (file := runs / DESIGN).exists():
+            raise FileExistsError(f"{file}: exists already and is not overwritten")
+        factors = first_runs(len(names), design).tolist()
+        rows = [["run", *names], *([str(i), *map(repr, row)] for i, row in enumerate(factors, 1))]
+        runs.mkdir(parents=True, exist_ok=True)
+        _write_csv(file, rows)
+        return [
+            *map(", ".join, rows),
+            f"Wrote {file}. Run the program at these factors, and keep the modes of run 1 as "
+            f"{runs / '1.csv'}, or as sheet 1 of a workbook there, and so on: a row for each mode, "
+            "columns 'Frequency (Hz)' and the sensors. Then give --data in place of --properties.",
+        ]
+    if len(data) != 1:
+        raise ValueError("--runs: give --properties to begin, or then --data with identified modes")
+    made, (modes,) = read_runs(runs), data.values()
+    text = _rendered(
+        "runs.py.txt", properties=list(made["runs"]), data=_read(modes, study, band),
+        runs=Path(os.path.relpath(runs, study.parent)).as_posix(),
+    )  # fmt: skip
+    with study.open("x", encoding="utf-8") as new:
+        new.write(text)
+    n, m = made["frequencies_hz"].shape
+    return [
+        f"{n} runs of {', '.join(made['runs'])}: {m} modes at {len(made['sensors'])} sensors.",
+        f"Wrote {study}. Next:",
+        *next_commands(study),
+    ]
 
 
 def _keys(text: str) -> tuple[str, str]:

@@ -222,6 +222,7 @@ class Structure(ABC):
     is_solved_by_rows: ClassVar[bool] = False
     # Whether modes approximate those of another structure, :attr:`exact`.
     is_approximate: ClassVar[bool] = False
+    has_exact: ClassVar[bool] = True  # solutions, where it is approximate
 
     @property
     def performance_hint(self) -> str:
@@ -429,6 +430,10 @@ class ApproximateStructure(SubstituteStructure):
     @property
     @abstractmethod
     def exact(self) -> Structure: ...
+
+    def advice(self, required: Requirement) -> str:
+        """How it becomes as accurate as required."""
+        return "allow it more full solutions"
 
     def prior_points(self, n_points: int, tail: float, seed: int = 0) -> FloatArray:
         """The prior medians, and Sobol points that fill the prior evenly, (1 + n, n_parameters).

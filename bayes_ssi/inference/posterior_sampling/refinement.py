@@ -70,13 +70,14 @@ def refined(
 
     model_class.check_structure()
     better = model_class
+    has_exact = all(test.structure.has_exact for test in model_class.configurations)
     n_before = 0  # full solutions that confirmed no more than that a better structure was needed
     for left in reversed(range(settings.most_rounds)):
         model_class = better
         posterior = sample_class(model_class)
         values = evenly_spaced_draws(posterior, N_CERTIFIED)
         confirmation = None
-        if not left:
+        if not left or not has_exact:
             break
         better = more_accurate(model_class, values, settings)
         if better is model_class:
@@ -89,6 +90,12 @@ def refined(
         if confirmation is not None:
             n_before += len(confirmation.values)
     remarks, failed = certified(model_class, posterior, settings)
+    if not has_exact:
+        return replace(
+            posterior,
+            remarks=(*posterior.remarks, *remarks),
+            failed_checks=(*posterior.failed_checks, *failed),
+        )
     if confirmation is None:
         confirmation = confirmed_by_full_solutions()
     if n_before:
@@ -292,13 +299,17 @@ def certified(
         shapes = math.isfinite(required.shape)
         remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
-        if accuracy.frequency > 2.0 * required.frequency or accuracy.shape > 2.0 * required.shape:
+        limit = 2.0 if structure.has_exact else 1.0
+        if (
+            accuracy.frequency > limit * required.frequency
+            or accuracy.shape > limit * required.shape
+        ):
             known = f" and {accuracy.shape:.1g} of a shape" * shapes
             wanted = f" and {required.shape:.1g}" * shapes
             failed.append(
                 f"{where}the approximate structure is certified only to {accuracy.frequency:.1g} "
                 f"of the frequency{known}, not to {required.frequency:.1g}{wanted}, "
                 f"{settings.error_share:g} of the data's and model's errors; "
-                "allow it more full solutions"
+                f"{structure.advice(required)}"
             )
     return remarks, failed
