@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
+from bayes_ssi.measurements.records.record_files import is_record
 
 RATE, NAMES = 20.0, ("K1", "K2", "K3")
 SAMPLES = np.random.default_rng(1).standard_normal((3, 60)).round(5)
@@ -256,3 +257,32 @@ def test_structures_in_matlab_files_that_are_hdf5(tmp_path):
     one = bs.read_record(path)
     assert (one.sensors, one.unit, one.rate_hz) == (NAMES, "mg", RATE)
     np.testing.assert_array_equal(one.samples, SAMPLES)
+
+
+def test_an_archive_of_miniseed_is_known_by_its_first_bytes(tmp_path):
+    path = tmp_path / "XX.ROOF..HNZ.D.2024.133"
+    path.write_bytes(b"000001D ROOF   HNZXX\x07\xe8\x00\x85" + bytes(40))
+    assert is_record(path)
+
+
+@pytest.mark.parametrize("form", ["MSEED", "SAC"])
+def test_seismic_files(tmp_path, form):
+    obspy = pytest.importorskip("obspy", reason="pip install bayes_ssi[seismic]")
+    traces = []
+    for i, row in enumerate(SAMPLES.astype(np.float32)):
+        header = {"station": "T", "channel": f"HN{i}", "sampling_rate": RATE}
+        traces.append(obspy.Trace(row, header))
+    path = tmp_path / f"a.{form.lower()}"
+    if form == "SAC":
+        traces[0].write(str(path), format=form)
+    else:
+        late = obspy.Trace(traces[0].data[40:], traces[0].stats)
+        late.stats.starttime += 40 / RATE
+        traces[0].data = traces[0].data[:30]
+        obspy.Stream([*traces, late]).write(str(path), format=form)
+        path = path.rename(tmp_path / "XX.T..HN0.D.2024.133")  # as archives name it
+        assert is_record(path)
+    one = bs.read_record(path, unit="g")
+    assert (one.sensors[0], one.rate_hz) == (".T..HN0", RATE)
+    assert one.gaps == (() if form == "SAC" else ((30, 40),))
+    np.testing.assert_allclose(one.samples[-1, :30], SAMPLES[len(one.sensors) - 1, :30], rtol=1e-6)

@@ -10,8 +10,16 @@ from typing import Any
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
-from bayes_ssi.foundations.text_files import WORKBOOKS, first_bytes, read_columns
+from bayes_ssi.foundations.packages import optional_package
+from bayes_ssi.foundations.text_files import (
+    WORKBOOKS,
+    damage_named,
+    first_bytes,
+    read_columns,
+    require_regular_file,
+)
 from bayes_ssi.foundations.universal_files import (
     begins_universal,
     has_data_set,
@@ -35,6 +43,7 @@ from bayes_ssi.structures.response import UNITS, GroundMotion
 AXES = {1: "x", 2: "y", 3: "z"}
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
+SEISMIC = (".mseed", ".miniseed", ".msd", ".sac")
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 # After "UNITS OF", "UNITS:" or "UNITS =" in the header of an AT2 file.
 UNIT = r"\bunits?\s*(?:\bof\b|:|=)\s*([^\s,;.]+)"
@@ -54,8 +63,8 @@ def read_record(
 
     Formats are columns of text or of a workbook
     (:mod:`bayes_ssi.measurements.records.text_columns`), arrays in MATLAB, numpy or HDF5 files
-    (:mod:`bayes_ssi.measurements.records.channels`), and universal files (data sets 58).
-    What the files do not state must be given; what both state must agree.
+    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58),
+    MiniSEED and SAC. What the files do not state must be given; what both state must agree.
 
     Args:
         paths: the file, or several.
@@ -132,7 +141,7 @@ def read_ground_motion(
     """Read the acceleration of the ground from a PEER AT2 file or a record of one channel.
 
     Records are those of :func:`read_record`: columns of text, with the times in a column or dt in a
-    line ``# dt_s, 0.005``; arrays; and universal files.
+    line ``# dt_s, 0.005``; arrays; universal files; MiniSEED and SAC.
 
     Args:
         path: the file; one whose name ends in .AT2 is read as PEER's.
@@ -166,7 +175,7 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in ARRAY_FILES:
+    if suffix in (*ARRAY_FILES, *SEISMIC) or begins_miniseed(head):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
@@ -180,6 +189,8 @@ def _read_file(path: Path, keys: Sequence[str] = ()) -> Channels:
         return read_arrays_of_record(path, keys)
     if keys and suffix not in WORKBOOKS:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
+    if suffix in SEISMIC or begins_miniseed(first_bytes(path)):
+        return read_seismic(path)
     if suffix == ".at2":
         return read_at2(path)
     if begins_universal(first_bytes(path)):
@@ -231,11 +242,8 @@ def read_universal(path: Path) -> Channels:
         names.append(f"{int(series['rsp_node'])} {axis}" if axis else "")
     ordinates = [series["ordinate_spec_data_type"] for series in sets]
     units = [str(series["ordinate_axis_units_lab"]).strip() for series in sets]
-    lengths = sorted({len(row) for row in rows})
-    if len(lengths) > 1:
-        raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")
     return Channels(
-        np.array(rows, dtype=float),
+        in_rows(rows),
         tuple(names) if all(names) else (),
         tuple(map(_rate_of, sets)),
         tuple(ORDINATES[kind] for kind in ordinates if kind in ORDINATES),
@@ -251,6 +259,32 @@ def _rate_of(series: Mapping[str, Any]) -> float:
     if not np.allclose(steps, steps.mean(), rtol=1e-2, atol=0.0):
         raise ValueError("a time response with uneven steps; resample it to equal ones first")
     return float(1.0 / steps.mean())
+
+
+def begins_miniseed(head: bytes) -> bool:
+    """Whether a file begins as MiniSEED does, whose archives have the day for an ending."""
+    return re.match(rb"\d{6}[DRQM][ \0]", head) is not None
+
+
+def read_seismic(path: Path) -> Channels:
+    """Read MiniSEED or SAC from the last beginning to the first end of its traces, with gaps.
+
+    Sensors are named ``network.station.location.channel``.
+    """
+    with optional_package("obspy", extra="seismic"):
+        import obspy
+    require_regular_file(path)
+    with damage_named(path):
+        stream = obspy.read(str(path)).merge()
+        stream.trim(
+            max(trace.stats.starttime for trace in stream),
+            min(trace.stats.endtime for trace in stream),
+        )
+    return Channels(
+        in_rows([np.ma.filled(np.ma.asarray(trace.data, dtype=float), np.nan) for trace in stream]),
+        tuple(trace.id for trace in stream),
+        tuple(float(trace.stats.sampling_rate) for trace in stream),
+    )
 
 
 def read_at2(path: Path) -> Channels:
@@ -281,3 +315,10 @@ def _points_and_rates(line: str) -> tuple[int, list[float]]:
     if not all(float(step) > 0.0 for step in steps):
         raise ValueError(f"dt must be positive, got {line.strip()!r}")
     return int(points[1]), [1.0 / float(step) for step in steps]
+
+
+def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ValueError(f"channels of {lengths[0]} to {lengths[-1]} samples")
+    return np.array(rows, dtype=float)
