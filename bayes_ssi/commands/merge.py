@@ -21,7 +21,8 @@ MODE_FIELDS = ("frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_
 @options.modes_option
 @terminal.json_option
 def merge(files: tuple[Path, ...], out: Path | None) -> None:
-    """Merge the modes in FILES, of setups that share reference sensors or of several records.
+    """Merge the modes in FILES: of setups that share reference sensors, of several records, or of
+    bands that touch or overlap.
 
     Modes that are nearest to each other are the same; frequencies and shapes have the weights of
     their errors. The scatter between files is compared with these. The exit code is 3 where it is

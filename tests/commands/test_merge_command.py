@@ -55,6 +55,18 @@ def test_a_file_given_twice_is_refused(run, files):
     assert "one.csv: given twice" in done.stderr
 
 
+def test_bands_that_overlap_become_one_in_a_new_folder(run, files, tmp_path):
+    files[1].write_text(files[1].read_text().replace("0.5,2.0", "0.9,3.0"))
+    out = tmp_path / "new" / "merged.csv"
+    done = run("merge", *files, "--out", out)
+    assert (done.exit_code, "Band: 0.5 to 3 Hz." in done.stdout) == (0, True)
+    assert bs.read_modal_data(out).band_hz == (0.5, 3.0)
+    files[1].write_text(files[1].read_text().replace("0.9,3.0", "2.5,3.0").replace("1.002", "2.6"))
+    refused = run("merge", *files)
+    assert refused.exit_code == 2
+    assert "no modes were sought from 2 to 2.5 Hz, below the band of two.csv" in refused.stderr
+
+
 def test_failed_checks_of_an_identification_end_with_3(run, files):
     modes = bs.read_modal_data(files[0])
     files[0].unlink()

@@ -160,7 +160,81 @@ def test_frequencies_alone_and_missing_sensors():
     assert second.shape is None
 
 
+LOW, HIGH = (0.0, 4.0), (3.0, 6.0)
 FOUND = identified("tower.csv")
+
+
+def test_bands_that_touch_are_joined_and_their_modes_are_different():
+    """However alike their shapes are, and the only modes that could be nearest to each other."""
+    tests = {
+        "high": record(mode("1", 5.0, [0.6, 0.8], cov=0.003), band=(2.5, 6.0)),
+        "low": record(mode("1", 1.0, [0.6, 0.8], cov=0.001), band=(0.5, 2.5)),
+    }
+    merged = bs.merge_modal_data(tests)
+    assert merged.data.band_hz == (0.5, 6.0)
+    assert merged.data.labels == ("1", "2")
+    np.testing.assert_allclose(merged.data.frequencies_hz, [1.0, 5.0], rtol=1e-12)
+    covs = [each.frequency_cov for each in merged.data.modes]
+    np.testing.assert_allclose(covs, [0.001, 0.003], rtol=1e-9)
+    assert (merged.remarks, merged.failed_checks) == ((), ())
+
+
+def test_in_an_overlap_of_two_records_a_mode_has_the_weights_of_both_errors():
+    merged = bs.merge_modal_data(
+        {
+            "a": record(mode("1", 1.0), mode("2", 3.2), mode("3", 3.50, cov=0.001), band=LOW),
+            "b": record(mode("1", 3.51, cov=0.003), mode("2", 5.0), band=HIGH),
+        }
+    )
+    assert merged.data.band_hz == (0.0, 6.0)
+    logs, weights = np.log([3.50, 3.51]), np.array([9.0, 1.0])
+    assert np.log(merged.data.frequencies_hz[2]) == pytest.approx(weights @ logs / 10.0, rel=1e-12)
+    assert merged.data.modes[2].frequency_cov == pytest.approx(0.001 * math.sqrt(0.9), rel=1e-9)
+    # Neither band holds the other's modes; that of b holds the second of a.
+    assert merged.remarks == ("mode '2': not in b",)
+
+
+def test_of_one_record_a_mode_in_two_bands_counts_once():
+    """It is taken from the band whose edges are farther away: 0.7 Hz, not 0.3 Hz."""
+    low = record(
+        mode("1", 1.0, [0.6, 0.8]),
+        mode("2", 3.300, [0.8, -0.6], cov=0.001, damping=0.01, damping_sd=0.002),
+        band=LOW, identifications=(FOUND,),
+    )  # fmt: skip
+    high = record(
+        mode("1", 3.303, [0.8, -0.6], cov=0.002, damping=0.02, damping_sd=0.001),
+        mode("2", 5.0, [0.6, 0.8]),
+        band=HIGH, identifications=(FOUND,),
+    )  # fmt: skip
+    merged = bs.merge_modal_data({"low": low, "high": high})
+    joined = merged.data.modes[1]
+    assert (joined.frequency_hz, joined.frequency_cov, joined.damping) == pytest.approx(
+        (3.300, 0.001, 0.01), rel=1e-12
+    )
+    assert merged.remarks == (
+        "mode '2': from low alone; high is of the same record, in a band whose edge is nearer",
+    )
+    # They are compared nevertheless.
+    assert merged.modes[1].frequency.ratio == pytest.approx(
+        math.log(3.303 / 3.300) / math.hypot(0.001, 0.002), rel=1e-6
+    )
+    # Files of one name that are two records, as their duration or their one band shows, count both.
+    longer = replace(FOUND, record=replace(FOUND.record, duration_s=900.0))
+    several = bs.merge_modal_data({"low": low, "high": replace(high, identifications=(longer,))})
+    assert several.data.modes[1].frequency_cov == pytest.approx(0.002 / math.sqrt(5.0), rel=1e-9)
+    again = bs.merge_modal_data({"low": low, "again": replace(low, source="another day")})
+    assert again.data.modes[1].frequency_cov == pytest.approx(0.001 / math.sqrt(2.0), rel=1e-9)
+
+
+def test_estimates_on_both_sides_of_an_edge_are_one_mode_where_their_errors_allow():
+    def joined(cov):
+        low = record(mode("1", 2.998, [0.6, 0.8], cov=cov), band=(0.0, 3.0))
+        high = record(mode("1", 3.002, [0.6, 0.8], cov=cov), band=(3.0, 6.0))
+        return bs.merge_modal_data({"low": low, "high": high})
+
+    # 0.0007 from the edge: less than three times 0.0005, more than three times 0.0001.
+    assert len(joined(0.0005).modes) == 1
+    assert len(joined(0.0001).modes) == 2
 
 
 def test_a_mode_that_one_did_not_identify_and_another_did_is_identified():
@@ -190,8 +264,12 @@ def test_failed_checks_of_merging_stay_with_the_modes(tmp_path):
     [
         ({"a": record(mode("1", 1.0))}, "give two tests or more, got 1"),
         (
-            {"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0), band=(0.5, 4.0))},
-            "the band of b is 0.5 to 4 Hz, that of a 0 to 6 Hz; identify all in one band",
+            {
+                "a": record(mode("1", 9.0), band=(6.5, 10.0)),
+                "b": record(mode("1", 1.0), band=(0.5, 4.0)),
+                "c": record(mode("1", 3.0), band=(2.0, 5.0)),
+            },
+            "no modes were sought from 5 to 6.5 Hz, below the band of a; merge bands that touch or",
         ),
         (
             {"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0, cov=None))},

@@ -141,16 +141,39 @@ TABLES = {
     "semicolons": "Mode No.;Frequency [Hz];Damping [%];a;b\n1;1,5;1,2;0,5;1,0\n",
     "no labels": "Frequency [Hz];Damping [%];a;b\n1,5;1,2;0,5;1,0\n",
     "an index": ", f (Hz), zeta [%], a, b\n1, 1.5, 1.2, 0.5, 1\n",
+    "period": "label, Period (s), damping, a, b\n1, 0.66666666667, 0.012, 0.5, 1\n",
+    "transposed": ", Mode 1\nf (Hz), 1.5\nDamping (%), 1.2\na, 0.5\nb, 1.0\n",
+    "real and imaginary": "label, frequency_hz, damping, a re, a im, b re, b im\n"
+    "1, 1.5, 0.012, 0.5, 0, 1, 0\n",
 }
 
 
 @pytest.mark.parametrize("name", TABLES)
 def test_tables_as_people_keep_them(read, name):
     (mode,) = read("# band_hz, 0, 6\n" + TABLES[name]).modes
-    assert mode.label == "1"
+    assert mode.label == ("Mode 1" if name == "transposed" else "1")
     assert mode.frequency_hz == pytest.approx(1.5, rel=1e-9)
     assert mode.damping == pytest.approx(0.012)
     np.testing.assert_allclose(mode.shape, [0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("names", "cells"),
+    [
+        ("a mag, a phase (deg), b", "2, 60, 1"),
+        ("a (amplitude), a (phase), b", "2, 60, 1"),
+        ("a mag, a phase [rad], b", f"2, {math.pi / 3}, 1"),
+        ("a, b", "2∠60°, 1∠0"),
+        ("a, b", f"2 ∠ {math.pi / 3} rad, 1"),
+        ("a re, a im, b", f"1, {3**0.5}, 1"),
+        ("a mag, a phase, b abs, b phase", "2, 420, 1, 0.0"),  # one of the phases is in degrees
+    ],
+)
+def test_components_of_magnitude_and_phase(read, names, cells):
+    data = read(f"# band_hz, 0, 6\nlabel, frequency_hz, {names}\n1, 1.0, {cells}\n")
+    shape = dict(zip(data.sensors, data.modes[0].shape, strict=True))
+    assert shape["a"] == pytest.approx(1 + 3**0.5 * 1j, rel=1e-12)
+    assert shape["b"] == 1.0
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
@@ -206,6 +229,16 @@ NO_NUMBER = "is not a number"
         ("\n\nlabel, frequency\n1, 1\n", "line 3: column 'frequency': state its unit, 'frequ"),
         ("label, hertz\n1, 1\n", "line 1: no column 'frequency_hz' among 'label', 'hertz'"),
         ("rank, frequency_hz\n1, 1\n2, 2\n", "line 1: column 'rank' counts the modes; name it"),
+        ("# band_hz, 0, 6\nlabel, period_s\n1, 0\n", "line 3: period_s: must be positive, got 0"),
+        (
+            HEAD + "1, 1.0, 1∠0.5, 3\n",
+            "line 3: sensor 'a': '1∠0.5': state the unit of",
+        ),
+        ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 5 cells for 4 columns"),
+        (
+            "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
+            r"line 1: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
+        ),
         ("label, frequency_hz, , a\n1, 1\n", "line 1: column 3 has no name; name it, or"),
         (
             ",Mode,Frequency (Hz)\n0,1,1.5\n",

@@ -2,7 +2,8 @@
 
 Their frequencies and shapes are merged by weighted least squares with their covariances
 (:mod:`~bayes_ssi.measurements.modes.weighted_shapes`), and the scatter between tests is compared
-with the errors that they claim.
+with the errors that they claim. Bands may differ, as where one record was identified band by band;
+then a mode that two of them have counts once.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,9 @@ from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.weighted_shapes import Merged, PartOfTest, weighted_least_squares
 from bayes_ssi.structures.modal import mac_of_pairs
 
+# Two estimates of a mode at the edge of a band, on either side of it, are hardly farther from
+# it than this, in standard deviations.
+EDGE_SDS = 3.0
 DISAGREEMENT_P = 0.01  # tests that agree are said to disagree one time in a hundred
 # About the width of a peak where the damping is 1 %, within which its frequency is read off a
 # spectrum: a mode so close to one that was not identified is that mode.
@@ -52,7 +56,8 @@ class MergedModes:
 
     data: ModalData
     modes: tuple[MergedMode, ...]
-    # Modes that tests lack, a sentence each.
+    # Modes that tests lack in whose band they are, and modes that two bands of one record have, a
+    # sentence each.
     remarks: tuple[str, ...]
     # Quantities in which the tests differ by more than their errors, a sentence each: the structure
     # changed in between, an error is too small, or two modes are not one.
@@ -61,17 +66,20 @@ class MergedModes:
 
 @checked
 def merge_modal_data(tests: Mapping[str, ModalData]) -> MergedModes:
-    """Merge modes of setups that share reference sensors, or of several records.
+    """Merge modes of setups that share reference sensors, of several records, or of several bands.
 
     Sensors of one name are the same. Modes of two tests are the same where each is the nearest to
-    the other, by frequency and by shape. Dampings are averaged by the weights of their errors.
+    the other, by frequency and by shape, and in the band of both. Dampings are averaged by the
+    weights of their errors. The bands are joined; where they overlap and are of one record (its
+    name, duration and rate), errors are not independent, and a mode is taken from the band whose
+    edges are farther from it.
 
     Args:
         tests: name → modes; each with the sizes of its errors, or with their joint covariance.
 
     Raises:
-        ValueError: there are fewer than two tests, their bands differ, a mode has no errors, or a
-            test shares no sensor with the others.
+        ValueError: there are fewer than two tests, there is a gap between their bands, a mode has
+            no errors, or a test shares no sensor with the others.
     """
     if len(tests) < 2:
         raise ValueError(f"merging: give two tests or more, got {len(tests)}")
@@ -83,15 +91,7 @@ class _Merging:
 
     def __init__(self, tests: Mapping[str, ModalData]) -> None:
         self.tests = tests
-        first = next(iter(tests))
-        self.band_hz = tests[first].band_hz
-        for name, data in tests.items():
-            if data.band_hz != self.band_hz:
-                (low, high), (begin, end) = self.band_hz, data.band_hz
-                raise ValueError(
-                    f"merging: the band of {name} is {begin:g} to {end:g} Hz, that of {first} "
-                    f"{low:g} to {high:g} Hz; identify all in one band"
-                )
+        self.band_hz = _joined_band(tests)
         self.sensors = tuple(dict.fromkeys(s for data in tests.values() for s in data.sensors))
         for name, data in tests.items():
             for mode in data.modes:
@@ -104,19 +104,19 @@ class _Merging:
 
     def merged_modes(self) -> MergedModes:
         groups = self._matched_modes()
-        merged = self._merged(groups)
+        independent = [self._independent(group) for group in groups]
+        merged = self._merged(independent)
         modes, joined = [], []
         remarks: list[str] = []
-        for label, group, log_f, shape in zip(
-            _labels(groups), groups, merged.log_frequencies, merged.shapes, strict=True
+        for label, group, kept, log_f, shape in zip(
+            _labels(groups), groups, independent, merged.log_frequencies, merged.shapes, strict=True
         ):
             labels = {name: mode.label for name, mode in group.items()}
             scatters = _scatter_of_frequencies(group), self._scatter_of_shapes(group)
             modes.append(MergedMode(labels, *scatters))
-            if lacking := [name for name in self.tests if name not in group]:
-                remarks.append(f"mode {label!r}: not in {', '.join(lacking)}")
-            _, measured = self._joined_shape(group)
-            damping, damping_sd = _damping(list(group.values()))
+            remarks += self._remarks(label, float(np.exp(log_f)), group, kept)
+            _, measured = self._joined_shape(kept)
+            damping, damping_sd = _damping(list(kept.values()))
             joined.append(
                 IdentifiedMode(
                     label,
@@ -142,7 +142,8 @@ class _Merging:
         """Groups of modes that are the same, in ascending order of frequency.
 
         A mode of one more test belongs to a group where each is the nearest to the other, by the
-        square of the difference of ln f and by 1 - MAC at the sensors that both have.
+        square of the difference of ln f and by 1 - MAC at the sensors that both have. Modes that
+        lie outside of the band of the other's test, by more than their errors allow, are different.
         """
         groups: list[Group] = []
         for test, data in self.tests.items():
@@ -151,13 +152,17 @@ class _Merging:
             ).reshape(len(groups), len(data.modes))
             for j, mode in enumerate(data.modes):
                 nearest = int(distances[:, j].argmin()) if len(distances) else -1
-                if nearest >= 0 and int(distances[nearest].argmin()) == j:
+                mutual = nearest >= 0 and int(distances[nearest].argmin()) == j
+                if mutual and np.isfinite(distances[nearest, j]):
                     groups[nearest][test] = mode
                 else:
                     groups.append({test: mode})
         return sorted(groups, key=_mean_log_frequency)
 
     def _distance(self, test: str, mode: IdentifiedMode, group: Group) -> float:
+        for name, member in group.items():
+            if not (_may_be_in(mode, self.tests[name]) and _may_be_in(member, self.tests[test])):
+                return np.inf
         apart = (np.log(mode.frequency_hz) - _mean_log_frequency(group)) ** 2
         others = np.array([self._shape(name, member) for name, member in group.items()])
         alike = mac_of_pairs(np.broadcast_to(self._shape(test, mode), others.shape), others)
@@ -170,6 +175,20 @@ class _Merging:
             places = [self.sensors.index(sensor) for sensor in self.tests[test].sensors]
             shape[places] = mode.scored_shape
         return shape
+
+    def _independent(self, group: Group) -> Group:
+        """The group with one mode of each record: that from the band whose edges are farthest."""
+        hz = float(np.exp(_mean_log_frequency(group)))
+
+        def from_edges(name: str) -> float:
+            low, high = self.tests[name].band_hz
+            return min(hz - low, high - hz)
+
+        kept: list[str] = []
+        for name in sorted(group, key=from_edges, reverse=True):
+            if not any(_are_of_one_record(self.tests[name], self.tests[other]) for other in kept):
+                kept.append(name)
+        return {name: mode for name, mode in group.items() if name in kept}
 
     def _joined_shape(self, group: Group) -> tuple[FloatArray, NDArray[np.bool_]]:
         """A first estimate of the shape (N,) at unit length, and which components were measured."""
@@ -232,6 +251,17 @@ class _Merging:
                 )
                 yield replace(summary, not_identified=missing)
 
+    def _remarks(self, label: str, hz: float, group: Group, kept: Group) -> Iterator[str]:
+        """Which tests lack a mode in their band, and which are left out as of the same record."""
+        bands = {name: data.band_hz for name, data in self.tests.items() if name not in group}
+        if lacking := [name for name, (low, high) in bands.items() if low <= hz <= high]:
+            yield f"mode {label!r}: not in {', '.join(lacking)}"
+        if left_out := [name for name in group if name not in kept]:
+            yield (
+                f"mode {label!r}: from {', '.join(kept)} alone; {', '.join(left_out)} is of the "
+                "same record, in a band whose edge is nearer"
+            )
+
 
 def _scatter(squares: float, n: int) -> Scatter | None:
     """Of a sum of squares with n degrees of freedom; None where nothing was measured twice."""
@@ -244,8 +274,43 @@ def _scatter_of_frequencies(group: Group) -> Scatter | None:
     return _scatter(weights @ (logs - weights @ logs / weights.sum()) ** 2, len(group) - 1)
 
 
+def _joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
+    """From the lowest to the highest frequency (Hz) of all bands."""
+    first, *others = sorted(tests, key=lambda name: tests[name].band_hz)
+    low, high = tests[first].band_hz
+    for name in others:
+        begin, end = tests[name].band_hz
+        if begin > high:
+            raise ValueError(
+                f"merging: no modes were sought from {high:g} to {begin:g} Hz, below the band of "
+                f"{name}; merge bands that touch or overlap"
+            )
+        high = max(high, end)
+    return low, high
+
+
 def _mean_log_frequency(group: Group) -> float:
     return float(np.mean([np.log(mode.frequency_hz) for mode in group.values()]))
+
+
+def _may_be_in(mode: IdentifiedMode, test: ModalData) -> bool:
+    """Whether a mode lies in a test's band, or so close to it that an estimate from there may."""
+    error = EDGE_SDS * (mode.frequency_cov or 0.0)
+    low, high = test.band_hz
+    return low * (1.0 - error) <= mode.frequency_hz <= high * (1.0 + error)
+
+
+def _are_of_one_record(one: ModalData, other: ModalData) -> bool:
+    """Whether two tests are of one record in two bands; in one band, names merely repeat."""
+    records = [
+        {
+            (summary.record.source, summary.record.duration_s, summary.record.rate_hz)
+            for summary in data.identifications
+            if summary.record.source
+        }
+        for data in (one, other)
+    ]
+    return one.band_hz != other.band_hz and not records[0].isdisjoint(records[1])
 
 
 def _labels(groups: Sequence[Group]) -> list[str]:

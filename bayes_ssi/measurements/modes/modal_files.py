@@ -61,6 +61,7 @@ from bayes_ssi.measurements.modes.table_spellings import (
     component_text,
     has_frequencies,
     mode_of,
+    upright,
 )
 
 REQUIRED_COLUMNS = ("label", "frequency_hz")
@@ -100,7 +101,7 @@ def read_modal_data(
             )
         return _read_universal(path, band_hz)
     lines = _split(path, sheet)
-    table = [line for line in lines if line.cells[0][:1] != "#"]
+    table = upright([line for line in lines if line.cells[0][:1] != "#"])
     if not table:
         raise ValueError(f"{path}: the file holds no table of modes")
     columns = columns_of(table[0], table[1:])
@@ -115,7 +116,7 @@ def read_modal_data(
             "lowest and highest frequency (Hz) of the search for modes"
         )
     low, high = bands[0]
-    sensors = tuple(name for _, name, _ in columns if name not in RESERVED_NAMES)
+    sensors = tuple(dict.fromkeys(name for _, name, *_ in columns if name not in RESERVED_NAMES))
     covariance: FloatArray | None = None
     identifications: tuple[IdentificationSummary, ...] = ()
     for name in stated["identification"]:
