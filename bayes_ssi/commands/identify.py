@@ -32,9 +32,9 @@ COMPLEXITY = ("mpc", "mean_phase_deg")
 @click.option("--mode", "at", type=float, metavar="HZ", multiple=True,
     help="Frequency of a mode, in place of those that are looked for; may be repeated."
 )  # fmt: skip
-@click.option("--ground", metavar="SENSOR", default="",
-    help="The sensor that measures the motion of the base, where that drives the structure."
-)  # fmt: skip
+@click.option("--ground", metavar="SENSOR",
+    help="The sensor that measures the motion of the base, which drives the structure; by default "
+    "one that is named ground or base, if the others follow it. '' for none.")  # fmt: skip
 @options.record_options
 @options.default_option("--method", BAYESIAN_FFT,
     "Whose modes are written; the others look near those of the Bayesian FFT.",
@@ -47,7 +47,7 @@ COMPLEXITY = ("mpc", "mean_phase_deg")
 @options.renamed("--at", "--mode")
 @terminal.json_option
 def identify(
-    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str,
+    files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
     stated: dict[str, Any], method: str, verbose: bool, out: Path | None,
     figures: Path | None,
 ) -> None:  # fmt: skip

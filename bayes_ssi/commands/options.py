@@ -193,8 +193,8 @@ def record_options(command: Command) -> Command:
             "Name of a sensor, for all in their order, in place of the files' own names."),
         "keys": repeated_option(
             "--key", "keys", "NAME",
-            "Array of a .mat (data.acc in a structure), .npz or HDF5 file, or sheet of a workbook; "
-            "may be repeated."),
+            "Array of a .mat (data.acc in a structure), .npz or HDF5 file, group of a TDMS file or "
+            "sheet of a workbook; may be repeated."),
     }  # fmt: skip
 
     def stated(sensors: tuple[str, ...], **others: Any) -> dict[str, Any]:

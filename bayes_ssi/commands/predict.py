@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @options.range_option("--frequencies", "Of transfer functions in Hz.  [default: band of the data]")
 @options.path_option("--record", "records", metavar="FILE", multiple=True,
     text="Ground motion (AT2, text or CSV) for time histories; may be repeated.")  # fmt: skip
-@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), if not in the file.")
+@click.option("--unit", help="Unit of the records (g, m/s2, cm/s2, …), in place of the file's.")
 @click.option("--dt", type=float, help="Time step of the records in s, if not in the file.")
 @options.default_option("--draws", 1000, "Number of posterior draws.", click.IntRange(min=1))
 @options.path_option(

@@ -43,23 +43,39 @@ FORMATS = {
     "empty rows at the end": ["Time (s),K1,K2,K3", *rows(), ",,,", ",,,"],
     "empty rows of tabs": ["Time (s)\tK1\tK2\tK3", *rows(separator="\t"), "\t\t\t"],
     "trailing names": ["Time (s);K1;K2;K3;", *german(rows(separator=";", last=";"))],
+    "german dates": [
+        "Datum;K1;K2;K3",
+        *(t + row for t, row in zip(dates("%d.%m.%Y %H:%M:%S,%f"),
+                                    german(rows([""] * 60, ";")), strict=True)),
+    ],
+    "us dates": ["Timestamp,K1,K2,K3", *rows(dates("%m/%d/%Y %I:%M:%S.%f %p"))],
+    "over midnight": ["Date,K1,K2,K3", *rows(dates("%d/%m/%Y %H:%M:%S.%f", "2024-05-11T23:59:59"))],
+    "date and time": ["Date,Time,K1,K2,K3", *rows(dates("%d.%m.%y,%H:%M:%S.%f"))],
+    "time of day": ["Uhrzeit\tK1\tK2\tK3",
+                    *rows(dates("%H:%M:%S.%f", "2024-05-11T23:59:59"), "\t")],
+    "iso with spaces": ["time K1 K2 K3", *rows(dates("%Y-%m-%d %H:%M:%S.%f"), " ")],
     "iso": ["time K1 K2 K3", *rows(dates("%Y-%m-%dT%H:%M:%S.%f"), " ")],
-    "iso with spaces": ["time,K1,K2,K3", *rows(dates("%Y-%m-%d %H:%M:%S.%f"))],
     "summer time ends": ["time K1 K2 K3", *rows(
         [f"2024-10-27T02:59:{59 + k / 20:.2f}+02:00" for k in range(20)]
         + [f"2024-10-27T02:00:{k / 20:05.2f}+01:00" for k in range(40)], " ")],
     "ms": ["Time [ms],K1,K2,K3", *rows(MS)],
     "us": ["t_us,K1,K2,K3", *rows([f"{m}000" for m in MS])],
     "epoch": ["timestamp_ms,K1,K2,K3", *rows([str(1715500000000 + 50 * k) for k in range(60)])],
+    "epoch without unit": [
+        "unixtime,K1,K2,K3", *rows([str(1715500000000000000 + 50000000 * k) for k in range(60)])
+    ],
     "count and time": [
         "Sample,t,K1,K2,K3", *(f"{k},{row}" for k, row in enumerate(rows(), 1)),
+    ],
+    "table of R": [
+        '"t" "K1" "K2" "K3"', *(f'"{k}" {row}' for k, row in enumerate(rows(separator=" "), 1)),
     ],
     "labview": [
         "LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", "***End_of_Header***\t",
         "\t", "Channels\t3\t\t\t", "Samples\t60\t60\t60", "Delta_X\t0.05\t0.05\t0.05",
         "X_Value\tK1\tK2\tK3\tComment", *rows(separator="\t"),
     ],
-    "text above": ["Test of tower", "Operator: x", "", "# rate_hz, 20", "", "K1\tK2\tK3",
+    "text above": ["Test of tower", "Operator: x", "", "Sampling rate: 20 Hz", "", "K1\tK2\tK3",
                    *rows(None, "\t")],
     "excel": ["sep=;", "t;K1;K2;K3", *german(rows(separator=";"))],
     "decimal commas between spaces": ["t K1 K2 K3", *german(rows(separator=" "))],
@@ -102,6 +118,16 @@ def test_a_count_is_no_sensor_and_needs_the_rate(tmp_path, first):
     np.testing.assert_array_equal(np.delete(one.samples, [30, 31], axis=1), kept)
 
 
+def test_a_rate_tells_the_unit_of_times(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["time,K1,K2,K3", *rows(MS)]))
+    with pytest.raises(ValueError, match=r"'time' advances by 50: .* as in 'time \(ms\)', or give"):
+        bs.read_record(path, unit="g")
+    assert bs.read_record(path, unit="g", rate_hz=20.0).rate_hz == pytest.approx(20.0)
+    with pytest.raises(ValueError, match="'time' advances by 50"):
+        bs.read_record(path, unit="g", rate_hz=25.0)
+
+
 def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
     path = tmp_path / "a.csv"
     lines = ["t,K1,K2,K3", *rows()]
@@ -119,6 +145,9 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
     expected = SAMPLES[1, 19] + (SAMPLES[1, 24] - SAMPLES[1, 19]) * np.arange(1, 5) / 5
     np.testing.assert_allclose(one.samples[1, 20:24], expected)
     np.testing.assert_array_equal(one.samples[:, one.is_measured], SAMPLES[:, one.is_measured])
+    piece = one.longest_piece()
+    assert (piece.gaps, piece.n_samples) == ((), 20)
+    np.testing.assert_array_equal(piece.samples, SAMPLES[:, :20])
 
 
 @pytest.mark.parametrize(
@@ -147,9 +176,8 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
         (["0,1,2", "0.1,1,2", "9.1,1,2", "9.2,1,3"], "89 instants are missing beside 4; divide"),
         (["Titel: 12", "none"], "no rows of numbers"),
         (["12/31/2024 x"] * 3, "no rows of numbers"),
-        (["t,a", "31.12.2024 10:00:00,1", "31.12.2024 10:00:01,2"], "are not understood; write"),
-        (["t,a", "10:00:00,1", "10:00:01,2"], "'10:00:00' are not understood; write all in ISO"),
-        (["time,K1", "0,1", "50,2", "100,3"], r"'time' advances by 50: .* as in 'time \(ms\)', or"),
+        (["t,a", "31/31/2024 10:00:00,1", "31/31/2024 10:00:01,2"], "are not understood; write"),
+        (["t,a", "31.12.2024 10:00:00,1", "31.12.2024 10:00:00,2"], "the step is 0, most are 0"),
     ],
 )
 def test_what_cannot_be_read_is_one_line_with_the_cure(tmp_path, lines, words):

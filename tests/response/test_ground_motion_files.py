@@ -26,7 +26,9 @@ def load(tmp_path):
     return load
 
 
-@pytest.mark.parametrize("counts", ["NPTS=   6, DT=   .0050 SEC,", "NPTS= 6, DT= 5.E-3"])
+@pytest.mark.parametrize(
+    "counts", ["NPTS=   6, DT=   .0050 SEC,", "   6   0.0050   NPTS, DT", "NPTS= 6, DT= 5.E-3"]
+)
 def test_at2(load, counts):
     motion = load("quake.AT2", AT2.format(unit="G", counts=counts))
     np.testing.assert_allclose(motion.acceleration, G * np.array(SAMPLES), rtol=1e-12)
@@ -55,6 +57,13 @@ def test_units_as_at2_files_spell_them(load, unit, in_si):
     np.testing.assert_allclose(motion.acceleration, in_si * np.array(SAMPLES), rtol=1e-12)
 
 
+@pytest.mark.parametrize("stated", ["G", "CM/S", "COUNTS"])
+def test_a_given_unit_takes_the_place_of_the_files(load, stated):
+    text = AT2.format(unit=stated, counts="NPTS= 6, DT= .005 SEC")
+    motion = load("quake.AT2", text, unit="cm/s2")
+    np.testing.assert_allclose(motion.acceleration, 0.01 * np.array(SAMPLES), rtol=1e-12)
+
+
 def test_at2_with_signs_that_touch(load):
     text = AT2.format(unit="G", counts="NPTS= 6, DT= .005 SEC").replace(" -", "-")
     motion = load("quake.at2", text)
@@ -65,7 +74,7 @@ def test_at2_with_signs_that_touch(load):
     ("unit", "counts", "options", "message"),
     [
         ("G", "NPTS= 7, DT= .005 SEC", {}, "the header says NPTS = 7, but 6 values follow"),
-        ("G", "NPTS= 6", {}, r"rate_hz, .* is not given; .* or dt in s .* \(--dt\)"),
+        ("G", "NPTS= 6", {}, "dt, the time between samples, is not given"),
         ("G", "NPTS= 6, DT= 0.0 SEC", {}, "dt must be positive"),
         ("G", "NPTS= , DT= .005 SEC", {}, "holds no number of points"),
         ("G. UNITS: M/S/S", "NPTS= 6, DT= .005 SEC", {}, "two of unit are given: 'g' and 'm/s2'"),
@@ -88,6 +97,7 @@ def test_at2_that_is_wrong(load, unit, counts, options, message):
         ("# unit, cm/s2\n# dt_s, 0.02\n1\n2\n4\n", {}),
         ("# unit, cm/s²\ntime_s,acceleration\n0.00,1\n0.02,2\n0.04,4\n", {}),
         ("t (s);a (cm/s²)\n0,00;1,0\n0,02;2,0\n0,04;4,0\n", {"unit": "cm/s2"}),
+        ("# unit, m/s2\n1\n2\n4\n", {"unit": "cm/s2", "dt": 0.02}),
         ("time\ta [cm/s^2]\n5.00\t1\n5.02\t2\n5.04\t4\n", {"unit": "cm/s2", "dt": 0.02}),
     ],
 )
@@ -101,18 +111,15 @@ def test_plain_text_and_csv(load, text, options):
     ("text", "options", "message"),
     [
         ("1\n", {"unit": "g", "dt": 0.1}, "two samples or more, got 1"),
-        ("1\n2\n", {"unit": "g"}, r"rate_hz, .* is not given; .* or dt in s .* \(--dt\)"),
-        ("1\n2\n", {"dt": 0.1}, "the unit of the samples is not given; give one of 'g'"),
+        ("1\n2\n", {"unit": "g"}, "dt, the time between samples, is not given"),
+        ("1\n2\n", {"dt": 0.1}, "the unit of the acceleration is not given; give one of 'g'"),
         ("# unit, ft\n1\n2\n", {"dt": 0.1}, "got 'ft'"),
-        ("# quantity, velocity\n1\n2\n", {"dt": 0.1, "unit": "g"}, "two of quantity are given"),
+        ("# quantity, velocity\n1\n2\n", {"dt": 0.1}, "holds a velocity, not an acceleration"),
         ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": 0.2}, "two rates are given: 5 and 10 Hz"),
         ("time a\n0.0 1\n0.1 2\n0.2 3\n0.5 4\n", {"unit": "g"}, "sample 4 is missing"),
         ("1\nnan\n2\n", {"unit": "g", "dt": 0.1}, "sample 2 is missing"),
-        (
-            "t (s),x,y\n0,1,2\n1,2,3\n2,3,4\n3,4,5\n",
-            {"unit": "g"},
-            "2 rows of samples, but 1 sensor name",
-        ),
+        ("0 1 2\n0.1 2 3\n0.2 3 4\n0.3 3 4\n", {"unit": "g"}, r"2 channels \(without names\)"),
+        ("t (s),x,y\n0,1,2\n1,2,3\n2,3,4\n3,4,5\n", {"unit": "g"}, r"2 channels \('x', 'y'\)"),
         ("# dt_s, 0.1\n1\n2\n", {"unit": "g", "dt": np.nan}, r"dt must be positive .*, got nan"),
         ("1\n2\n", {"unit": "g", "dt": -0.1}, r"dt must be positive and finite \(s\), got -0.1"),
     ],

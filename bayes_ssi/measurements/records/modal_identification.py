@@ -107,7 +107,7 @@ UNKNOWN = dict.fromkeys(FIELDS[2:])  # of modes that a record is too short for
 
 @checked
 def identify(
-    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str = ""
+    record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str | None = None
 ) -> ModalIdentification:
     """Identify the modes of a band, with the joint uncertainty of frequencies and shapes.
 
@@ -121,7 +121,8 @@ def identify(
         at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
         ground: the sensor that measures the motion of the base, if that drives the structure; modes
             are then those of the amplification at the other sensors, however strong or long the
-            motion is.
+            motion is. If None, a sensor that is named ground or base, where the others mostly
+            follow it; "" for none.
 
     Raises:
         ValueError: the record does not cover the band, ground is no sensor or leaves too few, no

@@ -33,7 +33,10 @@ Band = tuple[float, float]
 
 
 def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
-    """The modes of a record by one method, near those that are identified."""
+    """The modes of a record by one method, near those that are identified.
+
+    All but the Bayesian FFT see the longest piece of a record with gaps.
+    """
     if method == BAYESIAN_FFT:
         return identified
     require_one_of("method", method, METHOD_NAMES)
@@ -41,9 +44,8 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
         raise ValueError(f"{METHOD_NAMES[method]}: needs two sensors or more")
     dampings = np.array([mode.damping for mode in identified.modes])
     near = Resonances(identified.frequencies_hz, dampings, identified.unit_shapes)
-    if record.gaps:
-        raise ValueError(f"{METHOD_NAMES[method]}: needs a record without gaps")
-    return OTHERS[method](record.selected(identified.sensors), identified.band_hz, near)
+    piece = record.selected(identified.sensors).longest_piece()
+    return OTHERS[method](piece, identified.band_hz, near)
 
 
 def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:

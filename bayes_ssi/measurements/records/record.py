@@ -82,8 +82,7 @@ class Record(Displayed):
         if n < 1:
             raise ValueError("record: no sensors")
         if len(self.sensors) != n:
-            names = counted(len(self.sensors), "sensor name")
-            raise ValueError(f"record: {n} rows of samples, but {names}")
+            raise ValueError(f"record: {len(self.sensors)} names for {n} sensors")
         for name, row in zip(self.sensors, samples, strict=True):
             if (infinite := np.isinf(row)).any():
                 i = int(infinite.argmax())
@@ -122,6 +121,14 @@ class Record(Displayed):
         for first, end in self.gaps:
             measured[first:end] = False
         return measured
+
+    def longest_piece(self) -> "Record":
+        """The longest piece between gaps; the record itself where there are none."""
+        if not self.gaps:
+            return self
+        edges = np.array([0, *np.ravel(self.gaps), self.n_samples]).reshape(-1, 2)
+        first, end = edges[np.diff(edges).argmax()]
+        return replace(self, samples=_read_only(self.samples[:, first:end].copy()), gaps=())
 
     @property
     def n_samples(self) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.named_arrays import ARRAY_FILES
 from bayes_ssi.foundations.packages import optional_package
@@ -36,7 +36,7 @@ from bayes_ssi.measurements.records.record import (
     units_of,
 )
 from bayes_ssi.measurements.records.text_columns import read_columns_of_record
-from bayes_ssi.structures.response import UNITS, GroundMotion
+from bayes_ssi.structures.response import UNITS, GroundMotion, checked_unit
 
 # Of data sets 58, codes of directions, negative where a sensor points the other way; and what the
 # ordinates of time responses are.
@@ -63,7 +63,7 @@ def read_record(
 
     Formats are columns of text or of a workbook
     (:mod:`bayes_ssi.measurements.records.text_columns`), arrays in MATLAB, numpy or HDF5 files
-    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58),
+    (:mod:`bayes_ssi.measurements.records.channels`), universal files (data sets 58), TDMS,
     MiniSEED and SAC. What the files do not state must be given; what both state must agree.
 
     Args:
@@ -72,8 +72,8 @@ def read_record(
         quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
         unit: of all samples.
         sensors: names of the sensors, in place of the files' own.
-        keys: names of arrays, ``data.acc`` where they are in structures, or the sheet of a
-            workbook, to be read.
+        keys: names of arrays, ``data.acc`` where they are in structures, or of groups of a TDMS
+            file or the sheet of a workbook, to be read.
 
     Raises:
         OSError: a file cannot be read.
@@ -86,7 +86,7 @@ def read_record(
     parts = []
     for path in files:
         with _named(path):
-            parts.append(_read_file(path, keys))
+            parts.append(_read_file(path, keys, rate_hz))
     lengths = [part.samples.shape[1] for part in parts]
     for path, length in zip(files, lengths, strict=True):
         if length != lengths[0]:
@@ -124,8 +124,7 @@ def _require(
     kinds = ", ".join(map(repr, QUANTITIES))
     choices = "one of " + ", ".join(map(repr, units_of(quantities[0]))) if quantities else "it"
     wanted: dict[str, Sequence[object]] = {
-        "rate_hz, the samples per second, is not given; give it in Hz (--rate), or dt in s of a "
-        "ground motion (--dt)": rates,
+        "rate_hz, the samples per second, is not given; give it in Hz (--rate)": rates,
         f"the quantity of the samples is not given; give one of {kinds} (--quantity)": quantities,
         f"the unit of the samples is not given; give {choices} (--unit)": units,
         f"the names of the {n} sensors are not given; give them as sensors (--sensor)": names,
@@ -141,31 +140,48 @@ def read_ground_motion(
     """Read the acceleration of the ground from a PEER AT2 file or a record of one channel.
 
     Records are those of :func:`read_record`: columns of text, with the times in a column or dt in a
-    line ``# dt_s, 0.005``; arrays; universal files; MiniSEED and SAC.
+    line ``# dt_s, 0.005``; arrays; universal files; and TDMS.
 
     Args:
         path: the file; one whose name ends in .AT2 is read as PEER's.
-        unit: "g", "m/s2" or "cm/s2", for instance; needed where the file states none.
+        unit: "g", "m/s2" or "cm/s2", for instance, in place of the file's; needed where the file
+            states none.
         dt: time between samples in s; needed where the file does not state it.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the content is not understood, unit or dt are missing or contradicted by the
-            file, or there are fewer than two samples, or some missing. The message names the file.
+        ValueError: the content is not understood, unit or dt are missing, dt is contradicted by
+            the file, or there are fewer than two samples. The message names the file.
     """
     path = Path(path)
-    if dt is not None and not 0 < dt < math.inf:
-        raise ValueError(f"{path}: dt must be positive and finite (s), got {dt!r}")
-    rate_hz = None if dt is None else 1.0 / dt
-    record = read_record(
-        path, rate_hz=rate_hz, quantity="acceleration", unit=unit, sensors=("ground motion",)
-    )
-    if record.gaps:
-        raise ValueError(
-            f"{path}: sample {record.gaps[0][0] + 1} is missing; a ground motion is one without "
-            "gaps"
-        )
-    return GroundMotion(UNITS[record.unit] * record.samples[0], 1.0 / record.rate_hz, path.stem)
+    with _named(path):
+        channels = _read_file(path, (), 1.0 / dt if dt else None)
+        if len(channels.samples) != 1:
+            held = ", ".join(map(repr, channels.names)) or "without names"
+            raise ValueError(
+                f"{len(channels.samples)} channels ({held}); a ground motion is one, beside a "
+                "column of times named time"
+            )
+        for quantity in channels.quantities:
+            if quantity != "acceleration":
+                raise ValueError(f"the file holds a {quantity}, not an acceleration")
+        units = [checked_unit(each) for each in (channels.units if unit is None else [unit])]
+        if not units:
+            choices = ", ".join(map(repr, UNITS))
+            raise ValueError(f"the unit of the acceleration is not given; give one of {choices}")
+        if dt is not None and not 0 < dt < math.inf:
+            raise ValueError(f"dt must be positive and finite (s), got {dt!r}")
+        rates = (*([] if dt is None else [1.0 / dt]), *channels.rates_hz)
+        if not rates:
+            raise ValueError("dt, the time between samples, is not given; give it in s")
+        (samples,) = channels.samples
+        if np.isnan(samples).any():
+            raise ValueError(
+                f"sample {int(np.isnan(samples).argmax()) + 1} is missing; a ground motion is one "
+                "without gaps"
+            )
+        acceleration = UNITS[_agreed(units, "unit")] * samples
+        return GroundMotion(acceleration, 1.0 / _agreed_rate(rates), path.stem)
 
 
 def is_record(path: Path) -> bool:
@@ -175,18 +191,20 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in (*ARRAY_FILES, *SEISMIC) or begins_miniseed(head):
+    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC) or begins_miniseed(head):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
     return bool(head.strip()) and not holds_modes(path)
 
 
-def _read_file(path: Path, keys: Sequence[str] = ()) -> Channels:
+def _read_file(path: Path, keys: Sequence[str], rate_hz: float | None) -> Channels:
     """The channels of one file, and what it states of them."""
     suffix = path.suffix.lower()
     if suffix in ARRAY_FILES:
         return read_arrays_of_record(path, keys)
+    if suffix == ".tdms":
+        return read_tdms(path, keys)
     if keys and suffix not in WORKBOOKS:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
     if suffix in SEISMIC or begins_miniseed(first_bytes(path)):
@@ -195,7 +213,7 @@ def _read_file(path: Path, keys: Sequence[str] = ()) -> Channels:
         return read_at2(path)
     if begins_universal(first_bytes(path)):
         return read_universal(path)
-    return read_columns_of_record(path, keys)
+    return read_columns_of_record(path, rate_hz, keys)
 
 
 @contextmanager
@@ -261,6 +279,30 @@ def _rate_of(series: Mapping[str, Any]) -> float:
     return float(1.0 / steps.mean())
 
 
+def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
+    with optional_package("npTDMS", extra="tdms"):
+        from nptdms import TdmsFile
+    require_regular_file(path)
+    with damage_named(path):
+        file = TdmsFile.read(str(path))
+    groups = {group.name: group for group in file.groups()}
+    require_known("no group", keys, groups)
+    chosen = [groups[key] for key in keys] or list(groups.values())
+    channels = [channel for group in chosen for channel in group.channels() if len(channel)]
+    if not channels:
+        raise ValueError("holds no channels")
+    if any(channel[:].dtype.kind not in "iuf" for channel in channels):
+        raise ValueError("holds channels that are not numbers; name the groups to read by keys")
+    properties = [channel.properties for channel in channels]
+    return Channels(
+        in_rows([channel[:] for channel in channels]),
+        tuple(channel.name for channel in channels),
+        tuple(1.0 / stated["wf_increment"] for stated in properties if stated.get("wf_increment")),
+        (),
+        tuple(str(stated["unit_string"]) for stated in properties if stated.get("unit_string")),
+    )
+
+
 def begins_miniseed(head: bytes) -> bool:
     """Whether a file begins as MiniSEED does, whose archives have the day for an ending."""
     return re.match(rb"\d{6}[DRQM][ \0]", head) is not None
@@ -307,11 +349,12 @@ def read_at2(path: Path) -> Channels:
 
 
 def _points_and_rates(line: str) -> tuple[int, list[float]]:
-    """NPTS and 1/DT of an AT2 header, such as NPTS= 3, DT= .01 SEC."""
-    points = re.search(r"NPTS\s*=\s*(\d+)", line, re.IGNORECASE)
+    """NPTS and 1/DT of an AT2 header, in its newer form (NPTS= 3, DT= .01 SEC) or its older one."""
+    older = re.match(rf"\s*(\d+)\s+({NUMBER})\s+NPTS", line, re.IGNORECASE)
+    points = older or re.search(r"NPTS\s*=\s*(\d+)", line, re.IGNORECASE)
     if points is None:
         raise ValueError(f"the header's line {line.strip()!r} holds no number of points (NPTS)")
-    steps = re.findall(rf"DT\s*=\s*({NUMBER})", line, re.IGNORECASE)
+    steps = [older[2]] if older else re.findall(rf"DT\s*=\s*({NUMBER})", line, re.IGNORECASE)
     if not all(float(step) > 0.0 for step in steps):
         raise ValueError(f"dt must be positive, got {line.strip()!r}")
     return int(points[1]), [1.0 / float(step) for step in steps]

@@ -1,14 +1,16 @@
 """Columns of samples in text, as spreadsheets, loggers and other programs write them.
 
 Rows of numbers begin below lines that start with ``#`` and may hold the keys ``rate_hz`` or
-``dt_s``, ``quantity`` and ``unit``; below other text; and right below the names of the columns, and
-perhaps a row of units. The guide's chapter on vibration records says how columns of instants are
-recognised, and what is refused.
+``dt_s``, ``quantity`` and ``unit``; below other text, in which ``Sampling rate: 20 Hz`` counts; and
+right below the names of the columns, and perhaps a row of units. The guide's chapter on vibration
+records says how columns of instants are recognised, and what is refused.
 """
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -30,27 +32,42 @@ from bayes_ssi.measurements.records.channels import (
 from bayes_ssi.measurements.records.record import quantity_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 STATEMENT = re.compile(rf"\s*#\s*({'|'.join(STATED)})\s*[,;:=\t]\s*(.*?)[\s,;]*$")
+STATED_RATE = re.compile(
+    r"(?=.*hz)\W*(?:sampl\w+[ _](?:rate|frequency)|fs|abtastrate)\s*(?:[\[(]hz[\])])?\s*[:=,;\t]\s*"
+    r"(\d+(?:[.,]\d+)?)\s*(?:hz)?\W*$", re.IGNORECASE,
+)  # fmt: skip
 LINES_OF_TEXT = 1000  # above the numbers, at most
+SINCE_1970 = 1e8  # s, beyond which times are not those of a record
 LONGEST_STEP_S = 0.5  # of records; a longer one is in another unit
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
-STAMP = re.compile(r"\d{1,4}([-./])\d\d?\1\d{1,4}[-+:.,\dTZAPM ]*|\d\d?:[-+:.,\dTZAPM ]*")
+DATE = r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})"
+CLOCK_TIME = r"\d{1,2}:\d\d(:\d\d)?([.,]\d*)?( ?[AP]M)?(Z|[+-]\d\d:?\d\d)?"
+STAMP = re.compile(f"{DATE}|{CLOCK_TIME}|{DATE}[T ]{CLOCK_TIME}".replace(r"\2", "[-./]"), re.I)
 BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]")
 SUFFIXED = re.compile(r"(.*?)[ _]([mµμun]?s)")
-CLOCK = re.compile(r"t|time( ?stamp)?|date( ?time)?|x value|seconds|elapsed( time)?")
-COUNT = re.compile(r"samples?|index|rows?|scan|record|point|no\.?|nr\.?|#")
+CLOCK = re.compile(
+    r"t|time( ?stamp)?s?|dates?( ?time)?|datum|zeit(stempel)?|uhrzeit|unix ?time|epoch|x value|"
+    r"seconds|elapsed( time)?"
+)
+COUNT = re.compile(
+    r"(samples?|index|idx|rows?|scan|record|point|counter)( ?(no|nr|number|#))?\.?|(no|nr)\.?|#"
+)
 SECONDS = {
     "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6,
-    "μs": 1e-6, "ns": 1e-9,
+    "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0,
 }  # fmt: skip
 
 
-def read_columns_of_record(path: Path, keys: Sequence[str] = ()) -> Channels:
+def read_columns_of_record(
+    path: Path, rate_hz: float | None = None, keys: Sequence[str] = ()
+) -> Channels:
     """Read the channels of a text file or workbook (see the module's docstring for its form).
 
     Args:
+        rate_hz: the rate as the user states it, which tells the unit of times that have none.
         keys: the sheet of a workbook, its first if empty.
     """
     text, delimiter = read_columns(path, *keys)
@@ -68,7 +85,7 @@ def read_columns_of_record(path: Path, keys: Sequence[str] = ()) -> Channels:
     stamps = _stamps_in_seconds(table)
     sensors, steps_s, places = {}, [], np.arange(len(table))
     for j, (name, unit) in _headings(layout, table).items():
-        in_s = 1.0 if j in stamps else _unit_of_instants(table, j, name, unit.lower())
+        in_s = 1.0 if j in stamps else _unit_of_instants(table, j, name, unit.lower(), rate_hz)
         if in_s is None:
             sensors[j] = name, unit
             continue
@@ -153,9 +170,10 @@ def _statements(layout: _Layout) -> dict[str, str]:
     """What the lines above the numbers state (:data:`STATED`)."""
     stated: dict[str, str] = {}
     for number, line in enumerate(layout.lines[: layout.first], 1):
-        if (match := STATEMENT.match(line)) is None:
+        if (match := STATEMENT.match(line) or STATED_RATE.match(line)) is None:
             continue
-        name, value = match.groups()
+        *key, value = match.groups()
+        name = key[0] if key else "rate_hz"
         value = value.replace(",", ".") if name in ("rate_hz", "dt_s") else value
         if stated.setdefault(name, value) != value:
             raise ValueError(f"line {number}: {name} is {stated[name]}, and now {value}")
@@ -206,37 +224,67 @@ def _numbers(table: "DataFrame", layout: _Layout) -> FloatArray:
 
 
 def _stamps_in_seconds(table: "DataFrame") -> list[int]:
-    """Turn columns of dates with times of day to seconds from the first; their places."""
-    import pandas as pd
-
+    """Turn columns of dates and times of day to seconds, two into one; their places."""
     stamps = []
-    for j in table:
-        first = str(table[j][0])
-        if table[j].dtype.kind != "O" or table[j].isna().all() or not STAMP.fullmatch(first):
+    texts = [j for j in table if table[j].dtype.kind == "O"]
+    for j in texts:
+        if j not in table or table[j].isna().all() or not STAMP.fullmatch(str(table[j][0])):
             continue
-        try:
-            times = pd.to_datetime(table[j].str.strip(), format="ISO8601", utc=True)
-        except ValueError:
-            raise ValueError(
-                f"time stamps such as {first!r} are not understood; write all in ISO form, such "
-                "as 2024-05-12T10:00:00.010, or remove the column and give the rate (--rate)"
-            ) from None
-        table[j] = np.asarray((times - times.iloc[0]).dt.total_seconds(), dtype=float)
+        column = table[j]
+        if ":" not in str(column[0]) and j + 1 in texts and ":" in str(table[j + 1][0]):
+            column = column + " " + table.pop(j + 1)
+        table[j] = _seconds(column.str.strip().str.replace(",", "."))
         stamps.append(j)
     return stamps
 
 
+def _seconds(stamps: "Series[str]") -> FloatArray:
+    """Seconds of dates or times of day, from the first."""
+    import pandas as pd
+
+    first = str(stamps.iloc[0])
+    date = re.match(DATE, first)
+    forms = [""]
+    if date and len(date[1]) == 4:
+        forms, stamps = ["ISO8601"], stamps.str.replace("/", "-")
+    elif date:
+        clock, sign = "%I:%M:%S.%f %p" if first[-1] in "mM" else "%H:%M:%S.%f", date[2]
+        days = ["%d.%m."] if sign == "." else [f"%m{sign}%d{sign}", f"%d{sign}%m{sign}"]
+        forms = [f"{day}{'%Y' if len(date[4]) == 4 else '%y'} {clock}" for day in days]
+        stamps = stamps.str.replace(r"(:\d\d)(?= |$)", r"\1.0", regex=True)
+    read = []
+    for form in forms:
+        with suppress(ValueError, TypeError):
+            to = pd.to_datetime(stamps, format=form, utc=True) if form else pd.to_timedelta(stamps)
+            read.append(np.asarray((to - to.iloc[0]).dt.total_seconds(), dtype=float))
+    if not read:
+        raise ValueError(
+            f"time stamps such as {first!r} are not understood; write all in ISO form, such as "
+            "2024-05-12T10:00:00.010"
+        )
+    # Whether the day or the month comes first shows at midnight, by the smaller step.
+    seconds = min(read, key=lambda each: np.abs(np.diff(each)).max())
+    return seconds if date else np.unwrap(seconds, period=86400.0)
+
+
 def _headings(layout: _Layout, table: "DataFrame") -> dict[int, tuple[str, str]]:
     """Column → its name and its unit, each empty where it has none; empty columns leave."""
-    n = table.shape[1]
+    n = 1 + max(table.columns)
     filled = 1 + max(j for j in table if table[j].notna().any())
 
     def fitting(line: str) -> list[str]:
         """Cells of a line, one for each column; none if they differ in number."""
-        cells = _cells(line, layout.delimiter)
-        while len(cells) > filled and cells[-1].lower() in ("", "comment"):  # LabVIEW's last one
-            cells.pop()
-        return cells + [""] * (n - len(cells)) if filled <= len(cells) <= n else []
+        words = re.split(r"\s{2,}|\t", line.strip())
+        for cells in (_cells(line, layout.delimiter), *([] if layout.delimiter else [words])):
+            while len(cells) > filled and cells[-1].lower() in ("", "comment"):
+                cells.pop()
+            if n > table.shape[1] and len(cells) == n - 1:  # dates and times of day have one name
+                cells.insert(1, "")
+            elif len(cells) == n - 1 and np.array_equal(table[0], 1 + table.index):
+                cells.insert(0, "")  # R gives them no name
+            if filled <= len(cells) <= n:
+                return cells + [""] * (n - len(cells))
+        return []
 
     texts = ["", "", *filter(_is_text, layout.lines[: layout.first])]
     names, units = fitting(texts[-1]), []
@@ -247,9 +295,9 @@ def _headings(layout: _Layout, table: "DataFrame") -> dict[int, tuple[str, str]]
         units, names = names, higher
     headings = {}
     for j, (name, unit) in enumerate(zip(names or [""] * n, units or [""] * n, strict=True)):
+        if j not in table or (table[j].isna().all() and name.lower() in ("", "comment")):
+            continue
         if table[j].isna().all():
-            if name.lower() in ("", "comment"):
-                continue
             raise ValueError(f"column {name!r} is empty; remove it")
         unit = unit.strip("[]() ")
         if (match := BRACKETED.fullmatch(name)) is not None and match[2]:
@@ -269,14 +317,16 @@ def _known_unit(text: str) -> bool:
     return unit.lower() in SECONDS or quantity_of(unit) is not None
 
 
-def _unit_of_instants(table: "DataFrame", j: int, name: str, unit: str) -> float | None:
+def _unit_of_instants(
+    table: "DataFrame", j: int, name: str, unit: str, rate_hz: float | None
+) -> float | None:
     """The unit in s of a column of instants, 0 of one that counts them, None of a sensor's."""
     if table[j].dtype.kind not in "iuf":
         return None
     if COUNT.fullmatch(_plain(name)):
         return 0.0
     values = table[j].to_numpy()
-    step = float(np.median(np.diff(values)))
+    step, first = float(np.median(np.diff(values))), abs(float(values[0]))
     is_clock = CLOCK.fullmatch(_plain(name)) is not None
     if not is_clock:
         may_be = (j == 0 or unit in SECONDS) and not quantity_of(unit) and table.shape[1] > 1
@@ -287,11 +337,16 @@ def _unit_of_instants(table: "DataFrame", j: int, name: str, unit: str) -> float
             known = ", ".join(SECONDS)
             raise ValueError(f"column {name!r}: {unit!r} is no unit of time; choose from {known}")
         return SECONDS[unit]
+    if is_clock and first > SINCE_1970:
+        return 1e-3 ** ((math.log10(first / SINCE_1970)) // 3)
     if not is_clock and (name or step == 1.0):
         return 0.0
+    for factor in (1.0, 1e-3, 1e-6):
+        if rate_hz and math.isclose(step * factor * rate_hz, 1.0, rel_tol=0.01):
+            return factor
     if step >= LONGEST_STEP_S:
         raise ValueError(
             f"column {name or 'of times'!r} advances by {step:g}: name it with its unit, as in "
-            "'time (ms)', or remove it and give the rate (--rate)"
+            "'time (ms)', or give the rate as well (--rate)"
         )
     return 1.0

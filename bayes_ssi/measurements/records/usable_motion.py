@@ -27,6 +27,8 @@ FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
 BRIDGED_PERIODS = 0.25  # of the highest frequency, which a straight line replaces
 MOST_BRIDGED = 0.01  # of the instants
 LEAST_USED = 0.3  # of a record with gaps
+GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
+GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class UsableMotion:
         return [self.transforms(mask, part).turned(delays_s) for part in parts]
 
 
-def usable_motion(record: Record, band_hz: tuple[float, float], ground: str) -> UsableMotion:
+def usable_motion(record: Record, band_hz: tuple[float, float], ground: str | None) -> UsableMotion:
     """What modes of a band are identified from.
 
     Raises:
@@ -75,6 +77,8 @@ def usable_motion(record: Record, band_hz: tuple[float, float], ground: str) -> 
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
     remarks: list[str] = []
     still = _undisturbed(record, reach, band_hz, remarks)
+    if ground is None:
+        ground = _driving_sensor(still, band_hz, remarks)
     _require_ground(record, ground)
     pieces = _pieces(still, reach[0], high)
     # Where what drives the structure is measured, all of a record is used.
@@ -85,12 +89,12 @@ def usable_motion(record: Record, band_hz: tuple[float, float], ground: str) -> 
 
 
 def _as_measured(
-    record: Record, band: tuple[float, float], ground: str
+    record: Record, band: tuple[float, float], ground: str | None
 ) -> tuple[Record, dict[str, str]]:
     """The sensors that measured, with gaps where they did not; the others, and why."""
     from scipy.ndimage import binary_dilation
 
-    _require_ground(record, ground)
+    _require_ground(record, ground or "")
     # The straight lines in gaps begin and end at samples that were measured.
     filled = filled_samples(record.samples) & ~binary_dilation(~record.is_measured)
     faults = faults_of(record.samples, record.rate_hz, record.sensors, filled, band)
@@ -105,6 +109,29 @@ def _as_measured(
         samples = np.where(is_filled | ~record.is_measured, np.nan, record.samples)
         record = replace(record, samples=samples, gaps=())
     return record, faults
+
+
+def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:
+    """The sensor that is named as ground, if the others mostly follow it; empty if none."""
+    named = [name for name in record.sensors if name.casefold() in ("ground", "base")]
+    if len(named) != 1 or len(record.sensors) < 3:
+        return ""
+    place = record.sensors.index(named[0])
+    matrices = transforms_of(record, band).spectra(*band, GROUND_WIDTH).matrices
+    powers = np.einsum("kii->ki", matrices).real.clip(np.finfo(float).tiny)
+    coherences = np.abs(matrices[:, place]) ** 2 / powers / powers[:, [place]]
+    followed = float(np.median(np.delete(coherences, place, axis=1)))
+    if followed > GROUND_COHERENCE:
+        remarks.append(
+            f"sensor {named[0]!r} is taken for the motion of the base, which the others follow "
+            f"(coherence {followed:.2f}); give another as ground, or none"
+        )
+        return named[0]
+    remarks.append(
+        f"sensor {named[0]!r} is taken for one like the others, which do not follow it (coherence "
+        f"{followed:.2f}); give it as ground if it drives the structure"
+    )
+    return ""
 
 
 def _require_ground(record: Record, ground: str) -> None:
