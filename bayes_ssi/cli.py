@@ -25,7 +25,7 @@ from bayes_ssi.commands.predict import predict
 from bayes_ssi.commands.rank import rank
 from bayes_ssi.commands.report import report
 from bayes_ssi.commands.search import search
-from bayes_ssi.commands.terminal import OneLineErrors
+from bayes_ssi.commands.terminal import QUIET_OPTION, OneLineErrors
 from bayes_ssi.commands.what_if import what_if
 
 # In the order of work.
@@ -51,6 +51,7 @@ COMMANDS = (
 )
 
 for command in COMMANDS:
+    command.params.append(QUIET_OPTION)
     # The whole first sentence, which click would cut.
     command.short_help = " ".join(re.split(r"(?<=[.?])\s", command.help or "")[0].split())
 

@@ -77,7 +77,7 @@ def predict(
     require_new(directory, marker=MARKER, overwrite=overwrite)
     record = predictions_record(predicted, tuple(names), request)
     longest = max(map(len, request.motions), default=0)
-    if predicted.n_draws * longest > ARRAY_SIZE:
+    if predicted.n_draws * longest > ARRAY_SIZE and not terminal.is_quiet():
         click.echo(
             f"{predicted.n_draws} time histories of {longest} samples take a while; fewer --draws "
             "take less.",

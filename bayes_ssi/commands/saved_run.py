@@ -129,7 +129,7 @@ class RunOptions:
         from bayes_ssi.inference.workers.run import Run
 
         workers = self._workers(study.model_classes, n_classes or len(study.model_classes))
-        if not self.economical:
+        if not self.economical and not terminal.is_quiet():
             _print_performance_hints(study)
         try:
             # Workers begin first: the progress bars have a thread of their own.
@@ -152,7 +152,7 @@ class RunOptions:
         if self.workers == 1:
             return None
         n_cores = usable_cores()
-        if self.workers > n_cores:
+        if self.workers > n_cores and not terminal.is_quiet():
             click.echo(
                 f"--workers {self.workers}: reduced to {n_cores}, the number of cores that can be "
                 "used; more processes would only wait for one another.",

@@ -1,11 +1,13 @@
 """Output of commands: errors in one line, tables, lines, and progress.
 
-With ``--json`` standard output is one JSON record, in place of tables and lines, or an object with
-the key ``error``. Progress, errors, and what a study prints go to standard error.
+With ``--quiet`` only errors are printed; with ``--json`` standard output is one JSON record, in
+place of tables and lines, or an object with the key ``error``. Progress, errors, and what a study
+prints go to standard error.
 """
 
 from __future__ import annotations
 
+import codecs
 import functools
 import io
 import json
@@ -30,7 +32,7 @@ FAILED_CHECK = 3
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 
 META = "bayes_ssi"
-COMMAND_LINE, JSON = f"{META}.command_line", f"{META}.json"
+COMMAND_LINE, QUIET, JSON = f"{META}.command_line", f"{META}.quiet", f"{META}.json"
 RECORD = f"{META}.record"
 # Share of a class's time at which each step of the sampling begins and ends.
 STEPS = {
@@ -82,13 +84,28 @@ class OneLineErrors(click.Group):
         sys.exit(code if isinstance(code, int) else 0)
 
 
+# What stands for a character that the encoding of an output lacks.
+PLAIN = {
+    "≈": "~", "±": "+/-", "×": "x", "σ": "sd", "ζ": "zeta", "φ": "phi", "ω": "omega", "√": "sqrt ",
+    "²": "2", "³": "3", "⁻": "-", "…": "...", "–": "-", "─": "-", "━": "-", "≤": "<=", "≥": ">=",
+    "→": "->", "°": " deg", "∠": " at ", "µ": "u", "μ": "u", "·": "*",
+}  # fmt: skip
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(PLAIN.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
 def _accept_any_encoding() -> None:
     """Print on outputs of any encoding, also where standard error is closed."""
+    codecs.register_error(META, _plain)
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - until the exit
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors=META)
 
 
 @contextmanager
@@ -128,13 +145,27 @@ def command_line() -> str:
     return str(_meta().get(COMMAND_LINE, "bayes-ssi"))
 
 
+def is_quiet() -> bool:
+    return bool(_meta().get(QUIET, False))
+
+
 def _meta() -> dict[str, Any]:
     context = click.get_current_context(silent=True)
     return {} if context is None else context.meta
 
 
-def _keep(context: click.Context, _option: click.Parameter, value: bool) -> None:
-    context.meta[JSON] = value
+def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
+    context.meta[f"{META}.{option.name}"] = value
+
+
+# For any command.
+QUIET_OPTION = click.Option(
+    ["--quiet"],
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Print nothing but errors, and the record of --json; the exit code says the rest.",
+)
 
 
 def json_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -164,7 +195,7 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
 def _console() -> Console:
     from rich.console import Console
 
-    if _meta().get(JSON, False):
+    if is_quiet() or _meta().get(JSON, False):
         return Console(quiet=True)
     made = Console()
     # Piped output has no width of its own, unless COLUMNS gives one.
@@ -175,6 +206,9 @@ def conclude(record: Mapping[str, Any], failed: Sequence[str] = ()) -> None:
     """Print the command's JSON record, if it is wanted, and exit by its failed checks."""
     if _meta().get(JSON, False):
         _meta()[RECORD] = json_text(record)
+    if failed and is_quiet():
+        several = "s" if len(failed) > 1 else ""
+        click.echo(f"(!) {len(failed)} failed check{several}: {'; '.join(failed)}", err=True)
     if failed:
         sys.exit(FAILED_CHECK)
 
@@ -205,14 +239,16 @@ def say(*lines: str) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, str, float], None]]:
-    """A function that reports progress on standard error.
+    """A function that reports progress on standard error, unless output is suppressed.
 
     A terminal shows a bar for each model class, other output lines of a log.
     """
     from rich.console import Console
 
     stderr = Console(stderr=True)
-    if stderr.is_terminal:
+    if is_quiet():
+        yield lambda *_: None
+    elif stderr.is_terminal:
         with _bars(stderr) as show:
             yield show
     else:

@@ -151,7 +151,7 @@ def seconds_of(command: tuple[str, ...]) -> tuple[float, float]:
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     with TemporaryDirectory() as directory:
         if command[: len(CLI)] == CLI:
-            command += ("--out", f"{directory}/r", "--accept-failed-checks")
+            command += ("--out", f"{directory}/r", "--quiet", "--accept-failed-checks")
         before, begun = os.times(), perf_counter()
         subprocess.run(command, cwd=STUDIES.parent, env=environment, check=True,
                        stdout=subprocess.DEVNULL)  # fmt: skip

@@ -14,7 +14,16 @@ from scipy.signal import lfilter
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.commands.terminal import lines_of_progress
+from bayes_ssi.inference.sampling.result import SamplingResult
 from bayes_ssi.results.stored_result import load_result
+
+
+def test_quiet_prints_errors_and_failed_checks_alone(run, tiny_study_file, tmp_path, monkeypatch):
+    assert "no such file" in run("rank", tmp_path / "none.py", "--quiet").stderr
+    monkeypatch.setattr(SamplingResult, "failed_checks", ["the ensembles differ"])
+    result = run("rank", tiny_study_file, "--class", "one k", "--quiet", "--out", tmp_path / "r")
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert result.stderr == "(!) 1 failed check: 'one k': the ensembles differ\n"
 
 
 @pytest.mark.usefixtures("coarse_command")
@@ -149,19 +158,22 @@ def test_an_option_of_another_name_is_named(run, arguments, words):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_output_of_any_encoding_and_a_closed_standard_error(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±")])
+def test_output_of_any_encoding_and_a_closed_standard_error(
+    tmp_path, monkeypatch, encoding, column
+):
     path = tmp_path / "modes.csv"
     path.write_text("# band_hz, 0, 9\nlabel,frequency_hz,σ≈1\n1,1.5,1\n", encoding="utf-8")
     written = io.BytesIO()
-    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(written, "cp1252", write_through=True))
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(written, encoding, write_through=True))
     monkeypatch.setattr("sys.stderr", None)
     with pytest.raises(SystemExit) as ended:
         main(["check", str(path)])
     sys.stderr.close()  # that it was given
     assert ended.value.code == 0
-    printed = written.getvalue().decode("cp1252")
-    assert "shape ±" in printed
-    assert "Sensors: ??1." in printed
+    printed = written.getvalue().decode(encoding)
+    assert column in printed
+    assert "Sensors: sd~1." in printed
 
 
 def test_modes_are_written_before_they_are_printed(tmp_path, run, monkeypatch):
