@@ -72,8 +72,7 @@ def sample_all(
 
     Args:
         run: progress of a class sampled as a whole by a worker of another machine is reported at
-            its end. If the worker of a class died, the class's evaluations are shared, so that the
-            points at which workers die are isolated.
+            its end.
         known_starts: for each class, if given, where an earlier search found maxima.
     """
     run = run or Run()
@@ -95,7 +94,7 @@ def _side_by_side(
     run: Run,
     refinement: RefinementSettings | None,
 ) -> dict[int, Posterior]:
-    """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
+    """Posteriors of whole classes, each sampled in one worker."""
     if run.workers is None or len(items) == 1:
         return {}
     candidates = [candidate for candidate, _ in items]
@@ -120,7 +119,7 @@ def _side_by_side(
         if run.workers.executor is not None:
             for name in names:
                 run.report(name, "in a worker", 0.0)
-        posteriors = run.workers.try_each(
+        posteriors = run.workers.call_each(
             partial(
                 _sample_in_worker,
                 seed=seed,
@@ -132,7 +131,7 @@ def _side_by_side(
             lambda k: run.report(names[k], *END),
             relay,
         )
-    return {whole[k]: posterior for k, posterior in posteriors.items()}
+    return dict(zip(whole, posteriors, strict=True))
 
 
 def _sample_in_worker(

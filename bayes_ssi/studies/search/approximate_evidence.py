@@ -140,18 +140,17 @@ def each_in_workers(
     run: Run,
     done: Callable[[int], None] = lambda _: None,
 ) -> list[R]:
-    """A quick function of each item, side by side in workers; here where there are none, or died.
+    """A quick function of each item, side by side in workers; here where there are none.
 
     ``done`` is called with the number of each item that is done.
     """
-    results: dict[int, R] = {}
     if run.workers is not None:
-        results = run.workers.try_each(function, items, done)
+        return run.workers.call_each(function, items, done)
+    results = []
     for i, item in enumerate(items):
-        if i not in results:
-            results[i] = function(item)
-            done(i)
-    return [results[i] for i in range(len(items))]
+        results.append(function(item))
+        done(i)
+    return results
 
 
 def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
