@@ -52,9 +52,12 @@ def test_batches_are_recalled_exactly_and_in_any_order(path):
 
 
 def test_other_points_and_other_models_are_not_recalled(path):
+    """Nor is what this run evaluated: a model that is noisy is asked again."""
     model = write(path)
-    (z, _), (other, _), _ = BATCHES
+    (z, _), (other, evaluated), _ = BATCHES
     with Cache(path) as cache:
+        cache.keep(model, 2.0 * other, evaluated)
+        assert cache.recalled(model, 2.0 * other) is None
         for points in (z + 1e-15, z[::-1], z[:, ::-1], z[:2], z.reshape(2, 3), z.ravel(), -other):
             assert cache.recalled(model, points) is None
         assert cache.recalled(model + 1, z) is None
@@ -77,7 +80,7 @@ def test_a_model_is_asked_for_what_is_new_and_once_whether_it_is_the_same(path):
         assert asked == expected
     message = f"^{path}: the model gives other values than when this checkpoint was made; remove"
     with Cache(path) as cache, pytest.raises(ValueError, match=message):
-        cache.evaluated(cache.new_model(), batches[1], lambda z: Evaluated(1.00001 * z[:, 0], {}))
+        cache.evaluated(cache.new_model(), batches[1], lambda z: Evaluated(1.00001 * z.sum(1), {}))
 
 
 def test_a_file_that_is_no_cache_is_refused_and_left_alone(path):

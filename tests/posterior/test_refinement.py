@@ -80,8 +80,11 @@ def test_evidence_is_that_of_the_exact_structure(of_class, exact):
     assert posterior.failed_checks == ()
 
 
-def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class, exact):
-    posterior = bs.sample(of_class(Stiff(of_class.frame, 0.03)), settings=SETTINGS)
+def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class, exact, tmp_path):
+    """Evaluations of both are kept, and not mistaken for one another."""
+    inaccurate, run = of_class(Stiff(of_class.frame, 0.03)), bs.Run(checkpoint=tmp_path / "c")
+    posterior, again = (bs.sample(inaccurate, settings=SETTINGS, run=run) for _ in range(2))
+    assert again.evidence == posterior.evidence
     assert posterior.failed_checks == ()
     assert "frequencies differ by 0.001 at most" in posterior.remarks[1]
     error = np.hypot(posterior.evidence.error, exact.evidence.error)
