@@ -16,6 +16,7 @@ from searches import (
     PENDULUM_3,
     by_count,
     places_of_building,
+    screened,
 )
 
 import bayes_ssi as bs
@@ -294,15 +295,6 @@ def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
     assert note in search_notes(result.record)
 
 
-def test_more_than_there_are_places_are_not_tried(tiny_study, fake_sampling):
-    levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
-    result = search(
-        tiny_study.model_classes[0], SearchSettings(number_weights=(1.0,) * 9, branches=9)
-    )
-    assert [len(level) for level in levels] == [1, 4, 6, 4, 1]
-    assert max(map(len, places_of_hypotheses(result).values())) == 4
-
-
 def shares(result, log_evidence):
     """Probability of every hypothesis, from evidence and prior weight."""
     weights = result.ranking.study.prior_weights
@@ -327,9 +319,12 @@ def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     )
 
 
-@pytest.mark.usefixtures("quick_screening")
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
+
+    def screen(hypothesis, seed, effort):
+        del seed, effort
+        return screened(hypothesis[0], 0.0)
 
     def sample_all(candidates, seed, settings, run, refinement, known_starts):
         del refinement, known_starts
@@ -337,6 +332,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
+    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence.screen", screen)
     monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
