@@ -17,7 +17,7 @@ from bayes_ssi.inference.criticism.adequacy import _parameter, adequacy
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.diagnosis import _log_maximum, repair_of_pairing
+from bayes_ssi.studies.ranking.diagnosis import _log_maximum, common_factor, repair_of_pairing
 
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=100, searches=2, economical=True)
@@ -173,6 +173,17 @@ def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
     hint = ranking.posteriors[0].adequacy.hints[0]
     assert hint.mistake == words
     assert hint.gain > 50.0
+
+
+def test_a_factor_on_all_frequencies_is_that_of_the_model_at_its_medians(model_classes):
+    def faster(data):
+        modes = (replace(mode, frequency_hz=1.3 * mode.frequency_hz) for mode in data.modes)
+        return replace(data, modes=tuple(modes), band_hz=(0.0, 8.0))
+
+    (repair,) = common_factor(with_data(model_classes["3"], faster))
+    assert repair.mistake == "all frequencies seem to be 1.3 times what they should be"
+    ours, right = (each.data.frequencies_hz for each in (repair.model_class, model_classes["3"]))
+    np.testing.assert_allclose(ours, right, rtol=1e-3)
 
 
 def test_a_wrong_pairing_is_named(frame, fixed_error):

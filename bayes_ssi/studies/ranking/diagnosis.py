@@ -150,6 +150,21 @@ def repairs_of_frequencies(model_class: ModelClass) -> list[Repair]:
     ]
 
 
+def common_factor(model_class: ModelClass) -> Iterator[Repair]:
+    """All frequencies times the factor that fits the model at its prior medians best."""
+    for where, tests in _tests(model_class):
+        logs = []
+        medians = model_class.values(np.zeros((1, len(model_class.parameters))))
+        for test, likelihood, own in model_class.parts(medians):
+            if test in tests and likelihood.pairing:
+                model_hz = likelihood.modes(own).frequencies_hz
+                logs += np.log1p(likelihood.pairs.frequency_residuals(model_hz)[0]).tolist()
+        if logs:
+            factor = math.exp(sum(logs) / len(logs))
+            words = f"all frequencies seem to be {1.0 / factor:.3g} times what they should be"
+            yield _scaled(model_class, tests, factor, words + where)
+
+
 def repair_of_pairing(model_class: ModelClass) -> Iterator[Repair]:
     """The pairing inferred where it was given; none where errors that repeat forbid that."""
     if model_class.error.is_correlated:
@@ -231,6 +246,8 @@ def diagnose(
         return [hint for hint in hints if hint.gain > least_gain and not hint.misfit.is_small]
 
     hints = [hint for kind in kinds for hint in convincing(kind)]
+    if not hints and posterior.adequacy and posterior.adequacy.overall.is_small:
+        hints = convincing(list(common_factor(model_class)))
     hints.sort(key=lambda hint: -hint.gain)
     return tuple(hint for hint in hints if hint.gain > hints[0].gain + math.log(INADEQUATE))
 
