@@ -38,6 +38,7 @@ from bayes_ssi.studies.search.approximate_evidence import (
     LOOK,
     MOST_FULL,
     QUICK,
+    SCAN,
     WANTED_ERROR,
     Effort,
     Screened,
@@ -48,6 +49,7 @@ from bayes_ssi.studies.search.approximate_evidence import (
     with_more_draws,
 )
 
+MOST_SEVERAL = 300  # hypotheses with several features that are tried quickly, in a minute
 LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
 SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
 SHARE_FOR_DRAWS = 1e-4  # many with so little matter together, and draws cost little
@@ -235,10 +237,11 @@ def screen_best(
             results.update(zip(some, screened, strict=True))
         return results
 
+    most = n if n_features == 1 else MOST_SEVERAL
     results: dict[int, Screened]
     if looks := looks_at(hypotheses, seed, run):
         bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
-        results = going_on(bounds, quick, n, most_full)
+        results = going_on(bounds, quick, most, most_full)
         gaps = [
             looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
         ]
@@ -248,6 +251,9 @@ def screen_best(
             i: replace(look, log_evidence=look.log_evidence - gap, error=error)
             for i, look in looks.items()
         } | results
+    elif n > most:
+        results = dict(enumerate(screen_all(hypotheses, seed, run, SCAN)))
+        results |= going_on(log_masses(results), quick, most)
     else:
         results = dict(enumerate(screen_all(hypotheses, seed, run, quick)))
     of_all = float(np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results))))
@@ -257,7 +263,7 @@ def screen_best(
         for i, mass in zip(results, log_masses(results), strict=True)
         if mass >= least
         and results[i].error > WANTED_ERROR
-        and not math.isnan(results[i].laplace)  # no look
+        and not math.isnan(results[i].laplace)  # neither a look nor a scan
     ]
     items = [(hypotheses[i][0], results[i]) for i in rough]
     drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
