@@ -28,6 +28,7 @@ def spots():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "MASSES", (0.1,))
+        patch.setattr(module, "ROUGH", replace(module.ROUGH, economical=True))
         patch.setattr(module, "_cases", cases)
         return bs.blind_spots(load_study(STUDY), candidates=[bs.Candidate("2", 2)], n_frequencies=4)
 
@@ -103,8 +104,9 @@ def of_the_paper():
     return rigid.with_any_pairing("rigid"), case, real
 
 
-def test_the_papers_analyst_is_wrong_and_warned(of_the_paper):
+def test_the_papers_analyst_is_wrong_and_warned(of_the_paper, monkeypatch):
     """k = 0.917, 1.131, 0.901 where all are 1 (paper, approach 1-a)."""
+    monkeypatch.setattr(module, "ROUGH", replace(module.ROUGH, economical=True))
     best, case, real = of_the_paper
     judged = module._judged(best, FLOORS, (case, real))
     assert judged.parameter == "k2"

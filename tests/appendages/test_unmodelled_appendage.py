@@ -39,8 +39,9 @@ def ranked(study, *names, settings=QUICK):
     return bs.rank(chosen.only(names) if names else chosen, settings=settings)
 
 
-def test_nothing_is_said_where_the_best_class_has_the_appendage():
+def test_nothing_is_said_where_the_best_class_has_the_appendage(monkeypatch):
     """Approach 3: no further appendage would change a parameter by more than its interval."""
+    monkeypatch.setattr(module, "PLACES_NEAR_A_MODE", 2)
     comparison = ranked("shear_building", "3", settings=COARSE).comparison
     assert not comparison.unmodelled_appendage
     assert not comparison.hidden_appendage

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searches import COARSE
+from searches import COARSE, screened
 
 import bayes_ssi as bs
 from bayes_ssi.studies.ranking.study import averaged_parameters
@@ -102,7 +102,12 @@ def test_settings_reach_the_sampling(tiny_study):
 
 
 @pytest.mark.usefixtures("screening_for_appendages")
-def test_progress_names_class_and_step(tiny_study):
+def test_progress_names_class_and_step(tiny_study, monkeypatch):
+    def screen(hypothesis, seed, effort):
+        del seed, effort
+        return screened(hypothesis[0], 0.0)
+
+    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence.screen", screen)
     seen = []
     run = bs.Run(progress=lambda *call: seen.append(call))
     bs.rank(tiny_study, settings=COARSE, run=run)

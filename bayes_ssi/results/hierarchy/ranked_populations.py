@@ -15,11 +15,7 @@ from scipy.special import betaincc
 from bayes_ssi.foundations.argument_types import checked, require_known
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.foundations.summaries import LEVELS
-from bayes_ssi.inference.criticism.adequacy import (
-    inadequacy_in_words,
-    misfit_text,
-    misfits_in_words,
-)
+from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord
 from bayes_ssi.inference.posterior.posterior import Posterior
@@ -128,7 +124,6 @@ def hierarchy(
         )
         for kind, varies, follows in kinds
     ]
-    failed, unusual = judged_tests(class_name, posteriors)
     failed_in_tests = (
         f"test {name!r}: {check}"
         for name, test in tests.items()
@@ -142,8 +137,12 @@ def hierarchy(
         covariate=scale,
         populations=ranked(sampled),
         seed=seed,
-        failed_checks=(*failed_in_tests, *failed, *repeated_errors(class_name, posteriors)),
-        remarks=(*different_structures(records), *unusual),
+        failed_checks=(
+            *failed_in_tests,
+            *unexplained_tests(class_name, posteriors),
+            *repeated_errors(class_name, posteriors),
+        ),
+        remarks=tuple(different_structures(records)),
     )
 
 
@@ -256,27 +255,13 @@ def _draws(
     return z, posterior.log_likelihoods.reshape(-1)[some]
 
 
-def judged_tests(
-    class_name: str, posteriors: Mapping[str, Posterior]
-) -> tuple[list[str], list[str]]:
-    """Tests that the class does not explain, and those that only among so many it does.
-
-    A sentence each.
-    """
-    failed: list[str] = []
-    unusual: list[str] = []
+def unexplained_tests(class_name: str, posteriors: Mapping[str, Posterior]) -> Iterator[str]:
+    """Tests that the class does not explain, a sentence each."""
     for test, posterior in posteriors.items():
-        what, fit = f"test {test!r}, {class_name!r}", posterior.adequacy
+        fit = posterior.adequacy
         # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
         if fit and (len(posteriors) * fit.overall.p_value < INADEQUATE or fit.hints):
-            failed.append(f"{what}: {inadequacy_in_words(fit)}")
-        elif fit and fit.overall.is_small:
-            unusual.append(
-                f"{what}: the data are as unusual as in one right test of "
-                f"{1.0 / INADEQUATE:.0f}, {misfit_text(fit.overall.sds)}: "
-                f"{'; '.join(misfits_in_words(fit))}"
-            )
-    return failed, unusual
+            yield f"test {test!r}, {class_name!r}: {inadequacy_in_words(fit)}"
 
 
 def repeated_errors(class_name: str, posteriors: Mapping[str, Posterior]) -> Iterator[str]:
