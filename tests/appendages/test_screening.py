@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from searches import INFILL_12, PENDULUM_1, exact_modes, screened
+from searches import INFILL_12, PENDULUM_1, screened
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
@@ -18,7 +18,6 @@ from bayes_ssi.studies.search.approximate_evidence import (
     FULL,
     MOST_DRAWS,
     QUICK,
-    SCAN,
     WANTED_ERROR,
     Screened,
     ToScreen,
@@ -173,9 +172,6 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(efforts):
     assert [each.log_evidence for each in results] == heights
     assert efforts == [(QUICK, 40), (FULL, 2)]
     efforts.clear()
-    screen_best(10 * of_heights(*heights), [1.0] * 400, 2, 0, bs.Run())
-    assert efforts == [(SCAN, 400), (QUICK, 300), (FULL, 20)]
-    efforts.clear()
     screen_best(of_heights(*heights[:30]), [1.0] * 30, 1, 0, bs.Run())
     assert efforts == [(FULL, 30)]
 
@@ -226,18 +222,6 @@ def test_more_draws_make_a_rough_evidence_accurate(screenings):
     assert better.n_evaluations <= quick.n_evaluations + MOST_DRAWS
     means = [each.weights @ candidate.values(each.z) for each in (better, full)]
     np.testing.assert_allclose(*means, rtol=0.1)
-
-
-def test_a_scan_agrees_with_full_screening_where_nothing_is_explained(bare):
-    """The modes of the building itself: the new appendage's posterior is nearly its prior."""
-    data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
-    made = replace(bare, data=data, pairing="any")
-    parent = screen((hypothesis(made, ()), None), 0)
-    candidate = (hypothesis(made, (PENDULUM_1,)), parent)
-    full, scan = (screen(candidate, 1, effort) for effort in (FULL, SCAN))
-    assert full.log_evidence < parent.log_evidence
-    assert scan.log_evidence == pytest.approx(full.log_evidence, abs=0.5)
-    assert (scan.n_evaluations, math.isnan(scan.laplace)) == (250, True)
 
 
 def test_a_few_of_many_alike_are_not_sampled():

@@ -11,8 +11,6 @@ effort    what is computed                         error; evaluations  who goes 
 ========  =======================================  ==================  ========================
 look      the greatest likelihood, of hypotheses   only a bound; 3,300 the highest, until those
           that differ in places all together                           left have a thousandth
-scan      the evidence, by draws of the simpler    a nat or more; 250  the 300 most probable
-          hypothesis and the feature's prior
 quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
           and 300 importance draws about them;     nat, or 0.1; 1,000  probability of all
           up to 6,000 for those with 0.01 %        to 4,000
@@ -22,8 +20,7 @@ sampling  a posterior, checked                     as it is wanted     none
 ========  =======================================  ==================  ========================
 
 Up to 30 hypotheses with at most one feature begin with the full effort; those that can be
-computed together with a look; more than 300 with several features with a scan; others with the
-quick one.
+computed together with a look; others with the quick one.
 """
 
 import math
@@ -59,9 +56,7 @@ class Effort:
     """How much is computed of one hypothesis, before it is sampled or in its place."""
 
     n_draws: int  # draws that scan the prior of what the hypothesis adds
-    # From the best of these, and of the prior's; without any, importance draws are of the simpler
-    # hypothesis alone.
-    n_ascents: int
+    n_ascents: int  # from the best of these, and of the prior's
     batch: int  # importance draws; none where the greatest likelihood is enough
     # Whether searches are repeated until they agree, with descents in residuals, and draws are
     # added until the error is the wanted one.
@@ -70,8 +65,6 @@ class Effort:
 
 # Fewer ascents end a hundred nats below the greatest likelihood of some of the best places.
 LOOK = Effort(500, 12, 0)
-# Of the simpler hypothesis, with the new feature all over its prior.
-SCAN = Effort(250, 0, 250)
 QUICK = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
 # A region with half a hundredth of the prior is hit by five of 500 draws; an evidence to a few
 # tenths of a nat, in a tenth of the evaluations of sampling.
@@ -91,8 +84,7 @@ class Screened:
     parameter_names: tuple[str, ...]  # columns of ``z``
     log_evidence: float  # in nats, from importance draws
     error: float
-    # Laplace's approximation of the log evidence, summed over the maxima; NaN where none were
-    # climbed to.
+    # Laplace's approximation of the log evidence, summed over the maxima; NaN of a look.
     laplace: float
     n_evaluations: int  # evaluations of the log-likelihood
     maxima: FloatArray  # (m, d), those that were climbed to, in standard-normal coordinates
@@ -169,20 +161,13 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     seed_of_starts, seed_of_searches, seed_of_draws = own_seed.spawn(3)
     target = class_target(model_class)
     with threadpool_limits(limits=1, user_api="blas"):
-        parts = []
+        try:
+            maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
+        except ValueError as error:
+            raise type(error)(f"model class {model_class.name!r}: {error}") from error
+        mixture = maxima.as_mixture().widened()
         if simpler is not None:
-            parts.append(_extended(model_class, simpler))
-        laplace, positions = math.nan, np.empty((0, target.n_dimensions))
-        if effort.n_ascents:
-            try:
-                maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
-            except ValueError as error:
-                raise type(error)(f"model class {model_class.name!r}: {error}") from error
-            parts.append(maxima.as_mixture().widened())
-            laplace, positions = maxima.laplace_estimate.log_evidence, maxima.z
-        mixture = parts[-1]
-        if len(parts) > 1:
-            mixture = mixture.mixed_with(parts[0], SHARE_OF_SIMPLER)
+            mixture = mixture.mixed_with(_extended(model_class, simpler), SHARE_OF_SIMPLER)
         rng = np.random.default_rng(seed_of_draws)
         sample = _importance_sample(target, mixture, rng, effort)
     estimate = sample.estimate
@@ -190,9 +175,9 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
         parameter_names=model_class.parameter_names,
         log_evidence=estimate.log_evidence,
         error=estimate.error,
-        laplace=laplace,
+        laplace=maxima.laplace_estimate.log_evidence,
         n_evaluations=target.n_evaluations,
-        maxima=positions,
+        maxima=maxima.z,
         z=sample.z,
         weights=sample.weights,
         mixture=sample.mixture.reweighted(sample.z, sample.weights),

@@ -38,7 +38,6 @@ from bayes_ssi.studies.search.approximate_evidence import (
     LOOK,
     MOST_FULL,
     QUICK,
-    SCAN,
     WANTED_ERROR,
     Effort,
     Screened,
@@ -49,7 +48,7 @@ from bayes_ssi.studies.search.approximate_evidence import (
     with_more_draws,
 )
 
-MOST_SEVERAL = 300  # hypotheses with several features that are tried quickly, in a minute
+MOST_SEVERAL = 300  # hypotheses with several features that go on from a look
 LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
 SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
 SHARE_FOR_DRAWS = 1e-4  # many with so little matter together, and draws cost little
@@ -237,10 +236,10 @@ def screen_best(
             results.update(zip(some, screened, strict=True))
         return results
 
-    most = n if n_features == 1 else MOST_SEVERAL
     results: dict[int, Screened]
     if looks := looks_at(hypotheses, seed, run):
         bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
+        most = n if n_features == 1 else MOST_SEVERAL
         results = going_on(bounds, quick, most, most_full)
         gaps = [
             looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
@@ -251,9 +250,6 @@ def screen_best(
             i: replace(look, log_evidence=look.log_evidence - gap, error=error)
             for i, look in looks.items()
         } | results
-    elif n > most:
-        results = dict(enumerate(screen_all(hypotheses, seed, run, SCAN)))
-        results |= going_on(log_masses(results), quick, most)
     else:
         results = dict(enumerate(screen_all(hypotheses, seed, run, quick)))
     of_all = float(np.logaddexp(log_mass_of_fewer, logsumexp(log_masses(results))))
@@ -263,7 +259,7 @@ def screen_best(
         for i, mass in zip(results, log_masses(results), strict=True)
         if mass >= least
         and results[i].error > WANTED_ERROR
-        and not math.isnan(results[i].laplace)  # neither a look nor a scan
+        and not math.isnan(results[i].laplace)  # no look
     ]
     items = [(hypotheses[i][0], results[i]) for i in rough]
     drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
