@@ -221,8 +221,6 @@ def test_modes_that_given_frequencies_leave_out_fail_a_check():
     result = bs.identify(record, (2.2, 4.4), at=[2.8, 4.0])
     assert result.failed_checks
     assert len(result.modes) == 2
-    with pytest.raises(ValueError, match=r"no mode is identified from 1\.3 to 2 Hz"):
-        bs.identify(record, (1.3, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -280,20 +278,6 @@ def test_what_a_background_of_any_shape_costs():
     data = result.modal_data("test")
     assert (data.labels, data.sensors, data.band_hz) == (("1",), SENSORS, (0.75, 1.25))
     assert data.modes[0].frequency_cov == pytest.approx(of_modes(result.quoted, "frequency_cov")[0])
-
-
-def test_integrated_records_have_the_same_modes():
-    record = simulated(1, duration_s=300.0)
-    lines = np.fft.rfft(record.samples)
-    lines[:, 0] = 0.0
-    lines[:, 1:] /= 2j * np.pi * np.fft.rfftfreq(record.n_samples, 1.0 / record.rate_hz)[1:]
-    velocity = np.fft.irfft(lines, record.n_samples)
-    integrated = bs.Record(velocity, record.rate_hz, SENSORS, "velocity", "m/s")
-    of_velocity, of_acceleration = (
-        bs.identify(each, BAND, at=TRUTH.frequencies_hz).quoted for each in (integrated, record)
-    )
-    moves = np.log(of_velocity.frequencies_hz / of_acceleration.frequencies_hz)
-    np.testing.assert_allclose(moves / of_modes(of_acceleration, "frequency_cov"), 0.0, atol=0.3)
 
 
 def test_a_climb_that_does_not_end_fails_a_check():

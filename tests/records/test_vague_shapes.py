@@ -51,11 +51,6 @@ def test_a_broad_rest_of_the_spectrum_is_no_mode(record, monkeypatch):
         bs.identify(record, BAND_HZ)
 
 
-def test_what_is_asked_for_is_quoted(record):
-    found = bs.identify(record, BAND_HZ, at=(2.0, 2.5))
-    assert len(found.quoted.modes) == 2
-
-
 def test_the_limit_is_half_the_length_of_the_shape():
     """Of two modes at two of three sensors: variances of (ln f, ln ζ), then of components."""
     variances = np.array([9.0, 9.0, 9.0, 9.0, 0.12, 0.12, 0.12, 0.14])
@@ -68,6 +63,7 @@ def test_the_limit_is_half_the_length_of_the_shape():
     kept, left_out = modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=False)
     assert kept == [(band, [0])]
     assert left_out == [(2.0, 0.02)]
+    assert modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=True) == ([(band, [0, 2])], [])
     peak = Prominence(2.0, 0.05, 12.0, True)
     assert not peaks_without_mode([peak], [band], (0.5, 3.0))
     ((hz, why),) = peaks_without_mode([peak], [band], (0.5, 3.0), [2.0])
