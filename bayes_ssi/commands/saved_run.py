@@ -116,7 +116,8 @@ class RunOptions:
 
         require_new(directory, marker=MARKER, overwrite=self.overwrite)
         checkpoint = Checkpoint(sibling(directory, "checkpoint"))
-        if click.get_current_context().with_resource(checkpoint.locked()):
+        is_resumed = click.get_current_context().with_resource(checkpoint.locked())
+        if is_resumed and not terminal.is_quiet():
             words = "an earlier run was interrupted; it is resumed as far as it was the same"
             click.echo(words, err=True)
         return checkpoint

@@ -166,6 +166,12 @@ def test_the_seed_decides_and_more_starts_find_no_less(model_classes):
     assert a.n_starts == 16
 
 
+def test_searches_that_run_out_of_steps_end_at_no_minimum(model_classes, monkeypatch):
+    monkeypatch.setattr("bayes_ssi.inference.calibration.least_squares.MOST_STEPS", 2)
+    with pytest.raises(ValueError, match="'1-a': no local search for a minimum converged"):
+        bs.calibrate(model_classes["1-a"], n_starts=4)
+
+
 def test_errors_are_not_calibrated(model_classes):
     whole = model_classes["3"]
     free = bs.ModelClass("3", whole.structure, whole.data, pairing=whole.pairing)
