@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 
+import h5py
 import importance
 import numpy as np
 import pytest
@@ -155,19 +156,9 @@ def test_save_and_load(ranking, tmp_path):
         np.testing.assert_array_equal(one.frequencies_hz, other.frequencies_hz)
     with pytest.raises(ValueError, match="r has 2 configurations; choose one of 'bare', 'loaded'"):
         _ = loaded_again.data
-
-
-def test_arviz_sees_the_names_of_modes(ranking, tmp_path):
-    import h5py
-
-    save_result(ranking, tmp_path / "r")
     with h5py.File(tmp_path / "r" / "posteriors" / "both.nc") as file:
         labels = [label.decode() for label in file["model"]["model_mode"]]
     assert labels == ["bare: 1", "bare: 2", "loaded: 1", "loaded: 2"]
-
-
-def test_a_damaged_or_missing_test_is_refused_in_one_line(ranking, tmp_path):
-    save_result(ranking, tmp_path / "r")
     (tmp_path / "r" / "data" / "bare.csv").unlink()
     with pytest.raises(ValueError, match=r"bare\.csv: no such file"):
         load_result(tmp_path / "r")
