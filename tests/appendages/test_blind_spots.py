@@ -65,6 +65,11 @@ def test_modes_that_may_be_missed_bracket_the_structures_own(own, missed):
     assert real.pair(own, wide) == [own + 1, own + 2]
 
 
+def test_modes_that_hardly_move_a_sensor_are_not_in_the_table():
+    moved = {name: np.array([1.0, 0.04, 0.06]) for name in FLOORS.sensors}
+    assert module._Real(np.array([1.0, 2.0, 3.0]), moved).seen(FLOORS) == [1, 3]
+
+
 def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spots):
     blind = {(case.missed, case.parameter): case for case in spots.blind}
     assert set(blind) == {(3, "k2")}

@@ -138,7 +138,7 @@ def test_the_basis_that_all_share_is_accurate_where_the_best_one_lies(chain):
     assert bounds.frequency.max() < 0.1 * 0.003
     assert bounds.shape.max() < 0.1 * 0.02
     sampled = chain.baselines.to_sample(accurate, best)
-    assert sampled.name == model_class.name
+    assert sampled.parameter_names == model_class.parameter_names
     carrying = sampled.structure
     draws = sampled.values(screened.posterior_draws(sampled.parameter_names, 20))
     ours, theirs = (each.modes(draws).frequencies_hz[:, :4] for each in (carrying, carrying.full))
