@@ -2,7 +2,7 @@
 
 import multiprocessing
 import pickle
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
@@ -13,6 +13,11 @@ from bayes_ssi.inference.workers.workers import Workers
 def points(n, d=2):
     """Some points, (n, d)."""
     return np.random.default_rng(5).standard_normal((n, d))
+
+
+def numbered(n):
+    """Points (n, 1) that are their own row numbers."""
+    return np.arange(float(n))[:, None]
 
 
 def sums(z):
@@ -39,7 +44,53 @@ def workers_of(executor):
         yield Workers(executor, 2)
 
 
-def spawning(n):
-    """Processes of the standard library."""
+def spawning(n, initializer=None, *arguments):
+    """Processes of the standard library that begin with a call."""
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(n, context)
+    return ProcessPoolExecutor(n, context, initializer, arguments)
+
+
+class Death(BaseException):
+    """What kills a worker of a :class:`Crew`; no model's own error."""
+
+
+class Crew(Workers):
+    """Workers in one process that break as processes do: with all calls under way.
+
+    ``n_calls`` is the number of calls begun, ``n_deaths`` the number of deaths.
+    """
+
+    def __init__(self, n_workers=2):
+        super().__init__(n_workers=n_workers)
+        self.n_calls = self.n_deaths = 0
+
+    def _running(self):
+        self._processes = self._processes or _Breaking(self)
+        return self._processes
+
+    def _content(self, data):
+        return data
+
+
+class _Breaking(Executor):
+    """Calls at once, in turn, until one kills it."""
+
+    def __init__(self, crew):
+        self.crew = crew
+        self.error = None
+
+    def submit(self, function, /, *arguments):
+        future = Future()
+        if self.error is None:
+            self.crew.n_calls += 1
+            try:
+                future.set_result(function(*arguments))
+            except Death:
+                self.crew.n_deaths += 1
+                self.error = BrokenExecutor("a worker died")
+        if self.error is not None:
+            future.set_exception(self.error)
+        return future
+
+    def shutdown(self, wait=True, *, cancel_futures=False, kill_workers=False):
+        del wait, cancel_futures, kill_workers

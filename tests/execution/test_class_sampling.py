@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 from dataclasses import replace
 
 import pytest
@@ -85,18 +86,18 @@ def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, copied
     """Through files, of which the last report is read; where there is no directory, nothing."""
     calls = []
 
-    def call_each(_, __, items, ___, meanwhile):
+    def try_each(_, __, items, ___, meanwhile):
         assert items[0][2].read() is None
         for report in (("a", "searches", 0.25), ("a", "ensembles", 0.5), ("a", "evidence", 1.0)):
             meanwhile()
             items[0][2](*report)
             meanwhile()
-        return list("ab")
+        return {}
 
-    monkeypatch.setattr(Workers, "call_each", call_each)
+    monkeypatch.setattr(Workers, "try_each", try_each)
     run = bs.Run(copied_workers, progress=lambda *call: calls.append(call))
     items = [(candidate, None) for candidate in tiny_study.model_classes]
-    assert _side_by_side(items, 7, COARSE, run, None) == {1: "a", 0: "b"}
+    assert _side_by_side(items, 7, COARSE, run, None) == {}
     assert calls == [("a", "searches", 0.25), ("a", "ensembles", 0.5)], "its end is known anyway"
     ProgressFile(tmp_path / "nowhere" / "0")("a", "searches", 0.25)
 
@@ -108,6 +109,28 @@ def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study,
         sample_all([small, other], 7, COARSE, bs.Run(Workers(n_workers=3, copies=True))), alone
     )
     assert shared == {other.name}
+
+
+class DiesOnce(bs.ShearBuilding):
+    """Kills the process that it is first evaluated in, unless that is the tests' own."""
+
+    def modes(self, values):
+        marker = os.environ["DIES_ONCE"]
+        if str(os.getpid()) != os.environ["DIES_NOT"] and not os.path.exists(marker):
+            open(marker, "w").close()
+            os._exit(1)
+        return super().modes(values)
+
+
+def test_classes_whose_worker_died_are_sampled_all_the_same(
+    tiny_study, alone, tmp_path, monkeypatch, shared
+):
+    monkeypatch.setenv("DIES_ONCE", str(tmp_path / "died"))
+    monkeypatch.setenv("DIES_NOT", str(os.getpid()))
+    classes = [with_structure(each, DiesOnce, each.name) for each in tiny_study.model_classes]
+    assert_same(sample_all(classes, 7, COARSE, bs.Run(Workers(n_workers=2, copies=True))), alone)
+    assert (tmp_path / "died").exists()
+    assert shared
 
 
 def test_a_relative_checkpoint_is_where_the_run_was_started(tmp_path, monkeypatch):

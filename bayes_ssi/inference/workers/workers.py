@@ -17,6 +17,7 @@ from tempfile import NamedTemporaryFile
 from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.error_places import rows_at_fault, with_place
@@ -77,8 +78,8 @@ class SafeFunction:
 class Workers:
     """Processes on this machine, or the workers of an executor, which its creator shuts down.
 
-    A context manager that may be entered repeatedly. Processes start at the first call and stop at
-    the outermost exit. If one dies, so does the run.
+    A context manager that may be entered repeatedly. Processes start at the first call, are
+    replaced if they die, and stop at the outermost exit.
 
     Attributes:
         executor: the one that was given; None for processes.
@@ -90,6 +91,10 @@ class Workers:
     """
 
     parts_per_worker = 4  # of a batch: none should wait long for the slowest
+    # Into which lost points are divided to be evaluated again, down to single points: four isolate
+    # the point of a batch of 1024 at which a worker dies after six deaths at most.
+    groups = 4
+    most_deaths = 100  # enough to find some twenty points at which workers die
 
     def __init__(
         self, executor: Executor | None = None, n_workers: int = 8, *, copies: bool = False
@@ -98,7 +103,7 @@ class Workers:
             raise ValueError(f"workers must be at least 1, got {n_workers!r}")
         self.executor, self.n_workers, self.copies = executor, n_workers, copies
         self._processes: Executor | None = None
-        self._n_entered = 0
+        self._n_entered = self._n_deaths = 0
         self._packed: tuple[Callable[..., Any], PackedFunction] | None = None
         self._file: IO[bytes] | None = None
 
@@ -110,7 +115,12 @@ class Workers:
     def __enter__(self) -> "Workers":
         if not self._n_entered and self.executor is None and self.copies and can_copy():
             self._processes = self._started(multiprocessing.get_context("fork"))
-            self.call_each(int, [0])  # now, before a thread of this process begins
+            try:
+                self._processes.submit(int).result()  # now, before a thread of this process begins
+            except BrokenExecutor as death:
+                self.abandon()
+                problem = f"one of {self.n_workers} died while they started; is memory short?"
+                raise ValueError(f"workers: {problem}") from death
         self._n_entered += 1
         return self
 
@@ -123,29 +133,52 @@ class Workers:
     def evaluate(
         self, function: Function, z: FloatArray, n_columns: int | None = None
     ) -> Evaluated:
-        """``function`` at every row of ``z`` (B, d), of ``n_columns`` values or, if None, one."""
+        """``function`` at every row of ``z`` (B, d), of ``n_columns`` values or, if None, one.
+
+        Points whose worker died are evaluated again in smaller groups, down to single points. A
+        single point at which a worker dies again counts as failed.
+        """
         values = np.full((len(z),) if n_columns is None else (len(z), n_columns), np.nan)
         failures: dict[int, str] = {}
-        parts = np.array_split(np.arange(len(z)), min(self.n_parts, len(z))) if len(z) else []
-        answers = self.call_each(SafeFunction(function, n_columns), [z[part] for part in parts])
-        for part, answer in zip(parts, answers, strict=True):
-            values[part] = answer.values
-            failures.update((int(part[row]), why) for row, why in answer.failures.items())
+        suspect = np.zeros(len(z), dtype=bool)
+        groups = _divided(np.arange(len(z)), 1)
+        while groups:
+            rows = groups.pop()
+            parts = _divided(rows, self.n_parts)
+            answers = self.try_each(SafeFunction(function, n_columns), [z[part] for part in parts])
+            for i, answer in answers.items():
+                values[parts[i]] = answer.values
+                failures.update((int(parts[i][row]), why) for row, why in answer.failures.items())
+            lost = np.concatenate(
+                [p for i, p in enumerate(parts) if i not in answers] or [rows[:0]]
+            )
+            if len(lost) == len(rows) == 1 and suspect[rows[0]]:
+                failures[int(rows[0])] = "the worker that evaluated it died"
+            else:
+                suspect[lost] = True
+                groups += _divided(lost, self.groups)
         return Evaluated(values, failures)
 
-    def call_each(
+    def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """As :meth:`try_each`, in the order of items; those whose worker died are tried again."""
+        answers: dict[int, R] = {}
+        while len(answers) < len(items):
+            left = [i for i in range(len(items)) if i not in answers]
+            new = self.try_each(function, [items[i] for i in left])
+            answers.update((left[i], answer) for i, answer in new.items())
+        return [answers[i] for i in range(len(items))]
+
+    def try_each(
         self,
         function: Callable[[T], R],
         items: Sequence[T],
         done: Callable[[int], object] | None = None,
         meanwhile: Callable[[], object] | None = None,
-    ) -> list[R]:
-        """``function`` of every item, each in one worker, in the order of items.
-
-        ``done`` is called with the number of each that has come, ``meanwhile`` now and then.
-        """
+    ) -> dict[int, R]:
+        """``function`` of every item, each in one worker; items whose worker died are left out."""
         answers: dict[int, R] = {}
         waiting: dict[Future[R], int] = {}
+        death: BrokenExecutor | None = None
         try:
             packed = self._pack(function)
             executor = self._running()
@@ -158,26 +191,24 @@ class Workers:
                 for future in wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED).done:
                     i = waiting.pop(future)
                     error = future.exception()
-                    if isinstance(error, BrokenExecutor):
-                        raise error
-                    if error is not None:
+                    if error is None:
+                        answers[i] = future.result()
+                        if done is not None:
+                            done(i)
+                    elif isinstance(error, BrokenExecutor):
+                        death = error
+                    else:
                         raise _as_input_error(error)
-                    answers[i] = future.result()
-                    if done is not None:
-                        done(i)
-        except BrokenExecutor as death:
-            self.abandon()
-            # Loky's own words are several lines.
-            raise ValueError(
-                "workers: one died; does the model crash, or is memory short? "
-                f"({type(death).__name__})"
-            ) from death
+        except BrokenExecutor as error:
+            death = error
         finally:
             if waiting:  # for what is no longer needed
                 self.abandon()
             for future in waiting:
                 future.cancel()
-        return [answers[i] for i in range(len(items))]
+        if death is not None:
+            self._recover(death)
+        return answers
 
     def _pack(self, function: Callable[..., Any]) -> PackedFunction:
         """The function in the form that is sent, pickled again only when it changes."""
@@ -187,6 +218,21 @@ class Workers:
             packed = PackedFunction.of(data, self._content(data))
             self._packed = (function, packed)
         return self._packed[1]
+
+    def _recover(self, death: BrokenExecutor) -> None:
+        """Replace workers after one died, or give up."""
+        self._n_deaths += 1
+        if self._n_deaths > self.most_deaths:
+            raise ValueError(
+                f"workers: died {self._n_deaths} times, the last time with "
+                f"{type(death).__name__}: {death}"
+            ) from death
+        if self.executor is not None:
+            raise ValueError(
+                "workers: one died, and the executor that was given does not replace it: "
+                f"{type(death).__name__}: {death}"
+            ) from death
+        self.abandon()
 
     def _running(self) -> Executor:
         if self.executor is not None:
@@ -229,6 +275,11 @@ class Workers:
                 # Loky does not wait for the thread that feeds its queue. If this process ends while
                 # that thread gives a semaphore back, it is half removed, which loky then reports.
                 feeder.join()
+
+
+def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
+    """At most ``n`` parts of nearly equal size, none of them empty."""
+    return [part for part in np.array_split(rows, n) if len(part)]
 
 
 def _submitted(executor: Executor, function: PackedFunction, item: bytes) -> Future[Any]:

@@ -72,7 +72,8 @@ def sample_all(
 
     Args:
         run: progress of a class sampled as a whole by a worker of another machine is reported at
-            its end.
+            its end. If the worker of a class died, the class's evaluations are shared, so that the
+            points at which workers die are isolated.
         known_starts: for each class, if given, where an earlier search found maxima.
     """
     run = run or Run()
@@ -94,7 +95,7 @@ def _side_by_side(
     run: Run,
     refinement: RefinementSettings | None,
 ) -> dict[int, Posterior]:
-    """Posteriors of whole classes, each sampled in one worker."""
+    """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
     if run.workers is None or len(items) == 1:
         return {}
     candidates = [candidate for candidate, _ in items]
@@ -119,7 +120,7 @@ def _side_by_side(
         if run.workers.executor is not None:
             for name in names:
                 run.report(name, "in a worker", 0.0)
-        posteriors = run.workers.call_each(
+        posteriors = run.workers.try_each(
             partial(
                 _sample_in_worker,
                 seed=seed,
@@ -131,7 +132,7 @@ def _side_by_side(
             lambda k: run.report(names[k], *END),
             relay,
         )
-    return dict(zip(whole, posteriors, strict=True))
+    return {whole[k]: posterior for k, posterior in posteriors.items()}
 
 
 def _sample_in_worker(

@@ -314,9 +314,11 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     if workers is None:
         modes = model_class.modes_or_nan(values)
     else:
-        shares = np.array_split(values, min(workers.n_parts, len(values)))
-        known = workers.call_each(model_class.modes_or_nan, shares)
-        modes = [joined(of_test) for of_test in zip(*known, strict=True)]
+        shares = np.array_split(np.arange(len(z)), min(workers.n_parts, len(z)))
+        known = workers.try_each(model_class.modes_or_nan, [values[share] for share in shares])
+        z = z[np.concatenate([shares[i] for i in sorted(known)])]
+        of_tests = zip(*(known[i] for i in sorted(known)), strict=True)
+        modes = [joined(of_test) for of_test in of_tests]
     parts = zip(model_class.parts(model_class.values(z)), modes, strict=True)
     densities = {
         test: likelihood.log_density(own, likelihood.compared_modes(own, of_test))

@@ -140,17 +140,18 @@ def each_in_workers(
     run: Run,
     done: Callable[[int], None] = lambda _: None,
 ) -> list[R]:
-    """A quick function of each item, side by side in workers; here where there are none.
+    """A quick function of each item, side by side in workers; here where there are none, or died.
 
     ``done`` is called with the number of each item that is done.
     """
+    results: dict[int, R] = {}
     if run.workers is not None:
-        return run.workers.call_each(function, items, done)
-    results = []
+        results = run.workers.try_each(function, items, done)
     for i, item in enumerate(items):
-        results.append(function(item))
-        done(i)
-    return results
+        if i not in results:
+            results[i] = function(item)
+            done(i)
+    return [results[i] for i in range(len(items))]
 
 
 def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
