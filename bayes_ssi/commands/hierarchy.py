@@ -88,7 +88,7 @@ def hierarchy(
     fields = ("name", "log_evidence", "error", "probability", "against")
     record = {
         "directory": str(directory),
-        **columns(ranked, ("model_class", "tests", "covariate")),
+        **columns(ranked, ("model_class", "tests", "covariate", "remarks")),
         "populations": [columns(population, fields) for population in ranked.populations],
         "failed_checks": failed,
     }

@@ -101,7 +101,7 @@ def predict(
     terminal.say(f"{title}{test}: {predicted.n_draws} stored draws; nothing was sampled.")
     if predicted.n_draws < draws:
         terminal.say(f"(!) --draws {draws}: no more than {predicted.n_draws} draws are stored.")
-    terminal.say(*remarks)
+    terminal.say(*(response.predictions.composition for response in responses), *remarks)
     terminal.show(frequency_table(responses))
     if request.frequencies_hz is not None or request.motions:
         terminal.show(peak_table(responses))

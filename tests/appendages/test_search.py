@@ -286,11 +286,13 @@ def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
 
 
 def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
-    """And no appendage."""
+    """And no appendage. What approximations of the others may be off by is said."""
     fake_sampling(lambda _: 0.0, lambda made: 0.1 * len(made.structure.appendages))
     result = search(bare, SearchSettings(number_weights=(1.0, 6.0, 15.0), branches=6))
     assert len(result.record.hypotheses) == 22
     assert sum(row.is_sampled for row in result.record.hypotheses) == 13
+    note = "≈: off by +0.00 to +0.20 nats where hypotheses were sampled."
+    assert note in search_notes(result.record)
 
 
 def shares(result, log_evidence):

@@ -87,6 +87,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     text = " ".join(done.stdout.split())
     for words in (
         "Two storeys: 1000 stored draws; nothing was sampled.",
+        "average: draws in proportion to probability,",
         "Damping: 2 % in all modes, assumed, since none was identified.",
         "Transfer functions: from the ground's acceleration, 1943 frequencies from 0 to 3 Hz.",
         "Natural frequencies (Hz) before and after updating, 90 % band",

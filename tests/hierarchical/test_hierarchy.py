@@ -13,8 +13,10 @@ from conftest import assert_one_line_error
 import bayes_ssi as bs
 from bayes_ssi.commands.options import read_covariate
 from bayes_ssi.inference.criticism.adequacy import PValue
+from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
 from bayes_ssi.results.hierarchy.ranked_populations import (
+    different_structures,
     repeated_errors,
     unexplained_tests,
 )
@@ -246,6 +248,21 @@ def directory(rankings, tmp_path_factory):
     return path
 
 
+def test_structures_that_are_not_defined_alike_are_said_once(rankings):
+    heavier = bs.ShearBuilding((1.0, 2.0), configuration("January").structure.stiffnesses)
+    others = {}
+    for name in ("April", "July"):
+        test = replace(configuration(name), structure=heavier)
+        others[name] = of_classes(rankings[name], replace(model_class(name), configurations=[test]))
+    alike, not_alike = (
+        list(different_structures({n: class_record(r.study.model_classes[0]) for n, r in all_of}))
+        for all_of in (rankings.items(), {**rankings, **others}.items())
+    )
+    assert not alike
+    (remark,) = not_alike
+    assert remark.startswith("the structure of test 'April' is not defined as that of 'January': ")
+
+
 @pytest.fixture
 def saved(directory, monkeypatch):
     """Names of the tests, whose results are in the working directory."""
@@ -289,6 +306,6 @@ def test_the_command_refuses(run, saved):
 def test_a_damaged_hierarchy_is_refused(made, tmp_path):
     bs.save_hierarchy(made, tmp_path / "made")
     path = tmp_path / "made" / MARKER
-    path.write_text(path.read_text().replace('"format": 3', '"format": 99'))
+    path.write_text(path.read_text().replace('"format": 2', '"format": 99'))
     with pytest.raises(ValueError, match="a hierarchy of format 99"):
         bs.load_hierarchy(tmp_path / "made")

@@ -12,7 +12,10 @@ from bayes_ssi.report.tables.prediction_tables import (
     population_table,
     populations_table,
 )
-from bayes_ssi.results.hierarchy.hierarchy_record import CovariateScale, SingleTestSummary
+from bayes_ssi.results.hierarchy.hierarchy_record import (
+    CovariateScale,
+    SingleTestSummary,
+)
 from bayes_ssi.results.hierarchy.populations import Population, RankedPopulation
 
 
@@ -27,7 +30,7 @@ def made():
         SingleTestSummary(str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),)) for i in range(3)
     )
     scale = CovariateScale("temperature", 10.0, 10.0)
-    return bs.Hierarchy("frame", (parameter,), ("k",), tests, scale, (ranked,), 0, ())
+    return bs.Hierarchy("frame", (parameter,), ("k",), tests, scale, (ranked,), 0, (), ("odd",))
 
 
 def cells(table):
@@ -57,6 +60,7 @@ def test_a_ranking_of_populations_and_its_notes(made):
     notes = hierarchy_notes(made, 20.0)
     assert notes[1].endswith("standard deviation 10; centre at the average, next test at 20.")
     assert notes[2:] == [
+        "Remark: odd.",
         "Failed checks; do not trust the ranking until they are understood:",
         "  (!) 'varies': bad",
     ]

@@ -116,6 +116,7 @@ class ConfigurationRecord:
 
     name: str  # name of the configuration; empty where there is only one
     structure: str
+    definition: str  # ``repr`` of the structure
     parameters: tuple[str, ...]
     structure_lines: tuple[tuple[str, str], ...]
     degrees_of_freedom: tuple[str, ...]  # degrees of freedom of the structure
@@ -175,6 +176,7 @@ def _configuration(configuration: Configuration) -> ConfigurationRecord:
     return ConfigurationRecord(
         name=configuration.name,
         structure=type(structure).__name__,
+        definition=repr(structure),
         parameters=tuple(parameter.name for parameter in structure.parameters),
         structure_lines=tuple(described(structure)),
         degrees_of_freedom=tuple(structure.degrees_of_freedom),

@@ -91,6 +91,7 @@ def hierarchy_notes(hierarchy: Hierarchy, covariate: float | None = None) -> lis
             f"{scale.name}: {scale.mean:.4g} on average over the tests, standard deviation "
             f"{scale.sd:.3g}; centre at the average, next test at {value:.4g}."
         )
+    notes += [f"Remark: {remark}." for remark in hierarchy.remarks]
     failed = hierarchy.all_failed_checks
     if failed:
         notes.append("Failed checks; do not trust the ranking until they are understood:")

@@ -165,7 +165,7 @@ def search_notes(record: FamilyRecord) -> list[str]:
     n_hidden = len(record.hypotheses) - len(_shown(record))
     if n_hidden > 0:
         notes.append(f"{n_hidden} less probable hypotheses are in the saved result.")
-    notes += unsampled_notes(record)
+    notes.extend(unsampled_notes(record))
     if record.n_not_tried:
         notes.append(
             f"Not tried: {record.n_not_tried} with several {record.feature}s; expected probability "
@@ -197,12 +197,15 @@ def unseen_note(record: FamilyRecord) -> str:
 
 
 def unsampled_notes(record: FamilyRecord) -> list[str]:
-    """How many hypotheses were not sampled, and how probable they are at most."""
+    """How many hypotheses were not sampled, how probable they are at most, and how far off."""
     if not record.n_unsampled:
         return []
+    low, high = record.errors_of_screening
+    sign = APPROXIMATELY.strip()
     return [
-        f"≈: not sampled, {record.n_unsampled} of {len(record.hypotheses)} hypotheses; "
-        f"probability together at most {probability_text(record.most_probability_unsampled)}."
+        f"{sign}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} hypotheses; "
+        f"probability together at most {probability_text(record.most_probability_unsampled)}.",
+        f"{sign}: off by {low:+.2f} to {high:+.2f} nats where hypotheses were sampled.",
     ]
 
 

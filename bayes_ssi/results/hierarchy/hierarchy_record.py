@@ -54,6 +54,7 @@ class Hierarchy(Displayed):
         populations: ranked, the most probable first.
         seed: seed of the sampling.
         failed_checks: of the single tests, a sentence each.
+        remarks: a sentence each.
     """
 
     model_class: str
@@ -64,6 +65,7 @@ class Hierarchy(Displayed):
     populations: tuple[RankedPopulation, ...]
     seed: int
     failed_checks: tuple[str, ...]
+    remarks: tuple[str, ...]
 
     @property
     def best(self) -> RankedPopulation:
@@ -188,7 +190,7 @@ class HierarchyRecord:
     command: str  # the command that reproduces it; empty where it was made from Python
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     versions: Mapping[str, str] = field(default_factory=versions)
-    format: int = 3  # increased whenever the format of the files changes
+    format: int = 2  # increased whenever the format of the files changes
 
 
 @checked

@@ -17,7 +17,7 @@ from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
 from bayes_ssi.inference.criticism.misfit import INADEQUATE
-from bayes_ssi.inference.model_class.class_record import ParameterRecord
+from bayes_ssi.inference.model_class.class_record import ClassRecord, ParameterRecord
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
@@ -88,8 +88,8 @@ def hierarchy(
     """
     class_name, tests = single_tests(results, class_name)
     posteriors = {name: test.posterior(class_name) for name, test in tests.items()}
-    first = next(iter(tests.values()))
-    everything = first.record.model_class(class_name).parameters
+    records = {name: test.record.model_class(class_name) for name, test in tests.items()}
+    everything = next(iter(records.values())).parameters
     of_structure = [parameter.name for parameter in everything if not parameter.is_error]
     wanted = of_structure if parameters is None else parameters
     require_known("hierarchy: the structure has no parameter", wanted, of_structure)
@@ -142,7 +142,19 @@ def hierarchy(
             *unexplained_tests(class_name, posteriors),
             *repeated_errors(class_name, posteriors),
         ),
+        remarks=tuple(different_structures(records)),
     )
+
+
+def different_structures(records: Mapping[str, ClassRecord]) -> Iterator[str]:
+    """A sentence if a test's structure is not defined as that of the first, of the first such."""
+    defined = {name: [c.definition for c in own.configurations] for name, own in records.items()}
+    first, *others = defined
+    for name in [name for name in others if defined[name] != defined[first]][:1]:
+        yield (
+            f"the structure of test {name!r} is not defined as that of {first!r}: parameters of "
+            "one name must mean the same in all tests"
+        )
 
 
 def _standardised(

@@ -57,6 +57,17 @@ class Predictions:
     def n_draws(self) -> int:
         return sum(len(draws.values) for draws in self.classes)
 
+    @property
+    def composition(self) -> str:
+        """Sentence on the model classes whose draws make the predictions."""
+        if self.name != AVERAGE:
+            return f"{self.name}: one model class."
+        by_share = sorted(self.classes, key=lambda each: -len(each.values))
+        shares = [f"{len(each.values)} of {each.name!r}" for each in by_share[:4]]
+        if len(by_share) > 4:
+            shares.append(f"{sum(len(each.values) for each in by_share[4:])} of others")
+        return f"{AVERAGE}: draws in proportion to probability, {', '.join(shares)}."
+
     def frequencies_hz(self, mode: str | int) -> Prediction:
         """The frequency of a mode in Hz, draws (n,).
 
