@@ -7,9 +7,7 @@ import bayes_ssi.results.answer as _answer  # noqa: F401 - puts results into wor
 import bayes_ssi.results.identification_answer as _identification_answer  # noqa: F401
 import bayes_ssi.results.plan_answer as _plan_answer  # noqa: F401
 from bayes_ssi.inference.calibration.calibration import calibrate as calibrate
-from bayes_ssi.inference.calibration.calibration import (
-    modal_sensitivities as modal_sensitivities,
-)
+from bayes_ssi.inference.calibration.calibration import modal_sensitivities as modal_sensitivities
 from bayes_ssi.inference.calibration.least_squares import rms_distance as rms_distance
 from bayes_ssi.inference.likelihood.error_model import ErrorModel as ErrorModel
 from bayes_ssi.inference.likelihood.error_model import IdentificationModel as IdentificationModel

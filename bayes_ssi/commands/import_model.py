@@ -17,13 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bayes_ssi.commands.new import TEMPLATES, in_a_docstring, new_paths, next_commands
-from bayes_ssi.commands.options import (
-    PATH,
-    flag,
-    named_values,
-    path_option,
-    range_option,
-)
+from bayes_ssi.commands.options import PATH, flag, named_values, path_option, range_option
 from bayes_ssi.commands.terminal import command_line, say
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.text_files import file_names

@@ -28,12 +28,7 @@ from bayes_ssi.results.draws import load_draws, save_draws
 from bayes_ssi.studies.appendages import appendage_search  # noqa: F401 - kinds of FamilyRecord
 from bayes_ssi.studies.changes import change_search  # noqa: F401
 from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass
-from bayes_ssi.studies.ranking.study import (
-    IN_THE_FILE_OF_DRAWS,
-    RankedStudy,
-    Ranking,
-    ResultRecord,
-)
+from bayes_ssi.studies.ranking.study import IN_THE_FILE_OF_DRAWS, RankedStudy, Ranking, ResultRecord
 from bayes_ssi.studies.search.findings import FamilyRecord, SearchResult
 
 # The file that every result directory holds.

@@ -9,13 +9,7 @@ from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
-from bayes_ssi.studies.search.approximate_evidence import (
-    FULL,
-    QUICK,
-    Screened,
-    ToScreen,
-    screen,
-)
+from bayes_ssi.studies.search.approximate_evidence import FULL, QUICK, Screened, ToScreen, screen
 from bayes_ssi.studies.search.family import Hypothesis, Key
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best

@@ -10,11 +10,7 @@ from searches import COARSE as OF_FEW
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.results.search_answer import (
-    further_sentences,
-    search_sentences,
-    search_verdict,
-)
+from bayes_ssi.results.search_answer import further_sentences, search_sentences, search_verdict
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen

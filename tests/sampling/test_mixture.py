@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_ssi.inference.sampling.mixture import (
-    StudentMixture,
-    choose_mixture,
-    fit_mixture,
-)
+from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture, fit_mixture
 
 MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])
 SCALES = np.array([[[0.5, 0.2], [0.2, 0.4]], [[1.0, -0.3], [-0.3, 0.3]]])

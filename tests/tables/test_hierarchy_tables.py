@@ -12,10 +12,7 @@ from bayes_ssi.report.tables.prediction_tables import (
     population_table,
     populations_table,
 )
-from bayes_ssi.results.hierarchy.hierarchy_record import (
-    CovariateScale,
-    SingleTestSummary,
-)
+from bayes_ssi.results.hierarchy.hierarchy_record import CovariateScale, SingleTestSummary
 from bayes_ssi.results.hierarchy.populations import Population, RankedPopulation
 
 

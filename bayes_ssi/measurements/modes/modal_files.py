@@ -49,11 +49,7 @@ from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.foundations.text_files import first_bytes, read_columns
 from bayes_ssi.foundations.universal_files import begins_universal, read_data_sets
 from bayes_ssi.measurements.modes.identification_summary import IdentificationSummary
-from bayes_ssi.measurements.modes.identified_mode import (
-    RESERVED_NAMES,
-    IdentifiedMode,
-    of_modes,
-)
+from bayes_ssi.measurements.modes.identified_mode import RESERVED_NAMES, IdentifiedMode, of_modes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.modes.table_spellings import (
     Line,

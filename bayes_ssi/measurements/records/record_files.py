@@ -20,11 +20,7 @@ from bayes_ssi.foundations.text_files import (
     read_columns,
     require_regular_file,
 )
-from bayes_ssi.foundations.universal_files import (
-    begins_universal,
-    has_data_set,
-    read_data_sets,
-)
+from bayes_ssi.foundations.universal_files import begins_universal, has_data_set, read_data_sets
 from bayes_ssi.measurements.modes.table_spellings import holds_modes
 from bayes_ssi.measurements.records.channels import Channels, read_arrays_of_record
 from bayes_ssi.measurements.records.record import (

@@ -22,12 +22,7 @@ from scipy.special import logsumexp
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.planning.planned_class import (
-    BATCH,
-    PlannedClass,
-    SeenModes,
-    SimulatedTests,
-)
+from bayes_ssi.studies.planning.planned_class import BATCH, PlannedClass, SeenModes, SimulatedTests
 
 N_POOL = 600  # draws of a class, of which those that suit a test start its searches
 N_STARTS = 4  # for each of the layouts that draws serve

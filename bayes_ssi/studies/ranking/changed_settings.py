@@ -19,11 +19,7 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.priors import Prior
-from bayes_ssi.studies.ranking.comparison import (
-    can_matter,
-    checked_weights,
-    class_probabilities,
-)
+from bayes_ssi.studies.ranking.comparison import can_matter, checked_weights, class_probabilities
 from bayes_ssi.studies.ranking.variations import (
     ParameterSpread,
     Varied,

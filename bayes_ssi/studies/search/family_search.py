@@ -26,12 +26,7 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import AveragedParameter, Ranking, Study, averaged_parameter
-from bayes_ssi.studies.search.approximate_evidence import (
-    MOST_FULL,
-    QUICK,
-    Effort,
-    Screened,
-)
+from bayes_ssi.studies.search.approximate_evidence import MOST_FULL, QUICK, Effort, Screened
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
