@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conftest import COARSE
 
 import bayes_ssi as bs
 
@@ -125,6 +126,30 @@ def test_soft_supports_are_no_rigid_body_modes():
     assert held.n_rigid_modes == 0
     first = held.modes(np.empty((1, 0))).frequencies_hz[0, 0]
     assert first == pytest.approx(0.03, rel=1e-3)
+
+
+@pytest.mark.usefixtures("quick_screening")
+def test_a_free_beam_is_ranked_and_searched():
+    free = structure(4)
+    truth = free.with_element(bs.Pendulum(on="middle", mass=0.02, frequency=3.5))
+    found = truth.modes(np.array([[1.1]]))
+    rows = truth.sensor_matrix(("left", "middle", "right")).apply(found.shapes)[0]
+    modes = tuple(
+        bs.IdentifiedMode(str(i + 1), f, rows[:, i])
+        for i, f in enumerate(found.frequencies_hz[0, :4])
+    )
+    data = bs.ModalData(modes, (0.5, 25.0), ("left", "middle", "right"))
+    error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
+    baseline = bs.ModelClass("beam", free, data, error, pairing="any")
+    one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
+    places = [bs.Candidate(place, place) for place in ("left", "middle", "right")]
+    result = bs.search(baseline, one, settings=COARSE, candidates=places)
+    assert result.record.probability_of_any > 0.99
+    (pendulum,) = result.record.matched
+    assert "middle" in [each.place.candidate.name for each in pendulum.places_by_data]
+    assert pendulum.frequency_hz[0] < 3.5 < pendulum.frequency_hz[2]
+    stiffness = next(p for p in result.record.averaged_parameters if p.name == "EI")
+    assert stiffness.quantile_05 < 1.1 < stiffness.quantile_95
 
 
 def plate(n, poisson=0.3):
