@@ -280,7 +280,8 @@ def fake_sampling(monkeypatch, make_posterior):
                 )
             return posteriors
 
-        monkeypatch.setattr("bayes_ssi.studies.search.ladder.screen_all", screen_all)
+        for module in ("appendages.appendage_search", "search.ladder"):
+            monkeypatch.setattr(f"bayes_ssi.studies.{module}.screen_all", screen_all)
         monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
         return levels
 

@@ -113,12 +113,13 @@ def _of_appendages_besides(search: SearchRecord) -> Iterator[str]:
         )
     if not any(isinstance(each.place, InfillPlace) for each in search.places):
         yield "Infills were not tried: they join two places, and every candidate is one."
-    if len(search.baselines) > 1:
+    tried = [each for each in search.baselines if each.prior_probability > 0.0]
+    if len(tried) > 1:
         shown = [
             f"{each.name!r} ({probability_in_words(each.probability)})"
-            for each in search.baselines[:MOST_LISTED]
+            for each in tried[:MOST_LISTED]
         ]
-        yield f"The probabilities of the {len(search.baselines)} baselines are: {listed(shown)}."
+        yield f"The probabilities of the {len(tried)} baselines are: {listed(shown)}."
 
 
 def unsampled(record: FamilyRecord) -> Iterator[str]:

@@ -84,7 +84,8 @@ def search(
         settings: how precisely to sample.
         run: workers, a checkpoint to resume from, and progress; the result does not depend on
             them.
-        baselines: names of the study's classes that appendages are hung on.
+        baselines: names of the study's classes that appendages are hung on; the others are
+            compared without any.
         candidates: where appendages may hang; floors and storeys where a structure has them, else
             all sensors, if None.
         present_in: names of the configurations that have the appendages; if None, all whose

@@ -30,6 +30,8 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
     out = tmp_path / "r"
     result = run("search", tiny_study_file, *ONE_K, "--out", out, "--seed", 3, "--verbose")
     assert result.exit_code == 0, result.output
+    *levels, rivals = levels
+    assert rivals == ["each k"]
     assert len(levels) == 3
     for words in (
         "Appendages hidden in 'one k'",
@@ -81,25 +83,18 @@ def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fa
 
 @pytest.mark.usefixtures("one_place")
 @pytest.mark.parametrize(
-    ("gain", "lead", "warned", "noted"),
+    ("options", "lead", "warned", "noted"),
     [
-        (9.0, 6.0, True, False),
-        (9.0, 4.0, False, False),
-        (0.0, 6.0, False, True),  # the average has all but 0.002 on the better one
+        (ONE_K, 6.0, True, False),
+        (ONE_K, 4.0, False, False),
+        ((), 6.0, False, True),  # the average has all but 0.002 on the better one
     ],
 )
 def test_a_baseline_that_another_class_beats_is_said_aloud(
-    run, tiny_study_file, tmp_path, fake_sampling, gain, lead, warned, noted
+    run, tiny_study_file, tmp_path, fake_sampling, options, lead, warned, noted
 ):
-    """An appendage on it may gain more than it lacks."""
-
-    def log_evidence(made):
-        if made.name.startswith("each k"):
-            return lead
-        return gain * len(made.structure.appendages)
-
-    fake_sampling(log_evidence)
-    result = run("search", tiny_study_file, "--verbose", "--out", tmp_path / "r")
+    fake_sampling(lambda made: lead * made.name.startswith("each k"))
+    result = run("search", tiny_study_file, *options, "--verbose", "--out", tmp_path / "r")
     text = " ".join(result.stdout.split())
     assert result.exit_code == 0, result.output
     assert ("(!) The answer rests on a baseline that another class beats by far." in text) == warned
@@ -116,6 +111,8 @@ def test_the_largest_number_of_appendages(
     levels = fake_sampling(by_count(0.0, 1.0, 2.0, 3.0, 4.0))
     options = (*ONE_K, "--most", most, "--out", tmp_path / "r")
     assert run("search", tiny_study_file, *options).exit_code == 0
+    *levels, rivals = levels
+    assert rivals == ["each k"]
     assert len(levels) == n_levels
 
 

@@ -147,3 +147,13 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
     # Either of two modes may be the spurious one.
     said = " ".join(first_screen(ranking).split())
     assert re.search(r"in the most probable pairing \(probability 0\.5\d+\), and takes", said)
+
+
+def test_a_class_with_an_appendage_is_no_rival_without_any():
+    """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
+    study = load_study(MODEL_CLASSES / "steel_frame.py")
+    chosen = choose_baselines(study, ["2 M3"])
+    assert [each.name for each in chosen.classes] == ["2 M3"]
+    names = {each.name for each in chosen.rivals}
+    assert names
+    assert not any("+" in name for name in names)

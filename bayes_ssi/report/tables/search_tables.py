@@ -49,19 +49,19 @@ def further_tables(result: StoredResult) -> Iterator[Table | str]:
 
 
 def baseline_table(record: SearchRecord) -> Table:
-    """The baselines by the probability of all hypotheses on each."""
+    """The baselines by the probability of all hypotheses on each; a dash where none was tried."""
     best = record.best_without_appendages.log_evidence
     rows = [
         (
             layout.marked(each.name, each in record.beaten),
-            probability_text(each.prior_probability),
-            probability_text(each.probability),
+            probability_text(each.prior_probability) if each.prior_probability > 0.0 else "-",
+            probability_text(each.probability) if each.prior_probability > 0.0 else "-",
             f"{each.log_evidence:.2f}",
             f"{each.log_evidence - best:.2f}",
         )
         for each in record.baselines
     ]
-    title = "Baselines: log evidence without any appendage"
+    title = "Baselines, and classes to compare them with: log evidence without any appendage"
     return layout.new_table(title, ["baseline"], NUMBERS, rows)
 
 
@@ -176,7 +176,7 @@ def search_notes(record: FamilyRecord) -> list[str]:
 
 def mass_scales(record: SearchRecord) -> list[str]:
     """The masses that mass ratios refer to, in words, one for all baselines where they agree."""
-    scales = {each.name: each.mass_scale for each in record.baselines}
+    scales = {each.name: each.mass_scale for each in record.baselines if each.mass_scale}
     unit = f" {record.mass_unit}" if record.mass_unit else ""
     words = [f"the {scale.name}, {scale.mass:.4g}{unit}" for scale in scales.values()]
     if len(set(words)) == 1:

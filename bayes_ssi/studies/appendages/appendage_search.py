@@ -39,6 +39,7 @@ from bayes_ssi.studies.appendages.candidates import (
 )
 from bayes_ssi.studies.ranking.comparison import VERY_STRONG
 from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.search.approximate_evidence import screen_all
 from bayes_ssi.studies.search.family import Hypothesis
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch
 from bayes_ssi.studies.search.findings import (
@@ -95,14 +96,16 @@ class MatchedAppendage:
 
 @dataclass(frozen=True)
 class BaselineRecord:
-    """A class that appendages were hung on."""
+    """A class that appendages were hung on, or that was compared with such without appendages."""
 
     name: str
     classes: tuple[str, ...]
     log_evidence: float  # without any appendage, in nats; approximate where that was not sampled
     prior_probability: float
     probability: float
-    mass_scale: MassScale  # to which mass ratios refer, in the structure's unit
+    # The mass, in the structure's unit, to which mass ratios refer; None where no appendage was
+    # tried.
+    mass_scale: MassScale | None
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -113,7 +116,8 @@ class SearchRecord(FamilyRecord):
     nothing = "without any appendage"
     why_unseen = "which move in no mode that a sensor sees"
 
-    # The classes that appendages were hung on, the most probable first.
+    # The classes that appendages were hung on, the most probable first; and those compared with
+    # them without appendages.
     baselines: tuple[BaselineRecord, ...]
     left_out: Mapping[str, str]  # class of the study on which no appendage was hung → why
     present_in: tuple[str, ...] | None  # configurations that have the appendages; None if all have
@@ -138,7 +142,8 @@ class SearchRecord(FamilyRecord):
         return tuple(
             each
             for each in self.baselines
-            if self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
+            if each.prior_probability > 0.0
+            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
         )
 
     @property
@@ -355,9 +360,10 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
 
 
 def appendage_findings(
-    baselines: Baselines, search: FamilySearch[Feature], _seed: int, _run: Run
+    baselines: Baselines, search: FamilySearch[Feature], seed: int, run: Run
 ) -> SearchRecord:
-    """What was found on the baselines."""
+    """What was found on the baselines, and the classes compared with them without appendages."""
+    rivals = screen_all([(rival, None) for rival in baselines.rivals], seed, run)
     draws = feature_draws(baselines, search)
     common = findings(search, draws)
     rows: tuple[HypothesisRecord, ...] = common["hypotheses"]
@@ -368,7 +374,13 @@ def appendage_findings(
         if not each.place.is_common
     )
     return SearchRecord(
-        baselines=tuple(sorted(_searched(baselines, rows), key=lambda record: -record.probability)),
+        baselines=(
+            *sorted(_searched(baselines, rows), key=lambda record: -record.probability),
+            *(
+                BaselineRecord(rival.name, (), screened.log_evidence, 0.0, 0.0, None)
+                for rival, screened in zip(baselines.rivals, rivals, strict=True)
+            ),
+        ),
         left_out=dict(baselines.left_out),
         present_in=baselines.present_in,
         search_settings=baselines.options,

@@ -34,6 +34,7 @@ from bayes_ssi.studies.appendages.candidates import (
     with_given_masses,
     with_masses_in_model,
 )
+from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import Family
 
@@ -193,13 +194,14 @@ def parameters_of(place: Feature) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Baselines(Family[Feature]):
-    """The classes that a search hangs appendages on."""
+    """The classes that a search hangs appendages on, and what it compares them with."""
 
     nothing = "no appendage"
 
     options: SearchSettings  # what an appendage may be
     # Names of the configurations that have appendages; all if None.
     present_in: tuple[str, ...] | None
+    rivals: tuple[ModelClass, ...]  # classes that are compared without appendages
     left_out: Mapping[str, str]  # other classes of the study → why nothing is hung on them
     name: str  # of the study, or of the only class
 
@@ -323,6 +325,19 @@ def choose_baselines(
     chosen.require_same_data()
     chosen = chosen.with_any_pairing()
     classes = chosen.model_classes
+    tried = {name for originals in chosen.stands_for.values() for name in originals}
+    # To have an appendage is what the search asks: such a class is no rival without any.
+    are_bare = not any(map(_appendages_of, classes))
+    rivals = [
+        each.name
+        for each in study.model_classes
+        if each.name not in tried
+        and not (are_bare and _appendages_of(each))
+        and each.data_digest == classes[0].data_digest
+        # An evidence over all pairings takes seconds.
+        and is_cheap(each)
+        and not each.error.is_correlated
+    ]
     return Baselines(
         chosen,
         {
@@ -331,6 +346,7 @@ def choose_baselines(
         },
         options,
         None if present_in is None else tuple(present_in),
+        tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else (),
         left_out,
         classes[0].name if len(classes) == 1 else study.name,
     )
