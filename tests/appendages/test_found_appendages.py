@@ -8,7 +8,12 @@ import pytest
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.appendage_search import matched, matched_appendages, ranked_draws
+from bayes_ssi.studies.appendages.appendage_search import (
+    Motions,
+    matched,
+    matched_appendages,
+    ranked_draws,
+)
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
@@ -124,6 +129,13 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
         assert {p.place: p.probability for p in each.places} == {first: 0.5, second: 0.5}
         assert [p.by_data for p in each.places] == pytest.approx([0.5, 0.5])
         assert each.effective_mass is None
+    # Beside the fourth mode: a mass of 2 at a place that moves by 0.9, where sensors move by 1.5.
+    of_places = {first: np.array([0.5, 0.9]), second: np.array([0.5, 0.9])}
+    known = {0: Motions(np.array([3, 4]), np.array([1.2, 4.4]), of_places, np.array([1.0, 1.5]))}
+    with_motions = matched(by_rank[1], places, known)
+    assert with_motions.mode == 4
+    assert with_motions.effective_mass == pytest.approx([2.0 * 0.9**2 / 1.5**2] * 3)
+    assert with_motions.effective_ratio == pytest.approx([2.0 * 0.9**2] * 3)
     assert {p.amounts["mass"] for p in lower.places} == {(1.0, 1.0, 1.0)}
     assert {p.amounts["mass"] for p in upper.places} == {(2.0, 2.0, 2.0)}
 

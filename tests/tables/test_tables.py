@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,6 +32,9 @@ from bayes_ssi.report.tables.ranking_tables import (
 from bayes_ssi.report.tables.search_tables import (
     appendage_place_table,
     averaged_table,
+    baseline_notes,
+    baseline_table,
+    place_table,
     search_table,
 )
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, ParameterChange
@@ -122,6 +126,44 @@ def test_the_shift_of_a_changed_mean_has_its_sign_and_its_unit():
         "+1.50",
         "-2.00",
         "-",
+    ]
+
+
+def test_a_baseline_that_another_class_beats():
+    baselines = [
+        SimpleNamespace(name=name, prior_probability=p, probability=q, log_evidence=z)
+        for name, p, q, z in (("one", 1.0, 1.0, -9.5), ("rival", 0.0, 0.0, -3.25))
+    ]
+    best, beaten, left_out = baselines[1], baselines[:1], {"odd": "it has a mast"}
+    record = SimpleNamespace(
+        baselines=baselines, best_without_appendages=best, beaten=beaten, left_out=left_out
+    )
+    table = baseline_table(record)
+    assert cells(table, ["one", "(!)"])[-2:] == ["-9.50", "-6.25"]
+    assert cells(table, ["rival"]) == ["-", "-", "-3.25", "0.00"]
+    beaten[0].probability = 0.0
+    assert baseline_notes(record) == [
+        "(!) 'one': without any appendage, 'rival' beats it by 6.2 nats.",
+        "Left out: it has a mast",
+    ]
+
+
+def test_losses_are_in_percent():
+    amounts = {"loss, k1": (0.1, 0.125, 0.15)}
+    place = SimpleNamespace(name="k1", amounts=amounts, probability=0.9, smallest_visible=0.031)
+    place.place = place
+    record = SimpleNamespace(
+        amount=("loss", "loss (%)"), feature="change", has_visible=True, scale=100.0,
+        places_by_probability=[place],
+    )  # fmt: skip
+    assert cells(place_table(record), ["k1"]) == [
+        "k1",
+        "0.9000",
+        "12.5",
+        "(10.0",
+        "to",
+        "15.0)",
+        "3.1",
     ]
 
 
