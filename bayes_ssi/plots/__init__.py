@@ -17,6 +17,7 @@ from bayes_ssi.plots.place_plots import plot_layout as plot_layout
 from bayes_ssi.plots.place_plots import plot_places as plot_places
 from bayes_ssi.plots.prediction_plots import plot_time_history as plot_time_history
 from bayes_ssi.plots.prediction_plots import plot_transfer_functions as plot_transfer_functions
+from bayes_ssi.plots.record_plots import plot_complexity as plot_complexity
 from bayes_ssi.plots.record_plots import plot_singular_values as plot_singular_values
 from bayes_ssi.plots.record_plots import plot_stabilisation as plot_stabilisation
 from bayes_ssi.plots.record_plots import plot_whitened_residuals as plot_whitened_residuals

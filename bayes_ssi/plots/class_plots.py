@@ -45,8 +45,11 @@ def plot_evidence(
             label="information gained")  # fmt: skip
     ax.plot(fit, y, "|", color=look.BLUE, markersize=11, label="fit: mean log-likelihood")
     for i, row in enumerate(rows):
-        ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=look.VERMILION, capsize=3,
-                    label=None if i else "log evidence ± 1 standard error")  # fmt: skip
+        point = ax.errorbar(row.log_evidence, i, xerr=row.error, fmt="o", color=look.VERMILION,
+                            capsize=3,
+                            label=None if i else "log evidence ± 1 standard error")  # fmt: skip
+        look.hover(point, f"{row.name}: log evidence {row.log_evidence:.3f} ± {row.error:.3f}, fit "
+              f"{row.mean_log_likelihood:.2f}, probability {row.probability_text}")  # fmt: skip
     ax.use_sticky_edges = False
     ax.margins(x=0.04)
     ax.set_xlabel("nats")
@@ -96,8 +99,10 @@ def plot_frequencies(
                 hz = np.quantile(frequencies_hz[..., modes.pairing[mode.label] - 1], LEVELS)
             low, median, high = 100.0 * (hz / mode.frequency_hz - 1.0)
             errors = [[median - low], [high - median]]
-            ax.errorbar(i + offset, median, yerr=errors, fmt=marker, color=colour, markersize=4,
-                        capsize=2, label=name)  # fmt: skip
+            point = ax.errorbar(i + offset, median, yerr=errors, fmt=marker, color=colour,
+                                markersize=4, capsize=2, label=name)  # fmt: skip
+            look.hover(point, f"{posterior.name}, mode {mode.label}: {hz[1]:.4g} Hz, "
+                  f"{median:+.2f} % ({low:+.2f} to {high:+.2f} %)")  # fmt: skip
             name = None
     if any(line.get_marker() == "x" for line in ax.lines):
         ax.plot([], [], "x", color="black", markersize=6, label="called spurious")
@@ -151,19 +156,23 @@ def plot_mac(
 def plot_corner(
     posterior: Posterior,
     parameters: Sequence[str] | None = None,
+    truths: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Figure:
     """Marginal and joint posterior densities of all or some of the parameters.
 
     Dashed lines are the 5 %, 50 % and 95 % quantiles; contours hold 39 % and 86 % of the draws, as
     one and two standard deviations of a normal density do. Panels leave out the outermost 0.3 % of
-    the draws.
+    the draws, and reach to true values.
 
     Args:
         parameters: names of the parameters; all if None.
+        truths: true values of some of them, which lines mark.
         units: parameter → its unit, which is written beside the name.
     """
     names = posterior.parameter_names if parameters is None else tuple(parameters)
+    truths = truths or {}
+    require_known("plot_corner: no parameter", truths, posterior.parameter_names)
     require_known("plot_corner: no parameter", names, posterior.parameter_names)
     values = posterior.values[:, [posterior.parameter_names.index(name) for name in names]]
     n = len(names)
@@ -172,6 +181,10 @@ def plot_corner(
     # two variables.
     shown, contours = 0.9973, 1.0 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)
     spans = np.quantile(values, (0.5 - 0.5 * shown, 0.5 + 0.5 * shown), axis=0)
+    for k in (names.index(name) for name in truths if name in names):  # where lines are to be seen
+        width = 0.05 * np.ptp(spans[:, k])
+        spans[0, k] = min(spans[0, k], truths[names[k]] - width)
+        spans[1, k] = max(spans[1, k], truths[names[k]] + width)
     figure = look.new_figure((0.8 + 1.5 * n, 1.4 + 1.5 * n))
     arviz()  # corner imports it, and would show its warnings
     import corner
@@ -183,6 +196,7 @@ def plot_corner(
             values, bins=30, range=spans.T, fig=figure, color=look.BLUE, quantiles=LEVELS,
             smooth=1.0, levels=contours, plot_datapoints=False, plot_density=False,
             fill_contours=True, no_fill_contours=True, max_n_ticks=3,
+            truths=[truths.get(name) for name in names], truth_color=look.VERMILION,
         )  # fmt: skip
     panels = np.array(figure.axes, dtype=object).reshape(n, n)
     # Panels above the diagonal are empty; the layout need not look for what they hold.
@@ -242,10 +256,11 @@ def plot_population(hierarchy: Hierarchy) -> Figure:
         for x, test in zip(at, tests, strict=True):
             low, median, high = test.intervals[i]
             label = None if test is not tests[0] else "each test by itself, 90 % interval"
-            ax.errorbar(
+            point = ax.errorbar(
                 x, median, [[median - low], [high - median]], fmt="o", color=look.VERMILION,
                 markersize=3, linewidth=0.8, label=label,
             )  # fmt: skip
+            look.hover(point, f"{test.name}: {median:.4g}, 90 % interval {low:.4g} to {high:.4g}")
         ax.set_ylabel(f"{parameter.name} ({parameter.unit})" if parameter.unit else parameter.name)
         look.without_math(ax.yaxis.label)
     panels[-1].set_xlabel("test" if scale is None else scale.name)

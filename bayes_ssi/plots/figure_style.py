@@ -37,6 +37,8 @@ MOST_VECTORS = 300  # lines or markers above which they are one picture within a
 COLOURS = (BLUE, ORANGE, GREEN, VERMILION, GREY)
 MARKERS = "osD^v"
 LINES = ("-", "--", "-.", ":")
+# Prefix of the SVG id of a point with a hover text.
+HOVER = "hover: "
 
 # Fonts for names in letters that the default font lacks, those of common systems: only fonts of
 # outlines, since matplotlib cannot draw the bitmaps of coloured emoji.
@@ -124,6 +126,12 @@ def save_figures(directory: Path, figures: Iterable[NamedFigure]) -> list[Path]:
     """Write figures as PNG files, in the package's style where they are drawn when asked for."""
     with figures_for_files():
         return [save_figure(drawn, directory / f"{name}.png") for name, drawn in figures]
+
+
+def hover(artist: Any, text: str) -> None:
+    """Attach a hover text to a point, which its SVG drawing carries to a page."""
+    # An error bar is several artists; the first of its lines is the marker.
+    (artist.lines[0] if hasattr(artist, "lines") else artist).set_gid(f"{HOVER}{text}")
 
 
 def without_math(*texts: Any) -> None:

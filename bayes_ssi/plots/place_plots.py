@@ -72,7 +72,10 @@ def plot_place_map(search: FamilyRecord) -> Axes:
             artist = drawn.scatter(*place.coordinates, s=36.0, marker=place.marker, color=colours,
                                    edgecolors="black", linewidths=0.4, depthshade=False,
                                    label=place.title)  # fmt: skip
-        artist.set_rasterized(len(shown) > look.MOST_VECTORS)
+        if len(shown) <= look.MOST_VECTORS:
+            look.hover(artist, f"{place.name}: probability {probability_text(each.probability)}")
+        else:
+            artist.set_rasterized(True)
     below = figure.add_axes((0.2, 0.75 / height, 0.6, 0.12 / height))
     bar = figure.colorbar(scale, ticks=MaxNLocator(4), cax=below, orientation="horizontal")
     bar.set_label(f"probability of {search.a_feature}", fontsize=look.SMALL_TEXT)
@@ -91,9 +94,10 @@ def plot_place_bars(search: FamilyRecord) -> Axes:
         bars.append((f"{len(others)} others together", together, look.GREY))
     names = [name for name, _, _ in bars]
     ax = look.rows_of(None, names, extra=0.7)
-    for row, (_, probability, colour) in enumerate(bars):
+    for row, (name, probability, colour) in enumerate(bars):
         text = probability_text(probability)
-        ax.barh(row, probability, height=0.6, color=colour)
+        (bar,) = ax.barh(row, probability, height=0.6, color=colour)
+        look.hover(bar, f"{name}: probability {text}")
         ax.annotate(text, (probability, row), xytext=(3, 0), textcoords="offset points",
                     va="center", fontsize=look.SMALL_TEXT)  # fmt: skip
     highest = max(probability for _, probability, _ in bars)

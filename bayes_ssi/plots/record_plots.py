@@ -1,10 +1,11 @@
-"""From a vibration record to its modes: spectra, stabilisation, residuals and shapes."""
+"""From a vibration record to its modes: spectra, stabilisation, residuals, shapes and phases."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from bayes_ssi.measurements.records.modal_identification import ModalIdentification
@@ -21,6 +22,7 @@ CAPTIONS = {
     "whitened_residuals": "What is left of each spectral matrix divided by the fit's: 1 on average "
     "where the fit is right",
     "shapes": "Identified modes and shapes, largest component ±1, with 90 % intervals",
+    "complexity": "Phases of the motion at each mode: on one line where the mode is real and alone",
 }
 
 
@@ -97,6 +99,38 @@ def plot_whitened_residuals(identified: ModalIdentification, ax: Axes | None = N
     return ax
 
 
+def plot_complexity(identified: ModalIdentification) -> Figure:
+    """Phases of the motion at each quoted frequency: 0 or 180 degrees for a real mode alone.
+
+    Components of the first singular vector of the nearest spectral matrix, one for each sensor; the
+    outer circle is 1.
+    """
+    frequencies = identified.quoted.frequencies_hz
+    # All but the ground, where that is measured.
+    channels = [i for i, name in enumerate(identified.record.sensors) if name != identified.ground]
+    polar = {"projection": "polar"}
+    figure, axes = look.panels_of(len(frequencies), 0.0, 1.9, subplot_kw=polar)
+    for frequency, ax in zip(frequencies, axes, strict=True):
+        band = min(identified.bands, key=lambda each: each.distance_to(frequency))
+        data = band.fit.data
+        nearest = np.abs(data.frequencies_hz - frequency).argmin()
+        leading = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
+        motion = data.to_channels[channels] @ leading
+        motion = motion / np.linalg.norm(motion)
+        motion = motion * np.exp(-0.5j * np.angle((motion**2).sum()))
+        motion *= np.sign(motion.real[np.abs(motion.real).argmax()])
+        for sensor, component in zip(identified.quoted.sensors, motion, strict=True):
+            phase, size = np.angle(component), abs(component)
+            ax.plot([phase, phase], [0.0, size], color=look.BLUE, linewidth=1.2)
+            (end,) = ax.plot(phase, size, "o", color=look.BLUE, markersize=3)
+            look.hover(end, f"{sensor}: {size:.3f}, {np.degrees(phase):.1f}°")
+        ax.set_ylim(0.0, 1.0)
+        ax.set_yticks([0.5, 1.0], ["", ""])
+        ax.set_xticks(np.pi * np.arange(4) / 2.0, ["0°", "", "180°", ""], fontsize=look.SMALL_TEXT)
+        ax.set_title(f"{frequency:.4g} Hz", fontsize=look.SMALL_TEXT)
+    return figure
+
+
 def save_record_figures(directory: Path, identified: ModalIdentification) -> list[Path]:
     """Write the figures of an identification as PNG files, and a page of shapes that move."""
     directory.mkdir(parents=True)
@@ -112,6 +146,7 @@ def _figures(identified: ModalIdentification) -> Iterator[look.NamedFigure]:
     yield "whitened_residuals", plot_whitened_residuals(identified)
     if len(identified.too_short) < len(identified.modes):
         yield "shapes", plot_identified_modes(identified.modal_data())
+    yield "complexity", plot_complexity(identified)
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -127,5 +162,6 @@ def _draw_modes(ax: Axes, identified: ModalIdentification) -> None:
         frequency, cov = mode.frequency_hz, mode.frequency_cov
         half = look.SDS_OF_90_PERCENT * cov * frequency
         ax.axvspan(frequency - half, frequency + half, color=look.ORANGE, alpha=0.6, linewidth=0)
-        ax.axvline(frequency, color=look.ORANGE, linewidth=0.8,
-                   label=None if i else f"mode by {identified.method}, 90 %")  # fmt: skip
+        line = ax.axvline(frequency, color=look.ORANGE, linewidth=0.8,
+                          label=None if i else f"mode by {identified.method}, 90 %")  # fmt: skip
+        look.hover(line, f"{frequency:.5g} Hz ± {100 * cov:.2g} %")

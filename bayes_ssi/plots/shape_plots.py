@@ -106,7 +106,9 @@ def plot_shape_components(
         colour = look.VERMILION if label == APPENDAGES else next(colours)
         rows = np.array([y[place] for place in group])
         low, median, high = np.array([bands[place] for place in group]).T
-        ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=label)
+        bars = ax.barh(rows, median, height=0.7, color=colour, alpha=0.6, label=label)
+        for place, bar, component in zip(group, bars, median, strict=True):
+            look.hover(bar, f"{title}, {place}: {component:.3f}".replace("\n", ", "))
         # Of arrays of one element, matplotlib makes numbers in a way of which numpy 2.0 warns.
         below, above = (median - low).tolist(), (high - median).tolist()
         ax.errorbar(median, rows, xerr=[below, above], fmt="none", ecolor="black",
@@ -198,7 +200,8 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
             half = look.SDS_OF_90_PERCENT * mode.frequency_cov * mode.frequency_hz
             ax.axvspan(mode.frequency_hz - half, mode.frequency_hz + half, color=look.GREY,
                        alpha=0.5, linewidth=0)  # fmt: skip
-        ax.plot([mode.frequency_hz] * 2, [0.0, height], color=look.BLUE, linewidth=1.5)
+        (line,) = ax.plot([mode.frequency_hz] * 2, [0.0, height], color=look.BLUE, linewidth=1.5)
+        look.hover(line, f"mode {mode.label}: {mode.frequency_hz:.5g} Hz")
         label = ax.text(mode.frequency_hz, height + 0.04, mode.label, ha="center", va="bottom",
                         fontsize=look.SMALL_TEXT, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip

@@ -21,7 +21,7 @@ from bayes_ssi import plots
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.plots.figure_style import MOST_CLASSES, RC, figures_for_files, whole_figure
+from bayes_ssi.plots.figure_style import HOVER, MOST_CLASSES, RC, figures_for_files, whole_figure
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.structures.modal import SHAPE_SCALE
 from bayes_ssi.studies.planning.plan_record import Plan
@@ -61,7 +61,7 @@ class EmbeddedFigure:
 
 
 def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigure:
-    """A figure as an SVG drawing."""
+    """A figure as an SVG drawing whose points show their hover texts."""
     figure.set_dpi(72)  # SVG is drawn in points
     # Laid out once: a figure that is saved with its layout engine is drawn twice.
     layout = figure.get_layout_engine()
@@ -72,6 +72,7 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
     figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
     svg = file.getvalue()
     svg = svg[svg.index("<svg") :]
+    svg = re.sub(rf'<g id="{HOVER}([^"]*)"', r'<g class="point" tabindex="0" data-tip="\1"', svg)
     svg = re.sub(r'\bid="([^"]*)"', rf'id="{prefix}.\1"', svg)
     svg = re.sub(r'href="#([^"]*)"', rf'href="#{prefix}.\1"', svg)
     svg = re.sub(r"url\(#([^)]*)\)", rf"url(#{prefix}.\1)", svg)

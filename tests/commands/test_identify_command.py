@@ -57,7 +57,7 @@ def test_the_ground_is_no_sensor_of_the_modes(tmp_path):
     record = tmp_path / "shaken.npz"
     result = run(record, "--band", 0.5, 4, "--figures", figures, "--out", out)
     assert result.exit_code == 0, result.output
-    assert {path.stem for path in figures.iterdir()} >= {"shapes", "singular_values"}
+    assert {path.stem for path in figures.iterdir()} >= {"complexity", "shapes", "singular_values"}
     modes = bs.read_modal_data(out)
     assert modes.sensors == ("floor 1", "floor 2")
     np.testing.assert_allclose(modes.frequencies_hz, [1.0, 2.62], rtol=0.01)
@@ -99,7 +99,7 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     record = json.loads(done.stdout)
     assert [len(peak["frequencies_hz"]) for peak in record["peaks"]] == [1, 1, 1, 1]
     assert sorted(file.stem for file in figures.iterdir()) == [
-        "moving_shapes", "shapes", "singular_values", "stabilisation",
+        "complexity", "moving_shapes", "shapes", "singular_values", "stabilisation",
         "whitened_residuals",
     ]  # fmt: skip
     modes = bs.read_modal_data(out)

@@ -56,6 +56,8 @@ def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_proba
     assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
     assert "probability of an appendage" in {each.get_xlabel() for each in ax.figure.axes}
     assert labels_of(ax) == ["improbable place", "place and direction"]
+    hover = [arrow.get_gid() for arrow in arrows]
+    assert hover[-1] == "hover: pendulum p5: probability 0.6000"
 
 
 @pytest.mark.parametrize("far", [(9.0, 0.0, 0.0), (9.0, 0.0, 60.0), (9.0, 9.0, 1.0), (0.1, 0, 0)])

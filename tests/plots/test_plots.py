@@ -114,6 +114,17 @@ def test_corner(make_posterior):
         plot_corner(posterior, parameters=("k9",))
 
 
+def test_a_corner_plot_marks_true_values(make_posterior):
+    k1, _, _, k2 = plot_corner(make_posterior("3"), truths={"k2": 0.25}).axes
+    at = [line.get_xdata()[0] for line in k2.lines]
+    assert at[:3] == pytest.approx(np.quantile(make_posterior("3").values[:, 1], [0.05, 0.5, 0.95]))
+    assert at[3:] == [0.25]
+    assert k2.get_xlim()[0] < 0.25
+    assert len(k1.lines) == 3
+    with pytest.raises(ValueError, match="no parameter 'k9'"):
+        plot_corner(make_posterior("3"), truths={"k9": 1.0})
+
+
 def test_contours_of_a_corner_plot_hold_their_shares_of_the_draws(make_posterior):
     """Of a normal density of two variables, exp(-r^2 / 2) is outside r standard deviations."""
     draws = np.random.default_rng(4).multivariate_normal([1.0, 2.0], [[1, 0.5], [0.5, 2]], 40_000)
@@ -150,8 +161,7 @@ def test_many_classes_are_drawn_by_their_names_literally(tmp_path, data, make_po
     with figures_for_files():
         frequencies = plot_frequencies(data, posteriors)
         evidence = plot_evidence(bs.compare(posteriors))
-        corner = plot_corner(posteriors[0], parameters=odd[:2])
-        figures = frequencies.figure, evidence.figure, corner
+        figures = frequencies.figure, evidence.figure, plot_corner(posteriors[0])
         paths = [save_figure(each, tmp_path / f"{i}.png") for i, each in enumerate(figures)]
     assert all(path.read_bytes()[: len(PNG)] == PNG for path in paths)
     assert plt.get_fignums() == []

@@ -56,6 +56,7 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
         if address.startswith("#"):
             assert address[1:] in page.ids
     text = reported.read_text(encoding="utf-8")
+    assert 'data-tip="one k: log evidence' in text
     # Evidences; identified modes and frequencies; shapes of two classes, and the joint densities of
     # the first.
     assert text.count("<figure ") == 6
@@ -211,6 +212,7 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
     page = page_of(found_in_case_c, tmp_path / "r")
     answer, rest = page.source.split('<nav aria-label="Sections">')
     assert 'aria-label="Probability of an appendage by place"' in answer
+    assert 'data-tip="infill 1-2: probability' in answer
     assert "Probability of an appendage by place" not in rest
 
 
