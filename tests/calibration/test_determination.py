@@ -110,10 +110,7 @@ def test_the_priors_pull():
 
 @pytest.mark.parametrize("seed", [2, 11])
 def test_with_the_prior_errors_do_not_drive_what_the_data_leave_open(seed):
-    """18 storeys and the shapes of three modes, with errors, at three floors.
-
-    Of the data alone, searches end up to eight prior standard deviations away, or nowhere.
-    """
+    """18 storeys and the shapes of three modes, with errors, at three floors."""
     n = 18
     factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(1, n + 1)]
     building = bs.ShearBuilding((1000.0,) * n, [2e6 * k for k in factors])
@@ -141,6 +138,3 @@ def test_with_the_prior_errors_do_not_drive_what_the_data_leave_open(seed):
     errors = np.log(calibration.best.values) - true
     sds = np.divide(calibration.standard_errors, calibration.best.values)
     assert (np.abs(errors) < 3.0 * sds).all()
-    if seed == 2:
-        with pytest.raises(ValueError, match=r"no local search .* converged.*--with-prior"):
-            bs.calibrate(candidate, n_starts=2)
