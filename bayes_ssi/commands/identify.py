@@ -13,6 +13,7 @@ from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
+    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 
 MODE_FIELDS = (
@@ -39,6 +40,7 @@ COMPLEXITY = ("mpc", "mean_phase_deg")
 @options.default_option("--method", BAYESIAN_FFT,
     "Whose modes are written; the others look near those of the Bayesian FFT.",
     click.Choice(list(METHOD_NAMES)))  # fmt: skip
+@options.flag("--compare", text="Print the modes by every method in one table.")
 @options.flag("--verbose", text="Print what the record says of every peak and of the loads, too.")
 @options.modes_option
 @options.path_option(
@@ -48,7 +50,7 @@ COMPLEXITY = ("mpc", "mean_phase_deg")
 @terminal.json_option
 def identify(
     files: tuple[Path, ...], band: tuple[float, float], at: tuple[float, ...], ground: str | None,
-    stated: dict[str, Any], method: str, verbose: bool, out: Path | None,
+    stated: dict[str, Any], method: str, compare: bool, verbose: bool, out: Path | None,
     figures: Path | None,
 ) -> None:  # fmt: skip
     """Identify the modes of the record in FILES, all of one setup and the same instants.
@@ -70,6 +72,9 @@ def identify(
     identified = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = [*identified.said_of_sensors, *record.selected(identified.quoted.sensors).warnings()]
+    by_others: dict[str, ModalData | str] = {}
+    if compare:
+        by_others = other_methods.compared(record, identified.quoted)
     chosen = other_methods.modes_by(method, record, identified.quoted)
     drawn: list[Path] = []
     said: list[str] = []  # after all is written, however the output ends
@@ -93,6 +98,12 @@ def identify(
         terminal.say_warnings([(f"{checks}. {WHAT_HELPS}", failed)])
     terminal.say_in_paragraphs(identification_answer(identified), "")
     terminal.show(estimates_table(identified.quoted, identified.method, identified.modes))
+    if compare:
+        from bayes_ssi.report.tables.mode_tables import methods_table
+
+        terminal.show(methods_table(by_others, METHOD_NAMES))
+        failures = {name: why for name, why in by_others.items() if isinstance(why, str)}
+        terminal.say(*(f"{METHOD_NAMES[name]}: {why}" for name, why in failures.items()))
     remarks = [*warnings, *identified.remarks]
     if verbose:
         remarks += [

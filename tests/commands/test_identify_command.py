@@ -55,7 +55,7 @@ def test_the_ground_is_no_sensor_of_the_modes(tmp_path):
     np.savez(tmp_path / "shaken.npz", samples=samples, **known)
     figures, out = tmp_path / "figures", tmp_path / "modes.csv"
     record = tmp_path / "shaken.npz"
-    result = run(record, "--band", 0.5, 4, "--figures", figures, "--out", out)
+    result = run(record, "--band", 0.5, 4, "--figures", figures, "--out", out, "--compare")
     assert result.exit_code == 0, result.output
     assert {path.stem for path in figures.iterdir()} >= {"complexity", "shapes", "singular_values"}
     modes = bs.read_modal_data(out)

@@ -12,12 +12,12 @@ from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
 
 import bayes_ssi as bs
-from bayes_ssi.measurements.modes.identification_summary import Peak
+from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
 from bayes_ssi.measurements.records import explained_band
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import peaks_without_mode, quoted_modes
-from bayes_ssi.measurements.records.other_methods import fdd, modes_by, next_era, tfie
+from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, next_era, tfie
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -318,10 +318,11 @@ def test_simple_methods_find_the_modes(method):
         method(simulated(3, duration_s=30.0), BAND, near=TRUTH)
 
 
-def test_modes_by_one_method():
+def test_methods_are_compared_and_one_of_them_is_used():
     record, result = simulated(0), identified(0, ground=False)
-    assert modes_by("bayesian-fft", record, result.quoted) is result.quoted
-    era = modes_by("next-era", record, result.quoted)
+    modes = compared(record, result.quoted)
+    assert list(modes) == list(METHOD_NAMES)
+    era = modes["next-era"]
     np.testing.assert_allclose(era.frequencies_hz, TRUTH.frequencies_hz, rtol=0.01)
     assert (np.abs((era.unit_shapes * TRUTH.shapes).sum(0)) > 0.99).all()
     data = modes_by("fdd", record, result.quoted)

@@ -48,6 +48,17 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     return OTHERS[method](piece, identified.band_hz, near)
 
 
+def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str]:
+    """The modes by every method, or why a method does not give them."""
+    modes: dict[str, ModalData | str] = {}
+    for method in METHOD_NAMES:
+        try:
+            modes[method] = modes_by(method, record, identified)
+        except ValueError as error:
+            modes[method] = str(error)
+    return modes
+
+
 def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     low, high = record.checked_band(band_hz)
     reach = (low / REACH, min(high * REACH, record.nyquist_hz))

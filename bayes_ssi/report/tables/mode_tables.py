@@ -1,7 +1,7 @@
 """Modes as they were read, by every method, merged, and before and after calibrations."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
@@ -11,7 +11,8 @@ from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.merging import MergedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.report.tables.layout import MOST_COLUMNS, digits, new_table, number, percent
+from bayes_ssi.report.tables.layout import MOST_COLUMNS, add_row, digits, new_table, number, percent
+from bayes_ssi.structures.modal import mac
 
 # Of each mode by one method, with standard deviations.
 ESTIMATES = ("frequency Hz", "± %", "damping %", "±", "shape ±")
@@ -40,6 +41,18 @@ def estimates_table(modes: ModalData, method: str, estimated: Sequence[Estimated
         for mode, each in zip(modes.modes, estimated, strict=True)
     ]
     return new_table(f"Modes by {method}", ["mode"], (*ESTIMATES, "MPC", "phase °"), rows)
+
+
+def methods_table(by: Mapping[str, ModalData | str], names: Mapping[str, str]) -> Table:
+    """Each mode by every method, with the MAC of its shape with that of the first."""
+    shown = {name: modes for name, modes in by.items() if not isinstance(modes, str)}
+    first = next(iter(shown.values()))
+    table = new_table("Modes by every method", ["mode", "method"], [*ESTIMATES, "MAC"])
+    for i, label in enumerate(first.labels):
+        for name, modes in shown.items():
+            alike = mac(first.unit_shapes, modes.unit_shapes)[i, modes.labels.index(label)]
+            add_row(table, label, names[name], *_estimates(modes.mode(label)), f"{alike:.4f}")
+    return table
 
 
 def _estimates(mode: IdentifiedMode) -> tuple[str, ...]:
