@@ -1,10 +1,10 @@
-"""Modes of one record by other methods than the Bayesian FFT.
+"""Modes of one record by each of several methods, side by side.
 
-They look near modes that are given, as a user who compares them would, and give no errors.
-NExT-ERA: poles of free decays (:mod:`bayes_ssi.measurements.records.mode_candidates`). FDD,
-frequency domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the spectral
-matrix at its peaks. TFIE, time–frequency instantaneous estimators after Bonato, Ceravolo, De
-Stefano and Molinari (2000), as inferred from the abstract and from papers that use it: while a
+All but the Bayesian FFT look near modes that are given, as a user who compares them would, and give
+no errors. NExT-ERA: poles of free decays (:mod:`bayes_ssi.measurements.records.mode_candidates`).
+FDD, frequency domain decomposition (Brincker, Zhang and Andersen 2001): singular vectors of the
+spectral matrix at its peaks. TFIE, time–frequency instantaneous estimators after Bonato, Ceravolo,
+De Stefano and Molinari (2000), as inferred from the abstract and from papers that use it: while a
 mode dominates, the phase between two channels is 0 or 180 degrees. The frequencies at which it
 stays there over time are those of modes, and the amplitude ratios at these give the shape.
 """
