@@ -65,6 +65,7 @@ class Counted:
 
     def __setstate__(self, state):
         self.__dict__.update(state)
+        time.sleep(0.05)  # long enough for another thread to begin as well
         with open(self.path, "a") as file:
             file.write("x")
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from time import sleep
 from typing import Any
 
@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 # Modules of study files carry this prefix. No worker could import them, so they are pickled too.
 STUDY_MODULE = "bayes_ssi_study_"
+_UNPACKING = Lock()
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ def pickled(what: object) -> bytes:
 
 def call_packed(function: PackedFunction, item: bytes) -> Any:
     """The function's value at a pickled item."""
-    return _unpacked(function)(_unpickled(item))
+    with _UNPACKING:  # of two threads that come first, both would unpickle it
+        unpacked = _unpacked(function)
+    return unpacked(_unpickled(item))
 
 
 # Batch after batch is evaluated by the same function until a class is done.
