@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 NOMINAL_HZ = [3.23, 4.02, 5.70, 9.74, 14.55, 18.42]
 APPROACHES = ("1-a", "1-b", "2")
 # Log evidences by full sampling, and about where the posterior lies: mean, standard deviation.
-SAMPLED = {"3 M3+": 294.25, "3 M1+": 289.53, "1-a M1": 213.49}
+SAMPLED = {"3 M3+": 294.31, "3 M1+": 289.84, "1-a M1": 213.49}
 POSTERIOR = {
     "3 M3+": {
         "Icx1": (0.666, 0.035), "Icy1": (0.870, 0.046), "Ibx": (1.20, 0.073),

@@ -337,6 +337,36 @@ def test_the_closest_of_three_turn_together():
     assert close_pairs(frequencies[[2]], np.full((2, 1), np.nan), variances) is None
 
 
+class Chain(Pair):
+    """Three modes, the middle one of which passes from the lower to the upper."""
+
+    def modes(self, values):
+        middle = 2.0 + 0.02 * (values[:, 0] - 0.5)
+        frequencies = np.column_stack(
+            [np.full(len(middle), 1.98), middle, np.full(len(middle), 2.02)]
+        )
+        shapes = np.column_stack([X, Y, [1.0, -0.5, 0.0, 0.0]])
+        return Modes(frequencies, np.tile(shapes, (len(middle), 1, 1)))
+
+
+def test_which_of_three_turn_does_not_change_where_distances_of_the_model_cross():
+    """The log-likelihood has no step: its differences are those of a smooth function."""
+    shapes = {"a": X + 0.2 * Y, "b": Y - 0.2 * X, "c": np.array([1.0, -0.5, 0.2, -0.1])}
+    modes = [
+        bs.IdentifiedMode(label, hz, shapes[label])
+        for label, hz in zip("abc", (1.98, 2.001, 2.02), strict=True)
+    ]
+    data = bs.ModalData(tuple(modes), (0.0, 4.0), PLACES)
+    pairing = {label: i for i, label in enumerate("abc", 1)}
+    candidate = bs.ModelClass("chain", Chain(), data, bs.ErrorModel(0.01, 0.03), pairing=pairing)
+    values = np.linspace(0.4, 0.6, 51)[:, None]  # where both distances are 1 % at the middle
+    rises = np.diff(candidate.log_likelihood(values))
+    assert np.abs(np.diff(rises)).max() < 1e-4
+    (likelihood,) = candidate.likelihoods
+    close = likelihood.close_pairs(values, likelihood.modes(values).frequencies_hz)
+    assert set(close.lower.tolist()) == {1}  # b and c, as identified
+
+
 @pytest.mark.parametrize("pairing", [{"a": 1, "b": 2}, "any"])
 def test_a_turned_pair_is_shown_as_it_turns_and_is_no_misfit(pairing):
     data = turned_data(30.0, 0.003)

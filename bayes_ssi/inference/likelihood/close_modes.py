@@ -20,8 +20,9 @@ Where the pairing is inferred, the sum over pairings has both orders of the two,
 frequencies and with turns about it: the density of two modes, whichever is whichever. With a given
 pairing it is that of these two and of their order.
 
-Only neighbours turn, each mode with one other, the closest ones first: of three close modes the two
-closest turn together, and the third does not.
+Only neighbours turn, each mode with one other, the closest ones first, by their identified
+frequencies where the pairing is given: of three close modes the two closest turn together, and the
+third does not.
 """
 
 import math
@@ -80,7 +81,10 @@ def relative_distances(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def close_pairs(
-    frequencies_hz: FloatArray, observed: FloatArray, variances: FloatArray
+    frequencies_hz: FloatArray,
+    observed: FloatArray,
+    variances: FloatArray,
+    order: FloatArray | float = math.nan,
 ) -> ClosePairs | None:
     """The pairs that turn together; None where none does.
 
@@ -89,6 +93,9 @@ def close_pairs(
         observed: (M - 1, 1 or B), distances of identified frequencies of neighbours; infinite for
             neighbours that are not compared, NaN where one of them was not identified.
         variances: (B or 1, 2), squared prediction errors of frequencies and of shapes.
+        order: (M - 1, 1), distances by which the closest are chosen; the model's where NaN. Those
+            of identified modes make the choice for all rows alike: where it would change from one
+            row to the next, the likelihood would have a step.
     """
     distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
     others = np.where(np.isnan(observed), distances, observed)
@@ -97,7 +104,7 @@ def close_pairs(
     rows = np.flatnonzero(near.any(axis=0))
     if not len(rows):
         return None
-    left = np.where(near, distances, np.inf).T[rows]
+    left = np.where(near, np.where(np.isnan(order), distances, order), np.inf).T[rows]
     pairs = []
     while np.isfinite(left).any():
         closest = left.argmin(axis=1)

@@ -228,7 +228,8 @@ class ModalLikelihood:
         if not len(self.pairs.with_shape) or self.error.repeats_between_tests:
             return None
         observed, variances = self._observed_distances[:, None], self.prediction_var(values)
-        return close_pairs(frequencies_hz, observed, variances)
+        order = observed if self.pairing_is_given else math.nan
+        return close_pairs(frequencies_hz, observed, variances, order)
 
     @cached_property
     def _observed_distances(self) -> FloatArray:
