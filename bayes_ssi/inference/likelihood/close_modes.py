@@ -38,12 +38,19 @@ from bayes_ssi.foundations.arrays import FloatArray, folded, row_sums
 MOST_CONCENTRATION = 1e6
 TINY = 1e-9  # concentrations that cannot be told from none
 ROUNDING = 4.0 * np.finfo(float).eps
-# Nodes of a mean over turns, until sums over every other one agree: about the highest of some
-# turns, about the highest of all, and about several.
-NUMBERS_OF_NODES = (24, 24, 96, 384, 1536)
+# Nodes at equal steps: of the least of these numbers that puts them 0.8 standard deviations of the
+# narrowest maximum apart. Sums over every other one are then right to some per cent, and where they
+# agree to that, those over all to its fourth power.
+EVEN_TURNS = np.array([64, 128, 256, 512])
+PER_STRENGTH = 5.0
+EVEN_DISAGREE = 0.005
+PER_GAP = 2.0  # the least number that puts a node into every gap
+LEAST_GAP = 0.002
+UNEVEN = 0.3  # of a step, as every other node would be the other's mirror image with 0.5
+# Nodes until sums over every other one agree: about the highest turn, then about several.
+NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
-NEGLIGIBLE = -9.0  # exponent below the maximum
-FAR_BELOW = -100.0  # exponent below what each shape reaches alone: another turn may be better
+NEGLIGIBLE = -12.0  # exponent below the maximum
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
@@ -104,17 +111,28 @@ def close_pairs(
     rows = np.flatnonzero(near.any(axis=0))
     if not len(rows):
         return None
-    left = np.where(near, np.where(np.isnan(order), distances, order), np.inf).T[rows]
-    pairs = []
-    while np.isfinite(left).any():
-        closest = left.argmin(axis=1)
-        some = np.flatnonzero(np.isfinite(left[np.arange(len(rows)), closest]))
-        pairs.append(np.array([rows[some], closest[some]]))
-        for neighbour in (-1, 0, 1):
-            left[some, np.clip(closest[some] + neighbour, 0, left.shape[1] - 1)] = np.inf
-    row, lower = np.concatenate(pairs, axis=1)
-    own = np.broadcast_to(variances, (len(frequencies_hz), 2))[row]
-    return ClosePairs(row, lower, distances[lower, row], own)
+    places = np.where(near, np.where(np.isnan(order), distances, order), np.inf).T[rows]
+    some, lower = np.nonzero(near.T[rows] & _are_closest(places))
+    own = np.broadcast_to(variances, (len(frequencies_hz), 2))[rows[some]]
+    return ClosePairs(rows[some], lower, distances[lower, rows[some]], own)
+
+
+def _are_closest(distances: FloatArray) -> NDArray[np.bool_]:
+    """Which of ``distances`` (n, m) are chosen if the least is, then the least of those left, …
+
+    One that was chosen takes its neighbours away. Those that rise one after another from a local
+    minimum, which is chosen, are by turns taken away and chosen; between two minima, the highest is
+    chosen if neither side takes it away.
+    """
+    numbers = np.arange(distances.shape[1])
+    falls = np.zeros((len(distances), len(numbers) + 1), dtype=bool)
+    falls[:, 1:-1] = distances[:, 1:] < distances[:, :-1]
+    rises = np.zeros_like(falls)
+    rises[:, 1:-1] = distances[:, 1:] >= distances[:, :-1]
+    first = np.maximum.accumulate(np.where(rises[:, :-1], 0, numbers), axis=1)
+    last = np.where(falls[:, 1:], numbers[-1], numbers)[:, ::-1]
+    last = np.minimum.accumulate(last, axis=1)[:, ::-1]
+    return np.asarray(((numbers - first) % 2 == 0) & ((last - numbers) % 2 == 0))
 
 
 class CloseCases(NamedTuple):
@@ -209,6 +227,19 @@ class TurningShapes(NamedTuple):
         own = np.where(strength > TINY, distances / self.variances, 0.0)
         return -row_sums(own[None])[0]
 
+    @property
+    def gaps(self) -> FloatArray:
+        """Widths (m, E) of the turns at which a shape does not fit, where no sensor sees it.
+
+        Infinite where there is none, or next to none.
+        """
+        change = np.hypot(*self.lengths[1:])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            least = np.sqrt((self.lengths[0] - change) / (self.lengths[0] + change))
+            widths = least * (1.0 + 1.0 / np.sqrt(0.5 * self.variances))
+        seen = np.isfinite(self.variances) & (widths > LEAST_GAP)
+        return np.where(seen, widths, np.inf)
+
     def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""
         distances = self.distances(cos2, sin2)
@@ -235,56 +266,97 @@ class Turned(NamedTuple):
     ) -> "Turned":
         """From κ' (E,), infinite where nothing turns, as where no exponent is above ``least`` (E,).
 
-        Nodes are about the highest of the turns that the density of turns, each shape, or all of
-        them together ask for. Where every other node would give another mean, they are about the
-        highest turn of a grid; where that will not do, or another of these may be a maximum by
-        itself, about each of them, and more.
+        Nodes are spread evenly where few of them resolve the narrowest maximum that there can be.
+        Where it takes many, or sums over every other one differ, they are about the highest turn,
+        and about each of those that the density of turns or a shape asks for.
         """
-        alone_highest = shapes.highest_exponents
-        turns = np.isfinite(concentrations) & (alone_highest >= least)
+        highest = shapes.highest_exponents
+        turns = np.isfinite(concentrations) & (highest >= least)
         kappa = np.where(turns, concentrations, 0.0)
-        of_turns = np.array([kappa, np.zeros(len(kappa))])[:, None]
-        alone = np.concatenate([of_turns, shapes.pulls], axis=1)
-        together = row_sums(alone.swapaxes(0, 1)[None]).swapaxes(0, 1)
-        pulls = np.concatenate([together, alone], axis=1)
-        strength = np.maximum(np.hypot(*pulls), TINY)
-        centres = np.where(strength > TINY, pulls / strength, [[[1.0]], [[0.0]]])
-        widths = np.clip(0.5 * SPREAD / np.sqrt(strength), LEAST_WIDTH, 1.0)
-        heights = shapes.exponents(kappa, *centres)
-        best = heights.argmax(axis=0), np.arange(len(kappa))
-        centre, width = np.array([each[best] for each in centres])[:, None], widths[best][None]
-        apart = 1.0 - row_sums((centres * centre)[None])[0] > 2.0 * (4.0 * width) ** 2
-        several = (apart & (heights > heights[best] + NEGLIGIBLE)).any(axis=0)
-        log_means, highest, mean_turns, peaks = np.zeros((4, len(kappa)))
-        left, nodes = np.flatnonzero(turns), (centre, width)
-        for attempt, n in enumerate(NUMBERS_OF_NODES):
-            accurate = np.empty(len(left), dtype=bool)
-            step = max(CACHED // (n * len(nodes[1])), 1)
-            for first in range(0, len(left), step):
-                part = slice(first, first + step)
-                some = left[part]
-                own = nodes[0][..., some], nodes[1][..., some]
-                own_means = _mean_over_turns(n, *own, kappa[some], shapes.cases(some))
-                log_means[some], highest[some], mean_turns[some], peaks[some], sure = own_means
-                accurate[part] = sure
-            if attempt == 0:  # shapes may be nearest together where none is alone
-                accurate &= highest[left] > alone_highest[left] + FAR_BELOW
-            if attempt < 2:
-                accurate &= ~several[left]
-            left, nodes = left[~accurate], (centres, widths)
-            if not len(left):
-                break
-            if attempt == 0:
-                top = _highest(kappa[left], shapes.cases(left))
-                centres[:, 0, left], widths[0, left], of_grid, has_others = top
-                several[left] = has_others | (of_grid < heights[:, left].max(axis=0))
-                nodes = centres[:, :1], widths[:1]
+        means = np.zeros((4, len(kappa)))
+        left = np.flatnonzero(turns)
+        means[:, left], accurate = _over_even_turns(kappa[left], shapes.cases(left), highest[left])
+        left = left[~accurate]
+        if len(left):
+            means[:, left] = _about_turns(kappa[left], shapes.cases(left))
+        log_means, top, mean_turns, peaks = means
         at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]
-        angles = np.where(at_mean > highest + IMPROBABLE, mean_turns, peaks)
+        angles = np.where(at_mean > top + IMPROBABLE, mean_turns, peaks)
         distances = shapes.distances(*_cosines(angles[None]))[:, 0]
         exponents = row_sums((distances / shapes.variances)[None])[0]
         log_means = np.where(turns, log_means, -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
+
+
+def _over_even_turns(
+    kappa: FloatArray, shapes: TurningShapes, alone_highest: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Log means, the highest exponents, mean turns and the highest ones (4, E); which are accurate.
+
+    Over turns at equal steps, within the reach of the density of turns: sums converge exponentially
+    for integrands that are periodic, or vanish at both ends.
+    """
+    at_rest = shapes.exponents(kappa, np.ones((1, 1)), np.zeros((1, 1)))[0]
+    with np.errstate(divide="ignore"):
+        share = (alone_highest - at_rest - NEGLIGIBLE) / (2.0 * kappa)  # of sin² t
+        reach = np.arcsin(np.sqrt(np.clip(share, 0.0, 1.0)))
+    strengths = kappa + row_sums(np.hypot(*shapes.pulls)[None])[0]
+    numbers = np.searchsorted(EVEN_TURNS, PER_STRENGTH * reach * np.sqrt(strengths))
+    in_gaps = PER_GAP * reach / shapes.gaps.min(axis=0)
+    numbers = np.maximum(numbers, np.searchsorted(EVEN_TURNS[:-1], in_gaps))
+    means = np.zeros((4, len(kappa)))
+    for which, n in enumerate(EVEN_TURNS):
+        steps = 2.0 * (np.arange(n) + UNEVEN)[:, None] / n - 1.0
+        for some in _parts(np.flatnonzero(numbers == which), n):
+            cosines = _cosines(steps * reach[some])
+            exponents = shapes.cases(some).exponents(kappa[some], *cosines)
+            weights = np.broadcast_to(2.0 / math.pi * reach[some], exponents.shape)
+            *own, disagreement = _weighted_means(kappa[some], exponents, weights, *cosines)
+            means[:, some] = own
+            numbers[some] += disagreement > EVEN_DISAGREE
+    return means, numbers < len(EVEN_TURNS)
+
+
+def _parts(cases: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
+    """So many cases at a time that n numbers of each stay in the processor's cache."""
+    step = max(CACHED // n, 1)
+    return [cases[first : first + step] for first in range(0, len(cases), step)]
+
+
+def _about_turns(kappa: FloatArray, shapes: TurningShapes) -> FloatArray:
+    """As of `_over_even_turns`, of integrands that may have a sharp maximum at any turn.
+
+    Nodes are about the highest turn of a grid; where that will not do, or another of the turns that
+    the density of turns or a shape asks for may be a maximum by itself, about each of these, too.
+    """
+    of_density = np.array([kappa, np.zeros(len(kappa))])[:, None]
+    pulls = np.concatenate([of_density, shapes.pulls], axis=1)
+    strengths = np.maximum(np.hypot(*pulls), TINY)
+    asked = np.where(strengths > TINY, pulls / strengths, [[[1.0]], [[0.0]]])
+    heights = shapes.exponents(kappa, *asked)
+    top, width, highest, several = _highest(kappa, shapes)
+    away = 1.0 - row_sums((asked * top[:, None])[None])[0]
+    apart = (away > 2.0 * (4.0 * width) ** 2) & (heights > highest + NEGLIGIBLE)
+    several |= apart.any(axis=0) | (highest < heights.max(axis=0))
+    centres = np.concatenate([top[:, None], asked], axis=1)
+    widths = np.clip(0.5 * SPREAD / np.sqrt(strengths), LEAST_WIDTH, 1.0)
+    widths = np.concatenate([width[None], widths])
+    means, left = np.zeros((4, len(kappa))), np.arange(len(kappa))
+    for attempt, n in enumerate(NUMBERS_OF_NODES):
+        nodes = (centres[:, :1], widths[:1]) if attempt == 0 else (centres, widths)
+        accurate = np.empty(len(left), dtype=bool)
+        for part in _parts(np.arange(len(left)), n * len(nodes[1])):
+            some = left[part]
+            *own, disagreement = _mean_over_turns(
+                n, nodes[0][..., some], nodes[1][..., some], kappa[some], shapes.cases(some)
+            )
+            means[:, some], accurate[part] = own, disagreement < DISAGREE
+        if attempt == 0:
+            accurate &= ~several
+        left = left[~accurate]
+        if not len(left):
+            break
+    return means
 
 
 def _highest(
@@ -318,8 +390,8 @@ def _highest(
 
 def _mean_over_turns(
     n: int, centres: FloatArray, widths: FloatArray, kappa: FloatArray, shapes: TurningShapes
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Log means, the highest exponents, mean turns and the highest ones (E,); which are accurate.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """As of `_weighted_means`.
 
     n nodes about each of K centres (2, K, E), cosines and sines of twice a turn c, have Cauchy
     densities q_k of widths (K, E) in tan(t - c): midpoints of equal steps of their distribution
@@ -327,29 +399,46 @@ def _mean_over_turns(
     q_k²/Σ q_l² of the integrand.
     """
     n_sets, n_cases = widths.shape
-    # Not alike on both sides, so that even and odd ones differ for a symmetric integrand, too.
-    shares = (np.arange(n) + 0.3) / n
+    shares = (np.arange(n) + UNEVEN) / n
     tangents = widths * np.tan(math.pi * (shares - 0.5))[:, None, None]
     twice = 2.0 / (1.0 + tangents * tangents)
     cosine, sine = twice - 1.0, twice * tangents
     cos2 = (centres[0] * cosine - centres[1] * sine).reshape(-1, n_cases)
     sin2 = (centres[1] * cosine + centres[0] * sine).reshape(-1, n_cases)
-    exponents = shapes.exponents(kappa, cos2, sin2)
-    best = exponents.argmax(axis=0), np.arange(n_cases)
-    highest = exponents[best]
-    terms, total = np.exp(exponents - highest), np.zeros(exponents.shape)
+    total = np.zeros(cos2.shape)
+    weights = np.empty(cos2.shape)
     for k, (c, s, width) in enumerate(zip(*centres, widths, strict=True)):
         squares = width * width
         density = 2.0 * width / (1.0 + squares - (1.0 - squares) * (cos2 * c + sin2 * s))
-        terms[k::n_sets] *= density[k::n_sets]
+        weights[k::n_sets] = density[k::n_sets]
         total += density * density
-    terms /= total
+    weights /= total
+    exponents = shapes.exponents(kappa, cos2, sin2)
+    return _weighted_means(kappa, exponents, n_sets * weights, cos2, sin2, n_sets)
+
+
+def _weighted_means(
+    kappa: FloatArray,
+    exponents: FloatArray,
+    weights: FloatArray,
+    cos2: FloatArray,
+    sin2: FloatArray,
+    n_sets: int = 1,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Log means, the highest exponents, mean turns and the highest ones (E,), of nodes (n, E).
+
+    And by how much means over every other node of each set differ, relative to their sum.
+    """
+    best = exponents.argmax(axis=0), np.arange(len(kappa))
+    highest = exponents[best]
+    terms = np.exp(exponents - highest)
+    terms *= weights
     mean = (folded(terms * turn) for turn in (sin2, cos2))
-    by_node = row_sums(terms.reshape(n, n_sets, n_cases))
+    by_node = row_sums(terms.reshape(-1, n_sets, len(kappa)))
     even, odd = folded(by_node[::2]), folded(by_node[1::2])
-    log_means = np.log((even + odd) / (n * ive(0, kappa))) + highest
+    log_means = np.log((even + odd) / (len(exponents) * ive(0, kappa))) + highest
     turns = (0.5 * np.arctan2(*of) for of in (mean, (sin2[best], cos2[best])))
-    return log_means, highest, *turns, np.abs(even - odd) < DISAGREE * (even + odd)
+    return log_means, highest, *turns, np.abs(even - odd) / (even + odd)
 
 
 def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
