@@ -273,25 +273,28 @@ class Turned(NamedTuple):
         highest = shapes.highest_exponents
         turns = np.isfinite(concentrations) & (highest >= least)
         kappa = np.where(turns, concentrations, 0.0)
-        means = np.zeros((4, len(kappa)))
+        means = np.zeros((3, len(kappa)))
         left = np.flatnonzero(turns)
         means[:, left], accurate = _over_even_turns(kappa[left], shapes.cases(left), highest[left])
         left = left[~accurate]
         if len(left):
             means[:, left] = _about_turns(kappa[left], shapes.cases(left))
-        log_means, top, mean_turns, peaks = means
-        at_mean = shapes.exponents(kappa, *_cosines(mean_turns[None]))[0]
-        angles = np.where(at_mean > top + IMPROBABLE, mean_turns, peaks)
+        log_means, top, angles = means
+        at_mean = shapes.exponents(kappa, *_cosines(angles[None]))[0]
+        unfit = np.flatnonzero(turns & (at_mean < top + IMPROBABLE))
+        if len(unfit):
+            cos2, sin2 = _highest(kappa[unfit], shapes.cases(unfit))[0]
+            angles[unfit] = 0.5 * np.arctan2(sin2, cos2)
         distances = shapes.distances(*_cosines(angles[None]))[:, 0]
         exponents = row_sums((distances / shapes.variances)[None])[0]
-        log_means = np.where(turns, log_means, -exponents)
+        log_means = np.where(turns, log_means - np.log(ive(0, kappa)), -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
 
 
 def _over_even_turns(
     kappa: FloatArray, shapes: TurningShapes, alone_highest: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Log means, the highest exponents, mean turns and the highest ones (4, E); which are accurate.
+    """Log integrals, the highest exponents and mean turns (3, E); which are accurate.
 
     Over turns at equal steps, within the reach of the density of turns: sums converge exponentially
     for integrands that are periodic, or vanish at both ends.
@@ -304,16 +307,14 @@ def _over_even_turns(
     numbers = np.searchsorted(EVEN_TURNS, PER_STRENGTH * reach * np.sqrt(strengths))
     in_gaps = PER_GAP * reach / shapes.gaps.min(axis=0)
     numbers = np.maximum(numbers, np.searchsorted(EVEN_TURNS[:-1], in_gaps))
-    means = np.zeros((4, len(kappa)))
-    for which, n in enumerate(EVEN_TURNS):
-        steps = 2.0 * (np.arange(n) + UNEVEN)[:, None] / n - 1.0
+    means = np.zeros((3, len(kappa)))
+    for which, n in enumerate(EVEN_TURNS.tolist()):
         for some in _parts(np.flatnonzero(numbers == which), n):
-            cosines = _cosines(steps * reach[some])
+            cosines = _cosines_of_steps(n, reach[some])
             exponents = shapes.cases(some).exponents(kappa[some], *cosines)
-            weights = np.broadcast_to(2.0 / math.pi * reach[some], exponents.shape)
-            *own, disagreement = _weighted_means(kappa[some], exponents, weights, *cosines)
-            means[:, some] = own
+            means[:, some], disagreement = _integrated(exponents, *cosines)
             numbers[some] += disagreement > EVEN_DISAGREE
+    means[0] += np.log(2.0 / math.pi * reach)
     return means, numbers < len(EVEN_TURNS)
 
 
@@ -341,16 +342,15 @@ def _about_turns(kappa: FloatArray, shapes: TurningShapes) -> FloatArray:
     centres = np.concatenate([top[:, None], asked], axis=1)
     widths = np.clip(0.5 * SPREAD / np.sqrt(strengths), LEAST_WIDTH, 1.0)
     widths = np.concatenate([width[None], widths])
-    means, left = np.zeros((4, len(kappa))), np.arange(len(kappa))
+    means, left = np.zeros((3, len(kappa))), np.arange(len(kappa))
     for attempt, n in enumerate(NUMBERS_OF_NODES):
         nodes = (centres[:, :1], widths[:1]) if attempt == 0 else (centres, widths)
         accurate = np.empty(len(left), dtype=bool)
         for part in _parts(np.arange(len(left)), n * len(nodes[1])):
             some = left[part]
-            *own, disagreement = _mean_over_turns(
-                n, nodes[0][..., some], nodes[1][..., some], kappa[some], shapes.cases(some)
-            )
-            means[:, some], accurate[part] = own, disagreement < DISAGREE
+            own = nodes[0][..., some], nodes[1][..., some], kappa[some], shapes.cases(some)
+            means[:, some], disagreement = _about_centres(n, *own)
+            accurate[part] = disagreement < DISAGREE
         if attempt == 0:
             accurate &= ~several
         left = left[~accurate]
@@ -388,10 +388,10 @@ def _highest(
     return np.array(_cosines(turns[0])), widths, at, has_others
 
 
-def _mean_over_turns(
+def _about_centres(
     n: int, centres: FloatArray, widths: FloatArray, kappa: FloatArray, shapes: TurningShapes
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """As of `_weighted_means`.
+) -> tuple[FloatArray, FloatArray]:
+    """As of `_integrated`.
 
     n nodes about each of K centres (2, K, E), cosines and sines of twice a turn c, have Cauchy
     densities q_k of widths (K, E) in tan(t - c): midpoints of equal steps of their distribution
@@ -414,31 +414,44 @@ def _mean_over_turns(
         total += density * density
     weights /= total
     exponents = shapes.exponents(kappa, cos2, sin2)
-    return _weighted_means(kappa, exponents, n_sets * weights, cos2, sin2, n_sets)
+    return _integrated(exponents, cos2, sin2, n_sets * weights, n_sets)
 
 
-def _weighted_means(
-    kappa: FloatArray,
+def _integrated(
     exponents: FloatArray,
-    weights: FloatArray,
     cos2: FloatArray,
     sin2: FloatArray,
+    weights: FloatArray | float = 1.0,
     n_sets: int = 1,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Log means, the highest exponents, mean turns and the highest ones (E,), of nodes (n, E).
+) -> tuple[FloatArray, FloatArray]:
+    """Log means over nodes (n, E), the highest exponents and mean turns (3, E).
 
-    And by how much means over every other node of each set differ, relative to their sum.
+    And by how much means over every other node of each set differ (E,), relative to their sum.
     """
-    best = exponents.argmax(axis=0), np.arange(len(kappa))
-    highest = exponents[best]
-    terms = np.exp(exponents - highest)
+    highest = exponents.max(axis=0)
+    exponents -= highest
+    terms = np.exp(exponents, out=exponents)
     terms *= weights
-    mean = (folded(terms * turn) for turn in (sin2, cos2))
-    by_node = row_sums(terms.reshape(-1, n_sets, len(kappa)))
+    by_node = row_sums(terms.reshape(-1, n_sets, terms.shape[1]))
     even, odd = folded(by_node[::2]), folded(by_node[1::2])
-    log_means = np.log((even + odd) / (len(exponents) * ive(0, kappa))) + highest
-    turns = (0.5 * np.arctan2(*of) for of in (mean, (sin2[best], cos2[best])))
-    return log_means, highest, *turns, np.abs(even - odd) / (even + odd)
+    turns = 0.5 * np.arctan2(folded(terms * sin2), folded(terms * cos2))
+    log_means = np.log((even + odd) / len(terms)) + highest
+    return np.array([log_means, highest, turns]), np.abs(even - odd) / (even + odd)
+
+
+def _cosines_of_steps(n: int, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cosines and sines (n, E) of twice n turns at equal steps, within ``reach`` (E,) of none.
+
+    Of sums of two angles, few of which are evaluated.
+    """
+    step = 4.0 * reach / n
+    angles = np.arange(8)[:, None] * step, (8.0 * np.arange(n // 8) + UNEVEN)[:, None] * step
+    (c, s), (c_of_8, s_of_8) = (
+        (np.cos(each), np.sin(each)) for each in (angles[0], angles[1] - 2.0 * reach)
+    )
+    cos2 = c_of_8[:, None] * c - s_of_8[:, None] * s
+    sin2 = s_of_8[:, None] * c + c_of_8[:, None] * s
+    return cos2.reshape(n, -1), sin2.reshape(n, -1)
 
 
 def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
