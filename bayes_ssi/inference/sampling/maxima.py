@@ -269,41 +269,55 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
     Where the posterior is flat or rises, the curvature of the prior, 1, is used instead.
     """
     d = len(z)
-    lengths, beside = _step_lengths(target, z, value)
-    steps = np.diag(lengths)
     pairs = [(i, j) for i in range(d) for j in range(i)]
-    signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-    points = [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
-    values = target.log_posterior(np.reshape(points, (-1, d)))
+
+    def corners(lengths: FloatArray) -> FloatArray:
+        steps = np.diag(lengths)
+        signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+        points = [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
+        return np.reshape(points, (-1, d))
+
+    # All in one batch: a small one takes as long as a row of it.
+    first = np.full(d, HESSIAN_STEP if not target.noise else NOISY_HESSIAN_STEP)
+    near = [z + np.diag(first), z - np.diag(first), corners(first)]
+    beside, values = np.split(target.log_posterior(np.concatenate(near)), [2 * d])
+    lengths, beside = _step_lengths(target, z, value, first, beside.reshape(2, d))
+    if (lengths < first).any():
+        values = target.log_posterior(corners(lengths))
     if not (np.isfinite(values).all() and np.isfinite(beside).all()):
         return np.eye(d)  # at the edge of where the likelihood is positive
     hessian = np.empty((d, d))
     hessian[range(d), range(d)] = beside.sum(0) - 2.0 * value
-    for (i, j), corners in zip(pairs, values.reshape(-1, 4), strict=True):
-        hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / 4.0
+    for (i, j), terms in zip(pairs, values.reshape(-1, 4), strict=True):
+        hessian[i, j] = hessian[j, i] = (terms[0] - terms[1] - terms[2] + terms[3]) / 4.0
     eigenvalues, vectors = np.linalg.eigh(-hessian / np.outer(lengths, lengths))
     # Beyond this ratio to the prior's precision, 1, rounding would lose the prior's.
     return (vectors * np.clip(eigenvalues, 1.0, 1e12)) @ vectors.T
 
 
-def _step_lengths(target: Target, z: FloatArray, value: float) -> tuple[FloatArray, FloatArray]:
-    """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away."""
-    d = len(z)
-    lengths = np.full(d, HESSIAN_STEP if not target.noise else NOISY_HESSIAN_STEP)
+def _step_lengths(
+    target: Target, z: FloatArray, value: float, first: FloatArray, beside: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Step lengths (d,) for second differences, and the log posteriors (2, d) one step away.
+
+    From the first ones, shortened where the log posterior falls too far.
+    """
+    lengths, beside = first.copy(), beside.copy()
     largest_fall = max(LARGEST_FALL, 30.0 * target.noise)
-    beside = np.empty((2, d))
-    steep = np.arange(d)
-    while len(steep):
-        steps = lengths[steep, None] * np.eye(d)[steep]
-        points = np.concatenate([z + steps, z - steps])
-        beside[:, steep] = target.log_posterior(points).reshape(2, -1)
+    steep = np.arange(len(z))
+    while True:
         fall = value - beside[:, steep].min(axis=0)
         with np.errstate(invalid="ignore"):
             too_far = np.isfinite(fall) & (fall > largest_fall)
         too_far &= lengths[steep] > GRADIENT_STEP
-        lengths[steep[too_far]] *= np.sqrt(0.5 * largest_fall / fall[too_far])
-        steep = steep[too_far]
-    return lengths, beside
+        steep, fall = steep[too_far], fall[too_far]
+        if not len(steep):
+            return lengths, beside
+        lengths[steep] *= np.sqrt(0.5 * largest_fall / fall)
+        steps = lengths[steep, None] * np.eye(len(z))[steep]
+        beside[:, steep] = target.log_posterior(np.concatenate([z + steps, z - steps])).reshape(
+            2, -1
+        )
 
 
 def along_ridges(target: Target, maxima: Maxima, rng: np.random.Generator) -> StudentMixture | None:
