@@ -63,6 +63,7 @@ STEP_LENGTHS = (1.0, 0.4, 0.1, 0.01)  # tried together, as shares of the BFGS st
 # coordinate of a maximum.
 LEAST_RISE = 1e-3
 ENDS_WITHIN = 0.1
+CREEPING = 0.1  # times the least rise
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -223,8 +224,11 @@ def ascend(
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
         better = rise > 0
-        # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
-        reach[active] = np.where(better, 1.0, reach[active] * step_lengths[-1])
+        # An ascent without a rise tries shorter steps; after a rise it returns to full steps, but
+        # not from where it creeps up to an edge, over which the log posterior falls.
+        reach[active] = np.where(
+            rise > CREEPING * least_rise, 1.0, reach[active] * step_lengths[-1]
+        )
         moved = active[better]
         step = tried[best, rows][better]
         z[moved] = tried_z[best, rows][better]
