@@ -280,7 +280,8 @@ class Resonances(NamedTuple):
     def n_modes(self) -> int:
         return len(self.frequencies_hz)
 
-    def at(self, places: Sequence[int]) -> "Resonances":
+    def at(self, places: Sequence[int] | NDArray[Any]) -> "Resonances":
+        """Those at some places, or those that a mask (m,) leaves."""
         return Resonances(*(array[..., list(places)] for array in self))
 
     def without(self, *places: int) -> "Resonances":
@@ -289,7 +290,7 @@ class Resonances(NamedTuple):
     def joined(self, others: "Resonances") -> "Resonances":
         """These modes and others, in ascending order."""
         both = self.beside(others)
-        return both.at(np.argsort(both.frequencies_hz, kind="stable").tolist())
+        return both.at(np.argsort(both.frequencies_hz, kind="stable"))
 
     def beside(self, others: "Resonances") -> "Resonances":
         """These modes, and then the others."""
@@ -316,17 +317,14 @@ class Resonances(NamedTuple):
         """Means of h over the blocks, and their derivatives by ln f and ln ζ, (K, m) each."""
         f, zeta = self.frequencies_hz, self.dampings.clip(1e-6, 0.99)
         root = np.sqrt(1.0 - zeta**2)
-        p, conjugate = f * (1j * zeta + root), f * (1j * zeta - root)
+        p, conjugate = poles = f * np.array([1j * zeta + root, 1j * zeta - root])
         # h = f² / ((f - p)(f - p')) = 1 + [p² / (f - p) - p'² / (f - p')] / (p - p')
         centres, halves = data.frequencies_hz[:, None], 0.5 * data.widths_hz[:, None]
-
-        def term(pole: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-            """p² times the mean of 1 / (f - p), and its derivative by p."""
-            low, high = centres - halves - pole, centres + halves - pole
-            mean = np.log(high / low) / (2.0 * halves)
-            return pole**2 * mean, 2.0 * pole * mean + pole**2 / (low * high)
-
-        (a, a_slope), (b, b_slope) = term(p), term(conjugate)
+        poles = poles[:, None]
+        low, high = centres - halves - poles, centres + halves - poles
+        means = np.log(high / low) / (2.0 * halves)  # of 1 / (f - p)
+        a, b = poles**2 * means
+        a_slope, b_slope = 2.0 * poles * means + poles**2 / (low * high)  # by p
         apart = p - conjugate
         h = 1.0 + (a - b) / apart
 
