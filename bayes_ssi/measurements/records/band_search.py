@@ -7,12 +7,14 @@ pass left. Bands do not share lines, so that errors of different bands are indep
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.measurements.records.explained_band import (
     NATS_OF_A_MODE,
     Explained,
@@ -88,18 +90,17 @@ class _Band:
         self.group = group
         self.start = group.modes.in_directions(at)
         self.fitters = {one: Fitter(at, one_source=one) for one in (False, True)}
-        self._fits: dict[bool, tuple[LocalFit, LocalFit]] = {}
+        self.fits = cache(self._fits)
 
-    def fits(self, one_source: bool) -> tuple[LocalFit, LocalFit]:
+    def _fits(self, one_source: bool) -> tuple[LocalFit, LocalFit]:
         """The most probable modes with real shapes, and whose sensors have phases."""
-        if one_source not in self._fits:
-            real = self.fitters[one_source].fit(self.start, has_phases=False)
-            turned = self.fitters[one_source].fit(real, has_phases=True)
-            if turned.whiteness > turned.allowed_whiteness:
-                other = self.fitters[one_source].fit(self.start, has_phases=True)
-                turned = max(turned, other, key=lambda fit: fit.log_evidence)
-            self._fits[one_source] = real, turned
-        return self._fits[one_source]
+        fitter = self.fitters[one_source]
+        real = fitter.fit(self.start, has_phases=False)
+        turned = fitter.fit(real, has_phases=True)
+        if turned.whiteness > turned.allowed_whiteness:
+            other = fitter.fit(self.start, has_phases=True)
+            turned = max(turned, other, key=lambda fit: fit.log_evidence)
+        return real, turned
 
 
 def explain(
@@ -110,17 +111,27 @@ def explain(
     is_driven: bool,
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
-    modes = possible.of_peaks.beside(_between_bands(transforms, possible, band_hz))
-    first = _bands(transforms, modes, band_hz, NEAR_SHARE)
-    # Where independent loads do not explain the spectra, one source may: as they stand, or when
-    # more modes have been tried.
-    one_source = is_driven or _is_one_source(first)
-    one_source, bands = _explained_by_either(first, one_source, possible, fixed)
-    # Again, with the neighbours that are known now.
-    modes = modes_of(bands, len(transforms.values))
-    again = _bands(transforms, modes, band_hz)
-    one_source, bands = _explained_by_either(again, one_source, possible, fixed)
-    modes = modes_of(bands, len(transforms.values))
+    # Poles that many orders agree on, where no peak's band reaches, are tried, too.
+    f = possible.others.frequencies_hz
+    between = (possible.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
+    for group in groups_of(transforms, possible.of_peaks, band_hz):
+        between &= (f < group.low) | (f > group.high)
+    modes = possible.of_peaks.beside(possible.others.at(between))
+    one_source = is_driven
+    for is_first in (True, False):  # again, with the neighbours that are known then
+        groups = groups_of(transforms, modes, band_hz, near_share=NEAR_SHARE * is_first)
+        spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
+        parts = [_Band(group, at) for group, at in spectra if at is not None]
+        if is_first and not is_driven:
+            one_source = _is_one_source(parts)
+        bands = _all_explained(parts, one_source, possible, fixed)
+        # Where independent loads do not explain the spectra, one source may: as they stand, or when
+        # more modes have been tried.
+        if not one_source and _n_doubtful(bands):
+            of_one_source = _all_explained(parts, True, possible, fixed)
+            if _n_doubtful(of_one_source) < _n_doubtful(bands):
+                one_source, bands = True, of_one_source
+        modes = modes_of(bands, len(transforms.values))
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
@@ -129,45 +140,8 @@ def explain(
     ]
 
 
-def _explained_by_either(
-    bands: Sequence[_Band], one_source: bool, possible: Candidates, fixed: bool
-) -> tuple[bool, list[Explained]]:
-    """Whether one source drives all, and the bands; it may where independent loads do not."""
-    explained = _all_explained(bands, one_source, possible, fixed)
-    if not one_source and _n_doubtful(explained):
-        of_one_source = _all_explained(bands, True, possible, fixed)
-        if _n_doubtful(of_one_source) < _n_doubtful(explained):
-            return True, of_one_source
-    return one_source, explained
-
-
-def _between_bands(
-    transforms: Transforms, possible: Candidates, band_hz: tuple[float, float]
-) -> Resonances:
-    """Poles that many orders agree on, where no peak's band reaches."""
-    f = possible.others.frequencies_hz
-    free = (possible.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
-    for group in groups_of(transforms, possible.of_peaks, band_hz):
-        free &= (f < group.low) | (f > group.high)
-    return possible.others.at(np.flatnonzero(free).tolist())
-
-
-def _bands(
-    transforms: Transforms,
-    modes: Resonances,
-    band_hz: tuple[float, float],
-    near_share: float = 0.0,
-) -> list[_Band]:
-    groups = groups_of(transforms, modes, band_hz, near_share=near_share)
-    spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
-    return [_Band(group, at) for group, at in spectra if at is not None]
-
-
 def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
-    modes = Resonances.none(n_channels)
-    for band in bands:
-        modes = modes.joined(band.modes)
-    return modes
+    return joined([Resonances.none(n_channels), *(band.modes for band in bands)], axis=-1)
 
 
 def _of_other_reach(
@@ -325,15 +299,15 @@ def groups_of(
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = share * np.maximum(REACH * f, least_bandwidths * usual)
     reach = reach.clip(FEWEST_LINES_OF_REACH * transforms.line_hz)
+    # Bands meet where the modes to either side are as many of their own bandwidths away.
+    w = modes.half_widths_hz
+    beside = [(one[-1], other[0]) for one, other in pairwise(members)]
+    meeting = [float((f[i] * w[j] + f[j] * w[i]) / (w[i] + w[j])) for i, j in beside]
     lowest, highest = transforms.band_hz
     groups = []
-    for k, group in enumerate(members):
-        low = max(lowest, min(f[i] - reach[i] for i in group))
-        high = min(highest, max(f[i] + reach[i] for i in group))
-        if k:
-            low = max(low, _between(modes, members[k - 1][-1], group[0]))
-        if k + 1 < len(members):
-            high = min(high, _between(modes, group[-1], members[k + 1][0]))
+    for group, least, most in zip(members, [0.0, *meeting], [*meeting, np.inf], strict=True):
+        low = max(lowest, least, float((f - reach)[group].min()))
+        high = min(highest, most, float((f + reach)[group].max()))
         # Where a mode is known but for half a bandwidth, it may be inside.
         inside = any(band_hz[0] - widths[i] <= f[i] <= band_hz[1] + widths[i] for i in group)
         groups.append(Group(low, high, modes.at(group), inside))
@@ -356,17 +330,15 @@ def _divided(parts: Sequence[NDArray[np.intp]], spread: FloatArray) -> Iterator[
         first += len(part)
 
 
-def _between(modes: Resonances, i: int, j: int) -> float:
-    """Where two modes are as many of their own bandwidths away."""
-    f, w = modes.frequencies_hz, modes.half_widths_hz
-    return float((f[i] * w[j] + f[j] * w[i]) / (w[i] + w[j]))
-
-
 def spectra_of_group(
     transforms: Transforms, group: Group, known: Resonances
 ) -> LocalSpectra | None:
-    """Spectra of a band in its directions, and its neighbours there; None if it has no lines."""
-    neighbours = _neighbours(group, known)
+    """Spectra of a band beside the nearest known modes, in its directions; None without lines."""
+    f, own_f = known.frequencies_hz, group.modes.frequencies_hz
+    order = np.argsort(f, kind="stable")
+    # Those of the group are among the known ones, but for rounding.
+    below, above = order[f[order] < 0.9999 * own_f.min()], order[f[order] > 1.0001 * own_f.max()]
+    neighbours = known.at([*below[-1:], *above[:1]])
     damping = min(float(np.median(group.modes.dampings)), MOST_DAMPING_OF_BLOCKS)
     width = max(BLOCK_OVER_DAMPING * damping, float(np.log(group.high / group.low)) / MOST_BLOCKS)
     try:
@@ -384,15 +356,3 @@ def spectra_of_group(
     )
     data = local_spectra(spectra, n_directions)
     return data.beside(neighbours.in_directions(data))
-
-
-def _neighbours(group: Group, known: Resonances) -> Resonances:
-    """The nearest known modes to either side."""
-    f = known.frequencies_hz
-    lowest, highest = group.modes.frequencies_hz.min(), group.modes.frequencies_hz.max()
-    # Those of the group are among the known ones, but for rounding.
-    below, above = np.flatnonzero(f < lowest * 0.9999), np.flatnonzero(f > highest * 1.0001)
-    nearest = [int(below[np.abs(f[below] - lowest).argmin()])] if len(below) else []
-    if len(above):
-        nearest.append(int(above[np.abs(f[above] - highest).argmin()]))
-    return known.at(nearest)
