@@ -253,9 +253,8 @@ def with_others(fitter: Fitter, fit: LocalFit, poles: Resonances) -> LocalFit:
     apart = np.abs(f[:, None] - known.frequencies_hz)
     widths = poles.half_widths_hz[:, None] + known.half_widths_hz
     new = (apart > LEAST_SEPARATION * widths).all(1)
-    inside = np.flatnonzero((f > low) & (f < high) & new).tolist()
-    others = poles.at(inside).in_directions(fitter.data)
-    left = list(range(len(inside)))
+    others = poles.at((f > low) & (f < high) & new).in_directions(fitter.data)
+    left = list(range(others.n_modes))
     unknowns = 2 + 2 * (fitter.r - 1) + 2 * fitter.r
     while left and fit.modes.n_modes < MOST_MODES:
         gains = [fitter.gain_of(fit, others.at([i]))[0] for i in left]
@@ -277,41 +276,26 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
     """
     kept: set[float] = set()
     while fit.modes.n_modes:
-        if wrong := np.flatnonzero(~fit.are_modes).tolist() or _coinciding(fit):
+        f, half = fit.modes.frequencies_hz, fit.modes.half_widths_hz
+        sizes = fit.model.drive.sizes(fit.modes)
+        same = [pair for pair in pairwise(np.argsort(f).tolist()) if _are_one(fit, *pair)]
+        weaker = (min(pair, key=sizes.__getitem__) for pair in same)
+        if wrong := [*np.flatnonzero(~fit.are_modes).tolist(), *weaker]:
             fit = fitter.fit(fit.modes.without(wrong[0]), fit.has_phases)
             continue
-        nats = fit.model.drive.sizes(fit.modes) / fit.modes.dampings**2
-        for i in np.argsort(nats).tolist():
-            f = float(fit.modes.frequencies_hz[i])
-            if any(abs(f / other - 1.0) < 1e-3 for other in kept):
+        at_peaks = [np.abs(f - peak.frequency_hz) < half + peak.width_hz for peak in clear]
+        for i in np.argsort(sizes / fit.modes.dampings**2).tolist():
+            if any(abs(f[i] / other - 1.0) < 1e-3 for other in kept):
                 continue
-            if not _is_only_mode_at_a_peak(fit.modes, i, clear):
+            if not any(at[i] and at.sum() == 1 for at in at_peaks):
                 without = fitter.fit(fit.modes.without(i), fit.has_phases)
                 if without.log_evidence > fit.log_evidence - NATS_OF_A_MODE:
                     fit = without
                     break
-            kept.add(f)
+            kept.add(float(f[i]))
         else:
             break
     return fit
-
-
-def _coinciding(fit: LocalFit) -> list[int]:
-    """The weaker one of the first two modes that are one."""
-    sizes = fit.model.drive.sizes(fit.modes)
-    for i, j in pairwise(np.argsort(fit.modes.frequencies_hz).tolist()):
-        if _are_one(fit, i, j):
-            return [i if sizes[i] < sizes[j] else j]
-    return []
-
-
-def _is_only_mode_at_a_peak(modes: Resonances, i: int, clear: Sequence[Prominence]) -> bool:
-    f, half = modes.frequencies_hz, modes.half_widths_hz
-    for peak in clear:
-        near = np.abs(f - peak.frequency_hz) < half + peak.width_hz
-        if near[i] and near.sum() == 1:
-            return True
-    return False
 
 
 def share_a_peak(modes: Resonances, i: int) -> bool:
@@ -359,8 +343,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
         return OneOrTwo(None, None)
     others = fit.modes.without(i)
     begun = []
-    for split, relative_damping, shares in STARTS_OF_PAIRS:
-        of_one, of_rest = shares
+    for split, relative_damping, (of_one, of_rest) in STARTS_OF_PAIRS:
         shapes = one.shapes * np.array(of_one) + direction[:, None] * np.array(of_rest)
         pair = Resonances(
             frequency * (1.0 + split * damping * np.array([-1.0, 1.0])),
@@ -377,7 +360,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
     best = max(pairs, key=lambda two: two.log_evidence)
     order = np.argsort(best.modes.frequencies_hz)
     if (np.diff(order) < 0).any():
-        best = fitter.fit(best.modes.at(order.tolist()), fit.has_phases)
+        best = fitter.fit(best.modes.at(order), fit.has_phases)
     nearest = np.sort(_two_nearest(best.modes, frequency)).tolist()
     nats = best.log_evidence - fit.log_evidence + _nats_of_place(best, nearest) - NATS_OF_A_PAIR
     if best.converged and (fit.converged or nats > SURE_NATS):
@@ -402,19 +385,26 @@ def _nats_of_place(fit: LocalFit, pair: Sequence[int]) -> float:
 def _gain_of_a_second(fitter: Fitter, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
     """What a second mode at one or on a flank would gain at most, and in which direction (r,)."""
     frequency, damping = float(one.frequencies_hz[0]), float(one.dampings[0])
-    unexplained = direction = _unexplained(fit, frequency, damping)
-    gain = 0.0
+    # That of most power beyond the fit around it.
+    data = fit.data
+    near = np.abs(data.frequencies_hz - frequency) <= 2.0 * damping * frequency
+    near[np.abs(data.frequencies_hz - frequency).argmin()] = True
+    beyond = data.matrices[near] - fit.covariances[near]
+    mean = np.einsum("k,kij->ij", data.weights[near], beyond)
+    shape = one.shapes[:, 0]
+    across = np.eye(len(shape)) - np.outer(shape, shape.conj())
+    unexplained: ComplexArray = np.linalg.eigh(across @ mean @ across)[1][:, -1]
+    if not fit.has_phases:
+        real = turned(unexplained).real
+        unexplained = (real / np.linalg.norm(real)).astype(complex)
+    gains = []
     for sign in (-1.0, 0.0, 1.0):
+        hz = np.array([frequency * (1.0 + sign * damping)])
         # Where the one mode is, another has another shape.
         for shape in (unexplained, one.shapes[:, 0]) if sign else (unexplained,):
-            hz = np.array([frequency * (1.0 + sign * damping)])
-            flank = Resonances(hz, one.dampings, shape[:, None])
-            gain_of_flank, its_shape = fitter.gain_of(fit, flank)
-            if gain_of_flank > gain:
-                gain = gain_of_flank
-                if fitter.one_source:
-                    direction = its_shape
-    return gain, direction
+            gains.append(fitter.gain_of(fit, Resonances(hz, one.dampings, shape[:, None])))
+    gain, direction = max(gains, key=lambda gain_and_shape: gain_and_shape[0])
+    return gain, direction if fitter.one_source else unexplained
 
 
 def _is_a_pair(two: LocalFit, frequency: float, damping: float) -> bool:
@@ -440,19 +430,3 @@ def _are_one(fit: LocalFit, i: int, j: int) -> bool:
 
 def _two_nearest(modes: Resonances, frequency: float) -> np.ndarray:
     return np.argsort(np.abs(modes.frequencies_hz - frequency))[:2]
-
-
-def _unexplained(fit: LocalFit, frequency: float, damping: float) -> ComplexArray:
-    """The direction (r,) that has most power beyond the fit around a frequency."""
-    data = fit.data
-    near = np.abs(data.frequencies_hz - frequency) <= 2.0 * damping * frequency
-    near[np.abs(data.frequencies_hz - frequency).argmin()] = True
-    beyond = data.matrices[near] - fit.covariances[near]
-    mean = np.einsum("k,kij->ij", data.weights[near], beyond)
-    shape = fit.modes.shapes[:, np.abs(fit.modes.frequencies_hz - frequency).argmin()]
-    across = np.eye(len(shape)) - np.outer(shape, shape.conj())
-    direction: ComplexArray = np.linalg.eigh(across @ mean @ across)[1][:, -1]
-    if not fit.has_phases:
-        real = turned(direction).real
-        direction = (real / np.linalg.norm(real)).astype(complex)
-    return direction
