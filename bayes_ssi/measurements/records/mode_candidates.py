@@ -8,13 +8,13 @@ Hankel matrices give poles at every order (Juang and Pappa 1985); a mode has one
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
     MOST_DAMPING,
@@ -76,34 +76,14 @@ class Candidates(NamedTuple):
 
 def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candidates:
     """Candidates of a range, section by section."""
-    n = len(transforms.values)
     n_sections = max(1, round(math.log(high_hz / low_hz) / math.log(SECTION_FACTOR)))
-    edges = np.geomspace(low_hz, high_hz, n_sections + 1)
-    peaks: list[Prominence] = []
-    of_peaks, others, shares = Resonances.none(n), Resonances.none(n), np.empty(0)
-    orders: list[FloatArray] = []
-    for low, high in pairwise(edges):
-        section = _Section(transforms, float(low), float(high))
-        poles, shares_of_poles, poles_of_orders = section.poles()
-        orders.append(poles_of_orders)
-        free = np.ones(len(shares_of_poles), dtype=bool)
-        for peak, vector in section.peaks():
-            reach = np.maximum(poles.half_widths_hz, 1.5 * peak.width_hz)
-            apart = np.abs(poles.frequencies_hz - peak.frequency_hz) / reach
-            near = free & (apart < 1.0)
-            if near.any():
-                best = int(np.where(near, shares_of_poles * np.exp(-(apart**2)), -1.0).argmax())
-                free[best] = False
-                pole = poles.at([best])
-                pole = pole._replace(dampings=pole.dampings.clip(*DAMPINGS_AT_PEAKS))
-            else:
-                damping = np.array([DAMPING / 1.5])
-                pole = Resonances(np.array([peak.frequency_hz]), damping, vector[:, None])
-            peaks.append(peak)
-            of_peaks = of_peaks.beside(pole)
-        others = others.beside(poles.at(np.flatnonzero(free).tolist()))
-        shares = np.concatenate([shares, shares_of_poles[free]])
-    return Candidates(tuple(peaks), of_peaks, others, shares, np.concatenate(orders, axis=1))
+    edges = np.geomspace(low_hz, high_hz, n_sections + 1).tolist()
+    sections = [_Section(transforms, *ends).candidates() for ends in pairwise(edges)]
+    peaks, of_peaks, others, shares, orders = zip(*sections, strict=True)
+    return Candidates(
+        tuple(chain(*peaks)), joined(of_peaks, axis=-1), joined(others, axis=-1),
+        np.concatenate(shares), np.concatenate(orders, axis=1),
+    )  # fmt: skip
 
 
 def given_candidates(
@@ -155,7 +135,28 @@ class _Section:
         width = max(BLOCK_WIDTH, n_lines * self.transforms.line_hz / frequency_hz)
         return self.transforms.spectra(self.from_hz, self.to_hz, width)
 
-    def peaks(self) -> list[tuple[Prominence, ComplexArray]]:
+    def candidates(self) -> Candidates:
+        poles, shares, stabilisation = self._poles()
+        free = np.ones(len(shares), dtype=bool)
+        peaks, of_peaks = list[Prominence](), [Resonances.none(len(self.scales))]
+        for peak, vector in self._peaks():
+            reach = np.maximum(poles.half_widths_hz, 1.5 * peak.width_hz)
+            apart = np.abs(poles.frequencies_hz - peak.frequency_hz) / reach
+            near = free & (apart < 1.0)
+            if near.any():
+                best = int(np.where(near, shares * np.exp(-(apart**2)), -1.0).argmax())
+                free[best] = False
+                pole = poles.at([best])
+                pole = pole._replace(dampings=pole.dampings.clip(*DAMPINGS_AT_PEAKS))
+            else:
+                damping = np.array([DAMPING / 1.5])
+                pole = Resonances(np.array([peak.frequency_hz]), damping, vector[:, None])
+            peaks.append(peak)
+            of_peaks.append(pole)
+        at_peaks = joined(of_peaks, axis=-1)
+        return Candidates(tuple(peaks), at_peaks, poles.at(free), shares[free], stabilisation)
+
+    def _peaks(self) -> list[tuple[Prominence, ComplexArray]]:
         """Peaks, and their singular vectors in channels."""
         peaks: list[tuple[Prominence, ComplexArray]] = []
         for n_lines in FEWEST_BLOCK_LINES:
@@ -163,17 +164,14 @@ class _Section:
             powers = np.einsum("k,kii->i", spectra.weights, spectra.matrices).real
             for scales in (self.scales, np.sqrt((powers / powers.mean()).clip(1e-12))):
                 for peak, vector in self._peaks_of(spectra, scales):
-                    same = [
-                        i
-                        for i, (other, _) in enumerate(peaks)
-                        if abs(peak.frequency_hz - other.frequency_hz)
-                        < max(peak.width_hz, other.width_hz)
-                    ]
-                    if not same:
+                    f, width = peak.frequency_hz, peak.width_hz
+                    for i, (other, its_vector) in enumerate(peaks):
+                        if abs(f - other.frequency_hz) < max(width, other.width_hz):
+                            is_clear = other.is_clear or peak.is_clear
+                            peaks[i] = other._replace(is_clear=is_clear), its_vector
+                            break
+                    else:
                         peaks.append((peak, vector))
-                    elif peak.is_clear:
-                        known, its_vector = peaks[same[0]]
-                        peaks[same[0]] = known._replace(is_clear=True), its_vector
         return sorted(peaks, key=lambda peak_and_vector: peak_and_vector[0].frequency_hz)
 
     def _peaks_of(
@@ -194,7 +192,7 @@ class _Section:
             peak = Prominence(f, float(spectra.widths_hz[top]), db, bool(clear))
             yield peak, shape / np.linalg.norm(shape)
 
-    def poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
+    def _poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
         """Poles of clusters of orders, the share of orders that have each, and poles of orders."""
         correlations, step_s, start_hz = self._correlations()
         n_rows, band = min(BLOCK_ROWS, (len(correlations) - 2) // 3), (self.low, self.high)
@@ -217,7 +215,7 @@ class _Section:
         in_channels = self.scales[:, None] * (self.leading @ shapes[:, chosen])
         in_channels /= np.linalg.norm(in_channels, axis=0)
         ascending = np.argsort(f[chosen])
-        poles = Resonances(f[chosen], zeta[chosen], in_channels).at(ascending.tolist())
+        poles = Resonances(f[chosen], zeta[chosen], in_channels).at(ascending)
         return poles, np.array(shares)[ascending], stabilisation
 
     def _correlations(self) -> tuple[ComplexArray, float, float]:
@@ -232,10 +230,9 @@ class _Section:
         above = (frequencies[-1] - frequencies) / max(self.to_hz - self.high, line)
         window = np.sin(0.5 * np.pi * np.minimum(np.minimum(below, above), 1.0)) ** 2
         projection = (self.leading / self.scales[:, None]).T
-        products = 0.0
-        for t in (1, 2, 3):
-            tapered = projection @ (values[:, centres - t] - values[:, centres + t])
-            products = products + np.einsum("ik,jk->kij", tapered, tapered.conj())
+        pairs = [(values[:, centres - t], values[:, centres + t]) for t in (1, 2, 3)]
+        tapered = (projection @ (lower - upper) for lower, upper in pairs)
+        products = sum(np.einsum("ik,jk->kij", each, each.conj()) for each in tapered)
         correlations = np.fft.ifft(window[:, None, None] * products, axis=0)
         return correlations, 1.0 / (len(centres) * line), float(frequencies[0])
 
