@@ -108,24 +108,31 @@ def delays_of(
     terms = [_Terms.of(turned, near, covariances, omega, spread) for spread in SPREADS]
     # Columns: the delays of all sensors, then the phases of each sensor, mode by mode.
     columns = [[s] for s in range(n)] + [[n + s * m + j for j in range(m)] for s in range(n)]
+
+    def of_each_spread(*chosen: int) -> list[float]:
+        places = [place for c in chosen for place in columns[c]]
+        return [each.log_likelihood(places) for each in terms]
+
+    def log_evidence(*chosen: int) -> float:
+        return float(logsumexp(of_each_spread(*chosen))) + PRIOR_NATS * len(chosen)
+
     chosen: list[int] = []
-    best = _log_evidence(terms, [])
+    best = log_evidence()
     while len(chosen) < n:
         left = [g for g in range(2 * n) if g % n not in {c % n for c in chosen}]
-        tried = [_log_evidence(terms, [columns[c] for c in (*chosen, g)]) for g in left]
+        tried = [log_evidence(*chosen, g) for g in left]
         if max(tried) <= best:
             break
         best = max(tried)
         chosen.append(left[int(np.argmax(tried))])
     delays = []
     for g in (g for g in chosen if g < n):
-        others = [columns[c] for c in chosen if c != g]
-        rivals = [[*others, columns[g]], [*others, columns[n + g]], others]
-        probability = float(softmax([_log_evidence(terms, rival) for rival in rivals])[0])
+        others = [c for c in chosen if c != g]
+        rivals = [log_evidence(*others, g), log_evidence(*others, n + g), log_evidence(*others)]
+        probability = float(softmax(rivals)[0])
         if probability > SUSPECTED:
-            groups = [columns[g], *others]
-            likeliest = terms[int(np.argmax(_of_each_spread(terms, groups)))]
-            slope, precision = likeliest.part([place for group in groups for place in group])
+            likeliest = terms[int(np.argmax(of_each_spread(g, *others)))]
+            slope, precision = likeliest.part([g, *(p for c in others for p in columns[c])])
             covariance = np.linalg.inv(precision)
             mean, deviation = covariance[0] @ slope, np.sqrt(covariance[0, 0])
             delays.append(
@@ -155,9 +162,7 @@ class _Terms(NamedTuple):
             noise = covariances[j] + spread**2 / n * np.eye(n)
             noise = noise + WHOLE_PHASE_SD**2 * np.outer(real, real)
             places = np.r_[:n, n + np.arange(n) * m + j]
-            rows = np.concatenate(
-                [np.diag(-omega[j] * DELAY_SD_S * real), np.diag(PHASE_SD * real)]
-            )
+            rows = np.vstack([np.diag(-omega[j] * DELAY_SD_S * real), np.diag(PHASE_SD * real)])
             solved = np.linalg.solve(noise, np.column_stack([imaginary, rows.T]))
             constant -= 0.5 * float(imaginary @ solved[:, 0] + np.linalg.slogdet(noise)[1])
             slope[places] += rows @ solved[:, 0]
@@ -168,19 +173,11 @@ class _Terms(NamedTuple):
         """Slope and precision, with the prior's, of some columns."""
         return self.slope[places], self.information[np.ix_(places, places)] + np.eye(len(places))
 
-
-def _of_each_spread(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> list[float]:
-    places = [place for group in groups for place in group]
-    nats = []
-    for each in terms:
-        slope, precision = each.part(places)
+    def log_likelihood(self, places: Sequence[int]) -> float:
+        """The mean over the prior of some columns, where the others are zero, as a logarithm."""
+        slope, precision = self.part(places)
         gain = slope @ np.linalg.solve(precision, slope) - np.linalg.slogdet(precision)[1]
-        nats.append(each.constant + 0.5 * float(gain))
-    return nats
-
-
-def _log_evidence(terms: Sequence[_Terms], groups: Sequence[Sequence[int]]) -> float:
-    return float(logsumexp(_of_each_spread(terms, groups))) + PRIOR_NATS * len(groups)
+        return self.constant + 0.5 * float(gain)
 
 
 def _common_delays(squares: ComplexArray, omega: FloatArray) -> FloatArray:
