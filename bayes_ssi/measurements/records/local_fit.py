@@ -130,21 +130,15 @@ class Fitter:
         damping = 1e-2
         for _ in range(most_steps):
             value = self.misfit(e) + self._energy(model, steps.scales)
-            moved = None
-            while damping < 1e8:
-                step, gain = steps.step(damping)
-                if gain < SETTLED_GAIN:
-                    break
+            while damping < 1e8 and (step := steps.step(damping)) is not None:
                 trial = steps.moved(step)
                 tried_e = trial.covariances(self.data)
                 if self.misfit(tried_e) + self._energy(trial, steps.scales) < value:
-                    moved = trial, tried_e
-                    damping *= 0.1
                     break
                 damping = max(10.0 * damping, 1e-4)
-            if moved is None:
+            else:
                 break
-            model, e = moved
+            model, e, damping = trial, tried_e, 0.1 * damping
             steps = _Steps(self, model, e, has_phases, usual)
             if (model.modes.dampings > 2.0 * MOST_DAMPING).any():
                 break
@@ -194,31 +188,28 @@ class Fitter:
         value += 0.5 * float((np.abs(model.backgrounds / BACKGROUND_SDS[:, None, None]) ** 2).sum())
         return value + model.drive.energy(model.modes, scales)
 
-    def _log_normalisation(self, model: Model, steps: "_Steps") -> float:
-        """The rest of -ln prior density, up to constants of the band."""
-        low, high = self.data.band_hz
-        n_modes = model.modes.n_modes
-        normal = steps.precisions[steps.modal][n_modes:] / (2.0 * math.pi)
-        of_modes = n_modes * math.log(math.log(high / low)) - 0.5 * float(np.log(normal).sum())
-        return of_modes + model.drive.log_normalisation(model.modes, steps.scales)
-
     def _described(self, model: Model, e: ComplexArray, steps: "_Steps") -> LocalFit:
-        r = self.r
+        (low, high), n_modes = self.data.band_hz, model.modes.n_modes
         sign, log_determinant = np.linalg.slogdet(steps.curvature / (2.0 * math.pi))
         misfit = self.misfit(e)
         value = misfit + self._energy(model, steps.scales)
-        value += self._log_normalisation(model, steps)
+        # The rest of -ln prior density, up to constants of the band.
+        normal = steps.precisions[steps.modal][n_modes:] / (2.0 * math.pi)
+        of_modes = n_modes * math.log(math.log(high / low)) - 0.5 * float(np.log(normal).sum())
+        value += of_modes + model.drive.log_normalisation(model.modes, steps.scales)
         evidence = -value - 0.5 * float(log_determinant) if sign > 0 else -math.inf
         covariance = _solved(steps.curvature, np.eye(steps.size))
-        jacobian = steps.jacobian()
-        of_modes = covariance[steps.modal, steps.modal]
+        # Of (ln f, ln ζ, real parts, imaginary parts of shapes) by the modes' own coordinates.
+        of_shapes = np.concatenate([steps.turns.real, steps.turns.imag])
+        jacobian = block_diag(np.eye(2 * n_modes), of_shapes)
+        modal = covariance[steps.modal, steps.modal]
         chi, numbers = _chi_square(self.data, e)
-        n_free = 1.0 - float(np.trace(covariance @ steps.information)) / (len(e) * r * r)
+        n_free = 1.0 - float(np.trace(covariance @ steps.information)) / (len(e) * self.r**2)
         n_degrees = max(1.0, float(numbers.sum()) * n_free)
         whiteness = float(chi.sum()) / n_degrees
         left = 0.5 * float(steps.slope @ covariance @ steps.slope)
         return LocalFit(
-            self.data, model, steps.has_phases, jacobian @ of_modes @ jacobian.T, -misfit,
+            self.data, model, steps.has_phases, jacobian @ modal @ jacobian.T, -misfit,
             evidence, whiteness,
             allowed_whiteness(self.data.weights, np.sqrt(numbers), n_degrees),
             left < ARRIVED_GAIN, e,
@@ -253,10 +244,9 @@ class _Steps:
     def __init__(
         self, fitter: Fitter, model: Model, e: ComplexArray, has_phases: bool, usual: FloatArray
     ) -> None:
-        at = fitter.data
-        self.model, self.has_phases = model, has_phases
-        self.scales = model.drive.scales(at, model.modes, usual)
         modes, data = model.modes, fitter.data
+        self.model, self.has_phases = model, has_phases
+        self.scales = model.drive.scales(data, modes, usual)
         r, m = fitter.r, len(modes.frequencies_hz)
         inverse: ComplexArray = np.linalg.inv(e)
         inverse = 0.5 * (inverse + inverse.conj().swapaxes(1, 2))
@@ -277,15 +267,14 @@ class _Steps:
             for rows in (seen, derivatives)
         )
         self.curvature[smooth:, smooth:] = flat @ slopes_of_rows.T
-        x = at.powers[1]
-        moments = x ** np.arange(5)[:, None] @ information.reshape(len(e), -1)
+        moments = data.powers[1] ** np.arange(5)[:, None] @ information.reshape(len(e), -1)
         moments = moments.reshape(5, r * r, -1)
-        for i, power in enumerate(at.powers):
+        for i, power in enumerate(data.powers):
             a = slice(i * r * r, (i + 1) * r * r)
             self.slope[a] = power @ slopes
             cross = np.einsum("k,kpa->pa", power, seen)
             self.curvature[smooth:, a], self.curvature[a, smooth:] = cross, cross.T
-            for j in range(len(at.powers)):
+            for j in range(len(data.powers)):
                 self.curvature[a, j * r * r : (j + 1) * r * r] = moments[i + j]
         self.information = self.curvature.copy()
         self._add_prior()
@@ -314,16 +303,12 @@ class _Steps:
     def _add_prior(self) -> None:
         model, modes = self.model, self.model.modes
         r, m = modes.shapes.shape
-        of_shapes = [SHAPE_SD**-2.0, *([PHASE_SD**-2.0] if self.has_phases else [])]
+        # Uniform priors of frequencies bend nothing; ones keep the curvature positive where a mode
+        # has no forces.
+        of_others = [*BACKGROUND_SDS**-2.0, 1.0, LOG_DAMPING_SD**-2.0]
+        of_shapes = [SHAPE_SD**-2.0, PHASE_SD**-2.0][: 1 + self.has_phases]
         self.precisions = np.concatenate(
-            [
-                np.repeat(BACKGROUND_SDS**-2.0, r * r),
-                # Uniform priors bend nothing; these keep the curvature positive where a mode has no
-                # forces.
-                np.ones(m),
-                np.full(m, LOG_DAMPING_SD**-2.0),
-                np.tile(np.repeat(of_shapes, r - 1), m),
-            ]
+            [np.repeat(of_others, [r * r] * 3 + [m, m]), np.tile(np.repeat(of_shapes, r - 1), m)]
         )
         off = np.concatenate(
             [
@@ -340,40 +325,30 @@ class _Steps:
         self.curvature[n:, n:] += of_drive
         self.slope[n:] += slope
 
-    def step(self, damping: float) -> tuple[FloatArray, float]:
-        """A damped step, and what it should gain."""
+    def step(self, damping: float) -> FloatArray | None:
+        """A damped step; None where it should gain too little."""
         damped = self.curvature + damping * np.diag(self.curvature.diagonal())
         step = _solved(damped, self.slope)
-        return step, 0.5 * float(self.slope @ step)
+        return step if 0.5 * float(self.slope @ step) >= SETTLED_GAIN else None
 
     def moved(self, step: FloatArray) -> Model:
         """The model after a step, shortened where it would leave what is known of modes."""
         modes = self.model.modes
         r, m = modes.shapes.shape
-        smooth = 3 * r * r
-        by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
+        ends = np.cumsum([3 * r * r, m, m, self.turns.shape[1]])
+        _, by_f, by_z, *_ = np.split(step, ends)
         # No farther than a bandwidth, nor to twice the damping.
         steepest = [*np.abs(by_z) / 0.7, *np.abs(by_f) / np.maximum(modes.dampings, 0.003)]
-        step = step / max([1.0, *steepest])
-        by_f, by_z = step[smooth : smooth + m], step[smooth + m : smooth + 2 * m]
-        changes = np.einsum("pa,aij->pij", step[:smooth].reshape(3, r * r), basis(r))
-        at = smooth + 2 * m
-        end = at + self.turns.shape[1]
-        shapes = modes.shapes + (self.turns @ step[at:end]).reshape(m, r).T
+        smooth, by_f, by_z, by_turns, values = np.split(step / max([1.0, *steepest]), ends)
+        backgrounds = np.einsum("pa,aij->pij", smooth.reshape(3, r * r), basis(r))
+        shapes = modes.shapes + (self.turns @ by_turns).reshape(m, r).T
         lengths = np.linalg.norm(shapes, axis=0) * np.exp(0.5j * np.angle((shapes**2).sum(0)))
-        values = step[end:].reshape(-1, 2)
+        frequencies, dampings = modes.frequencies_hz * np.exp(by_f), modes.dampings * np.exp(by_z)
         return Model(
-            self.model.backgrounds + changes,
-            Resonances(
-                modes.frequencies_hz * np.exp(by_f), modes.dampings * np.exp(by_z), shapes / lengths
-            ),
-            self.model.drive.moved(values[:, 0] + 1j * values[:, 1], lengths),
+            self.model.backgrounds + backgrounds,
+            Resonances(frequencies, dampings, shapes / lengths),
+            self.model.drive.moved(values.view(complex), lengths),
         )
-
-    def jacobian(self) -> FloatArray:
-        """Of (ln f, ln ζ, real parts, imaginary parts of shapes) by the modes' own coordinates."""
-        of_shapes = np.concatenate([self.turns.real, self.turns.imag])
-        return np.asarray(block_diag(np.eye(2 * self.model.modes.n_modes), of_shapes))
 
 
 def _tangent(shape: ComplexArray, has_phases: bool) -> ComplexArray:

@@ -52,9 +52,7 @@ def basis(r: int) -> ComplexArray:
 @cache
 def _projection(r: int) -> FloatArray:
     """From real and imaginary parts of a Hermitian matrix to its coordinates (2r², r²)."""
-    flat = basis(r).reshape(r * r, r * r)
-    parts = np.stack([flat.real, flat.imag], axis=2)
-    return np.asarray(parts.reshape(r * r, 2 * r * r).T.copy(), dtype=np.float64)
+    return np.asarray(basis(r).reshape(r * r, r * r).view(np.float64).T.copy())
 
 
 def coordinates(matrices: ComplexArray) -> FloatArray:
@@ -250,16 +248,11 @@ class OneSource(NamedTuple):
         return value + float(np.log(math.pi * sizes * LOG_RANGE_OF_FORCES).sum())
 
     def prior(self, _modes: Resonances, _scales: FloatArray) -> tuple[FloatArray, FloatArray]:
-        precisions = np.concatenate(
-            [
-                np.repeat(DIRECT_SDS**-2.0, 2 * self.direct.shape[1]),
-                np.full(2 * len(self.of_neighbours), NEIGHBOUR_SD**-2),
-                np.full(2 * len(self.of_modes), FLAT_PRECISION),
-            ]
-        )
+        numbers = [self.direct.shape[1]] * 3 + [len(self.of_neighbours), len(self.of_modes)]
+        each = [*DIRECT_SDS.ravel() ** -2.0, NEIGHBOUR_SD**-2, FLAT_PRECISION]
+        precisions = np.repeat(each, 2 * np.array(numbers))
         # The phase of the whole source is nobody's to know.
-        fixed = np.zeros(len(precisions))
-        fixed[:] = as_reals(1j * self.values) / np.linalg.norm(self.values)
+        fixed = as_reals(1j * self.values) / np.linalg.norm(self.values)
         return np.diag(precisions) + np.outer(fixed, fixed), -precisions * as_reals(self.values)
 
 
