@@ -126,10 +126,8 @@ def _standing_out(
     transforms: ComplexArray, lines: NDArray[np.intp]
 ) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
-    farthest = LINES_AROUND
-    nearby = np.setdiff1d(
-        np.arange(-farthest, farthest + 1), np.arange(-HANN_SPREAD, HANN_SPREAD + 1)
-    )
+    apart = np.arange(-LINES_AROUND, LINES_AROUND + 1)
+    nearby = apart[np.abs(apart) > HANN_SPREAD]
     around = transforms[:, lines[:, None] + nearby].swapaxes(0, 1)
     matrices = around @ around.conj().swapaxes(1, 2) / len(nearby)
     # Sensors may be copies: their difference is then no motion.
@@ -167,9 +165,8 @@ def without_lines(
         return samples
     n_samples = samples.shape[1]
     left = samples - samples.mean(1, keepdims=True)
-    length = SAMPLES_AT_A_TIME
-    starts = range(0, n_samples, length)
-    blocks = [slice(start, min(start + length, n_samples)) for start in starts]
+    starts = range(0, n_samples, SAMPLES_AT_A_TIME)
+    blocks = [slice(start, min(start + SAMPLES_AT_A_TIME, n_samples)) for start in starts]
 
     def waves(block: slice) -> FloatArray:
         instants = np.arange(block.start, block.stop)
@@ -267,7 +264,15 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
                 f"sensor {name!r}: on a straight line, or the same as before, from {first:.6g} s "
                 f"on for {end - first:.3g} s{more}; it is taken for a gap that was filled"
             )
-    return [*remarks, *_machines(samples, rate_hz)]
+    frequencies = machine_lines(samples, rate_hz)
+    if n := len(frequencies):
+        lines = f"lines at {n} frequencies, the strongest" if n > 1 else "a line"
+        named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:NAMED_LINES])
+        remarks.append(
+            f"{lines} at {named} Hz, as of a machine; a mode so narrow would have decayed less "
+            "than once over the record"
+        )
+    return remarks
 
 
 def faults_of(
@@ -317,11 +322,10 @@ def _at_extremes(share: float) -> str:
 def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]) -> list[int]:
     """Rows of samples that share no motion of a band with any other row."""
     n, n_samples = samples.shape
-    n_windows = WINDOWS
-    length = min(2 * n_samples // (n_windows + 1), LONGEST_WINDOW)
-    if n < 2 or length < n_windows:
+    length = min(2 * n_samples // (WINDOWS + 1), LONGEST_WINDOW)
+    if n < 2 or length < WINDOWS:
         return []
-    starts = np.linspace(0, n_samples - length, n_windows).astype(int)
+    starts = np.linspace(0, n_samples - length, WINDOWS).astype(int)
     windows = samples[:, starts[:, None] + np.arange(length)]
     windows = (windows - windows.mean(2, keepdims=True)) * np.hanning(length)
     hz = np.fft.rfftfreq(length, 1.0 / rate_hz)
@@ -335,21 +339,8 @@ def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float
     coherence[:, range(n), range(n)] = 0.0
     # Of noise it exceeds c with probability (1 - c)^(m - 1), m windows; half of them overlap.
     one_in = RECORDS_PER_COHERENT_NOISE * n * len(lines)
-    limit = 1.0 - one_in ** (-1.0 / (0.75 * n_windows - 1.0))
+    limit = 1.0 - one_in ** (-1.0 / (0.75 * WINDOWS - 1.0))
     return np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
-
-
-def _machines(samples: FloatArray, rate_hz: float) -> list[str]:
-    frequencies = machine_lines(samples, rate_hz)
-    if not len(frequencies):
-        return []
-    n = len(frequencies)
-    lines = f"lines at {n} frequencies, the strongest" if n > 1 else "a line"
-    named = ", ".join(f"{frequency:.4g}" for frequency in frequencies[:NAMED_LINES])
-    return [
-        f"{lines} at {named} Hz, as of a machine; a mode so narrow would have decayed less than "
-        "once over the record"
-    ]
 
 
 def _copied(row: FloatArray, other: FloatArray) -> str | None:

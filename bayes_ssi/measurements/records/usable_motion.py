@@ -75,16 +75,25 @@ def usable_motion(record: Record, band_hz: tuple[float, float], ground: str | No
     lowest = max(low / SEARCH_FACTOR, min(low, FEWEST_LINES / record.duration_s))
     highest = min(high * SEARCH_FACTOR, max(high, 0.98 * record.nyquist_hz))
     reach = (0.75 * lowest, min(1.3 * highest, record.nyquist_hz))
-    remarks: list[str] = []
-    still = _undisturbed(record, reach, band_hz, remarks)
+    lines = machine_lines(record.samples, record.rate_hz)
+    lines = lines[(lines > reach[0]) & (lines < reach[1])]
+    remarks = [
+        f"a line at {f:.4g} Hz, as of a machine, is taken out; a mode so narrow would have "
+        "decayed less than once over the record"
+        for f in np.sort(lines[(lines >= low) & (lines <= high)])
+    ]
+    if len(lines):
+        samples = without_lines(record.samples, record.rate_hz, lines, record.is_measured)
+        samples.setflags(write=False)
+        record = replace(record, samples=samples)
     if ground is None:
-        ground = _driving_sensor(still, band_hz, remarks)
+        ground = _driving_sensor(record, band_hz, remarks)
     _require_ground(record, ground)
-    pieces = _pieces(still, reach[0], high)
+    pieces = _pieces(record, reach[0], high)
     # Where what drives the structure is measured, all of a record is used.
-    part = Stationary() if ground else stationary_part(still.samples, still.rate_hz, reach)
+    part = Stationary() if ground else stationary_part(record.samples, record.rate_hz, reach)
     return UsableMotion(
-        still, band_hz, (lowest, highest), reach, ground, pieces, part, left_out, remarks
+        record, band_hz, (lowest, highest), reach, ground, pieces, part, left_out, remarks
     )
 
 
@@ -165,21 +174,3 @@ def _pieces(record: Record, low_hz: float, high_hz: float) -> FloatArray | None:
             "can be used; take a span with fewer, or a band that begins higher"
         )
     return mask
-
-
-def _undisturbed(
-    record: Record, reach: tuple[float, float], band: tuple[float, float], remarks: list[str]
-) -> Record:
-    """The record without lines of machines."""
-    lines = machine_lines(record.samples, record.rate_hz)
-    lines = lines[(lines > reach[0]) & (lines < reach[1])]
-    if not len(lines):
-        return record
-    samples = without_lines(record.samples, record.rate_hz, lines, record.is_measured)
-    samples.setflags(write=False)
-    for f in np.sort(lines[(lines >= band[0]) & (lines <= band[1])]):
-        remarks.append(
-            f"a line at {f:.4g} Hz, as of a machine, is taken out; a mode so narrow would have "
-            "decayed less than once over the record"
-        )
-    return replace(record, samples=samples)
