@@ -167,7 +167,10 @@ def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]
     steps = np.diff(times)
     step = float(np.median(steps))
     # Times are printed to a few digits, and may be wrong by half of the last one.
-    rounding = 10.0 ** -_decimals(values)
+    first = np.asarray(values[:100], dtype=float)
+    exact = 1e-10 + 2.0 * np.spacing(np.abs(first).max())
+    decimals = (k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, exact))
+    rounding = 10.0 ** -next(decimals, 9)
     long = steps > 1.5 * step
     wrong = (np.abs(steps - step) > 0.01 * step + rounding) & ~long | (step <= 0.0)
     if wrong.any():
@@ -186,13 +189,6 @@ def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]
     usual = float(steps[~long].mean())
     missing = np.where(long, np.round(steps / usual) - 1.0, 0.0)
     return usual, np.concatenate([[0], np.cumsum(1 + missing)]).astype(np.int64)
-
-
-def _decimals(times: np.ndarray) -> int:
-    """The fewest decimals that the first times need, at most 9."""
-    first = np.asarray(times[:100], dtype=float)
-    exact = 1e-10 + 2.0 * np.spacing(np.abs(first).max())
-    return next((k for k in range(9) if np.allclose(first, np.round(first, k), 0.0, exact)), 9)
 
 
 def at_places(samples: FloatArray, places: NDArray[np.int64]) -> FloatArray:

@@ -331,7 +331,15 @@ def read_at2(path: Path) -> Channels:
     at = next((i for i, line in enumerate(lines) if "NPTS" in line.upper()), None)
     if at is None:
         raise ValueError("not a PEER AT2 file: no header line states NPTS and DT")
-    n_points, rates = _points_and_rates(lines[at])
+    # In its newer form, NPTS= 3, DT= .01 SEC, or its older one.
+    header = lines[at].strip()
+    older = re.match(rf"(\d+)\s+({NUMBER})\s+NPTS", header, re.IGNORECASE)
+    points = older or re.search(r"NPTS\s*=\s*(\d+)", header, re.IGNORECASE)
+    if points is None:
+        raise ValueError(f"the header's line {header!r} holds no number of points (NPTS)")
+    steps = [older[2]] if older else re.findall(rf"DT\s*=\s*({NUMBER})", header, re.IGNORECASE)
+    if not all(float(step) > 0.0 for step in steps):
+        raise ValueError(f"dt must be positive, got {header!r}")
     units = re.findall(UNIT, " ".join(lines[:at]), re.IGNORECASE)
     samples: list[float] = []
     for i, line in enumerate(lines[at + 1 :], at + 2):
@@ -339,21 +347,10 @@ def read_at2(path: Path) -> Channels:
         if rest := re.sub(NUMBER, "", line).strip():
             raise ValueError(f"line {i}: expected accelerations, got {rest!r}")
         samples += [float(re.sub("[dD]", "e", each)) for each in re.findall(NUMBER, line)]
-    if len(samples) != n_points:
+    if len(samples) != (n_points := int(points[1])):
         raise ValueError(f"the header says NPTS = {n_points}, but {len(samples)} values follow")
-    return Channels(np.array([samples]), rates_hz=tuple(rates), units=tuple(units))
-
-
-def _points_and_rates(line: str) -> tuple[int, list[float]]:
-    """NPTS and 1/DT of an AT2 header, in its newer form (NPTS= 3, DT= .01 SEC) or its older one."""
-    older = re.match(rf"\s*(\d+)\s+({NUMBER})\s+NPTS", line, re.IGNORECASE)
-    points = older or re.search(r"NPTS\s*=\s*(\d+)", line, re.IGNORECASE)
-    if points is None:
-        raise ValueError(f"the header's line {line.strip()!r} holds no number of points (NPTS)")
-    steps = [older[2]] if older else re.findall(rf"DT\s*=\s*({NUMBER})", line, re.IGNORECASE)
-    if not all(float(step) > 0.0 for step in steps):
-        raise ValueError(f"dt must be positive, got {line.strip()!r}")
-    return int(points[1]), [1.0 / float(step) for step in steps]
+    rates = tuple(1.0 / float(step) for step in steps)
+    return Channels(np.array([samples]), rates_hz=rates, units=tuple(units))
 
 
 def in_rows(rows: Sequence[np.ndarray]) -> FloatArray:
