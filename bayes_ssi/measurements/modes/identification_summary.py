@@ -4,12 +4,7 @@ from dataclasses import dataclass
 
 # What the command line calls each method, and how it is called in tables.
 BAYESIAN_FFT = "bayesian-fft"
-METHOD_NAMES = {
-    BAYESIAN_FFT: "Bayesian FFT",
-    "next-era": "NExT-ERA",
-    "fdd": "FDD",
-    "tfie": "TFIE",
-}
+METHOD_NAMES = {BAYESIAN_FFT: "Bayesian FFT", "next-era": "NExT-ERA", "fdd": "FDD", "tfie": "TFIE"}
 SURE_PROBABILITY = 0.95  # that leaves no doubt, in words
 
 

@@ -208,7 +208,13 @@ def with_joint_errors(
     rounding = 1e-6 * np.abs(matrix).max()
     if np.abs(matrix - matrix.T).max() > rounding:
         raise ValueError("modal data: covariance is not symmetric")
-    matrix = _in_planes(0.5 * (matrix + matrix.T), planes)
+    matrix = 0.5 * (matrix + matrix.T)
+    # Shapes have no errors along themselves. What is in their planes already stays as it is, to the
+    # last digit.
+    projection = block_diag(np.eye(m), *planes)
+    projected = projection @ matrix @ projection
+    if np.abs(projected - matrix).max() > ROUNDING * np.abs(matrix).max():
+        matrix = 0.5 * (projected + projected.T)
     lowest = float(np.linalg.eigvalsh(matrix)[0])
     if lowest < -rounding:
         raise ValueError(
@@ -257,13 +263,3 @@ def tangent_planes(modes: Sequence[IdentifiedMode], n_sensors: int) -> FloatArra
             unit = np.nan_to_num(mode.scored_shape)
             plane[:] = np.diag(np.isfinite(mode.scored_shape).astype(float)) - np.outer(unit, unit)
     return planes
-
-
-def _in_planes(covariance: FloatArray, planes: FloatArray) -> FloatArray:
-    """The covariance without errors of shapes along themselves."""
-    projection = block_diag(np.eye(len(planes)), *planes)
-    projected = projection @ covariance @ projection
-    # What is in the planes already stays as it is, to the last digit.
-    change = np.abs(projected - covariance).max()
-    kept = change <= ROUNDING * np.abs(covariance).max()
-    return covariance if kept else 0.5 * (projected + projected.T)

@@ -112,8 +112,14 @@ class _Merging:
             _labels(groups), groups, independent, merged.log_frequencies, merged.shapes, strict=True
         ):
             labels = {name: mode.label for name, mode in group.items()}
-            scatters = _scatter_of_frequencies(group), self._scatter_of_shapes(group)
-            modes.append(MergedMode(labels, *scatters))
+            logs = np.log([mode.frequency_hz for mode in group.values()])
+            weights = np.array([mode.frequency_cov for mode in group.values()], dtype=float) ** -2.0
+            squares = weights @ (logs - weights @ logs / weights.sum()) ** 2
+            of_frequencies, of_shapes = _scatter(squares, len(group) - 1), None
+            if any(mode.scored_shape is not None for mode in group.values()):
+                by_shapes = self._merged([group], frequencies=False)
+                of_shapes = _scatter(by_shapes.squares, by_shapes.degrees_of_freedom)
+            modes.append(MergedMode(labels, of_frequencies, of_shapes))
             remarks += self._remarks(label, float(np.exp(log_f)), group, kept)
             _, measured = self._joined_shape(kept)
             damping, damping_sd = _damping(list(kept.values()))
@@ -227,12 +233,6 @@ class _Merging:
         shapes, measured = (np.array(part) for part in zip(*first, strict=True))
         return weighted_least_squares(parts, logs, shapes, measured)
 
-    def _scatter_of_shapes(self, group: Group) -> Scatter | None:
-        if all(mode.scored_shape is None for mode in group.values()):
-            return None
-        merged = self._merged([group], frequencies=False)
-        return _scatter(merged.squares, merged.degrees_of_freedom)
-
     def _identifications(
         self, modes: Sequence[MergedMode], joined: Sequence[IdentifiedMode]
     ) -> Iterator[IdentificationSummary]:
@@ -266,12 +266,6 @@ class _Merging:
 def _scatter(squares: float, n: int) -> Scatter | None:
     """Of a sum of squares with n degrees of freedom; None where nothing was measured twice."""
     return Scatter(float(np.sqrt(squares / n)), float(chdtrc(n, squares))) if n else None
-
-
-def _scatter_of_frequencies(group: Group) -> Scatter | None:
-    logs = np.log([mode.frequency_hz for mode in group.values()])
-    weights = np.array([mode.frequency_cov for mode in group.values()], dtype=float) ** -2.0
-    return _scatter(weights @ (logs - weights @ logs / weights.sum()) ** 2, len(group) - 1)
 
 
 def _joined_band(tests: Mapping[str, ModalData]) -> tuple[float, float]:
