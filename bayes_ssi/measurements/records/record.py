@@ -128,7 +128,7 @@ class Record(Displayed):
             return self
         edges = np.array([0, *np.ravel(self.gaps), self.n_samples]).reshape(-1, 2)
         first, end = edges[np.diff(edges).argmax()]
-        return replace(self, samples=_read_only(self.samples[:, first:end].copy()), gaps=())
+        return replace(self, samples=self.samples[:, first:end], gaps=())
 
     @property
     def n_samples(self) -> int:
@@ -179,8 +179,9 @@ class Record(Displayed):
         """
         sensors = (sensors,) if isinstance(sensors, str) else tuple(sensors)
         require_known("record: no sensor", sensors, self.sensors)
-        rows = [self.sensors.index(name) for name in sensors]
-        return replace(self, samples=_read_only(self.samples[rows]), sensors=sensors)
+        samples = self.samples[[self.sensors.index(name) for name in sensors]]
+        samples.setflags(write=False)
+        return replace(self, samples=samples, sensors=sensors)
 
     def warnings(self) -> list[str]:
         """What looks wrong with the record, a sentence each."""
@@ -235,8 +236,3 @@ def quantity_of(unit: str) -> str | None:
             checked_unit_of(quantity, unit)
             return quantity
     return None
-
-
-def _read_only(samples: FloatArray) -> FloatArray:
-    samples.setflags(write=False)
-    return samples

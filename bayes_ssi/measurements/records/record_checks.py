@@ -217,8 +217,7 @@ def stationary_part(
     out = binary_propagation(strong, mask=decaying)
     if not out.any() or out.mean() > MOST_LEFT_OUT:
         return Stationary(varies=float(powers.max()))
-    is_out = np.repeat(out, length)
-    is_out = np.concatenate([is_out, np.full(n - len(is_out), out[-1])])
+    is_out = np.pad(np.repeat(out, length), (0, n - n_windows * length), "edge")
     spans = [
         (span.start / rate_hz, span.stop / rate_hz) for (span,) in find_objects(label(is_out)[0])
     ]

@@ -129,7 +129,9 @@ class _Layout(NamedTuple):
             rows = [_cells(line, delimiter) for _, line in top]
             beside = [0, *map(len, rows), 0]
             for k, row in enumerate(rows):
-                if _is_row(row) and (len(row) in (beside[k], beside[k + 2]) or len(rows) == 1):
+                held = [cell for cell in row if cell]
+                is_row = held and all(NUMBER.fullmatch(c) or STAMP.fullmatch(c) for c in held)
+                if is_row and (len(row) in (beside[k], beside[k + 2]) or len(rows) == 1):
                     layouts.append((len(row), delimiter, top[k][0], rows[k:]))
                     break
         if not layouts:
@@ -158,12 +160,6 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 
 def _is_text(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith("#")
-
-
-def _is_row(cells: Sequence[str]) -> bool:
-    """Whether all cells are numbers, instants or empty, but not all of them empty."""
-    held = [cell for cell in cells if cell]
-    return bool(held) and all(NUMBER.fullmatch(c) or STAMP.fullmatch(c) for c in held)
 
 
 def _statements(layout: _Layout) -> dict[str, str]:
