@@ -94,11 +94,7 @@ class Fitter:
     def __init__(self, data: LocalSpectra, one_source: bool) -> None:
         self.data, self.one_source = data, one_source
         self.matrices = data.matrices + np.diag(data.floor)
-
-    @property
-    def r(self) -> int:
-        """Directions."""
-        return self.matrices.shape[1]
+        self.r = len(data.floor)  # directions
 
     def misfit(self, e: ComplexArray) -> float:
         """-ln likelihood without constants; infinite where E is not positive."""

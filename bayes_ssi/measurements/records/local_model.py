@@ -199,11 +199,11 @@ class OneSource(NamedTuple):
         return np.concatenate([self.direct.ravel(), self.of_neighbours, self.of_modes])
 
     def moved(self, step: ComplexArray, lengths: ComplexArray) -> "OneSource":
-        n, p = self.direct.size, len(self.of_neighbours)
-        direct = self.direct + step[:n].reshape(self.direct.shape)
-        return OneSource(
-            direct, self.of_neighbours + step[n : n + p], (self.of_modes + step[n + p :]) * lengths
-        )
+        n = self.direct.size
+        smooth, of_neighbours, of_modes = np.split(step, [n, n + len(self.of_neighbours)])
+        direct = self.direct + smooth.reshape(self.direct.shape)
+        of_modes = (self.of_modes + of_modes) * lengths
+        return OneSource(direct, self.of_neighbours + of_neighbours, of_modes)
 
     def motion(self, at: LocalSpectra, motions: ComplexArray) -> ComplexArray:
         """v (K, r)."""
@@ -218,8 +218,7 @@ class OneSource(NamedTuple):
         return self.motion(at, motions)[:, :, None] * self.of_modes.conj()
 
     def columns(self, at: LocalSpectra, motions: ComplexArray) -> Columns:
-        left = _of_one_source(at, motions)
-        return _columns(left, self.motion(at, motions)[:, None], 1j)
+        return _columns(_of_one_source(at, motions), self.motion(at, motions)[:, None], 1j)
 
     def more(self, at: LocalSpectra, motions: ComplexArray, one: Resonances) -> Columns:
         """Derivatives by the values of a mode more, with any shape."""
@@ -323,7 +322,7 @@ def started(at: LocalSpectra, modes: Resonances, one_source: bool) -> Model:
         products = regressors.conj().T @ regressors
         products += 1e-6 * np.diag(products.diagonal().real)
         solved = np.linalg.solve(products, regressors.conj().T @ (turned * weights).ravel())
-        n = 3 * r
-        source = OneSource(solved[:n].reshape(3, r), solved[n : n + p], solved[n + p :])
+        direct, *factors = np.split(solved, [3 * r, 3 * r + p])
+        source = OneSource(direct.reshape(3, r), *factors)
     backgrounds *= 0.3
     return Model(backgrounds, modes, source)
