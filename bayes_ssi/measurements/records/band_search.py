@@ -29,6 +29,7 @@ from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
+    BandHz,
     LocalSpectra,
     Resonances,
     Transforms,
@@ -104,11 +105,7 @@ class _Band:
 
 
 def explain(
-    transforms: Transforms,
-    possible: Candidates,
-    band_hz: tuple[float, float],
-    fixed: bool,
-    is_driven: bool,
+    transforms: Transforms, possible: Candidates, band_hz: BandHz, fixed: bool, is_driven: bool
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
     # Poles that many orders agree on, where no peak's band reaches, are tried, too.
@@ -271,7 +268,7 @@ def _peaks(
 def groups_of(
     transforms: Transforms,
     modes: Resonances,
-    band_hz: tuple[float, float],
+    band_hz: BandHz,
     least_bandwidths: float = LEAST_BANDWIDTHS,
     share: float = 1.0,
     near_share: float = 0.0,

@@ -20,7 +20,7 @@ from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.explained_band import Explained, complex_shapes
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.spectra import Transforms
+from bayes_ssi.measurements.records.spectra import BandHz, Transforms
 
 DELAY_SD_S = 0.02
 PHASE_SD = 0.2  # of a sensor with phases of its own in every mode
@@ -57,11 +57,7 @@ class OnTime(NamedTuple):
 
 
 def explained_on_time(
-    transforms: Transforms,
-    possible: Candidates,
-    band_hz: tuple[float, float],
-    fixed: bool,
-    is_driven: bool,
+    transforms: Transforms, possible: Candidates, band_hz: BandHz, fixed: bool, is_driven: bool
 ) -> OnTime:
     """Bands, without the delays that the phases of all modes show."""
     seconds = np.zeros(len(transforms.values))

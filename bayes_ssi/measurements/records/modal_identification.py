@@ -29,7 +29,7 @@ from bayes_ssi.measurements.records.mode_candidates import (
     given_candidates,
 )
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.spectra import Resonances, Spectra, Transforms
+from bayes_ssi.measurements.records.spectra import BandHz, Resonances, Spectra, Transforms
 from bayes_ssi.measurements.records.steady_amplitudes import steady_modes
 from bayes_ssi.measurements.records.usable_motion import UsableMotion, usable_motion
 
@@ -218,9 +218,7 @@ def _result(
     worst = max((each for each in bands if each.is_wanted), key=lambda each: each.excess).fit
     loads = "one process" if worst.one_source else "independent loads"
     return ModalIdentification(
-        record=MeasuredRecord(
-            whole.source, whole.sensors, whole.duration_s, whole.rate_hz, whole.quantity, whole.unit
-        ),
+        record=MeasuredRecord(**columns(whole, [each.name for each in fields(MeasuredRecord)])),
         band_hz=band,
         method=METHOD_NAMES[BAYESIAN_FFT],
         loads=f"the motion of sensor {ground!r}" if ground else loads,
@@ -299,17 +297,14 @@ def _clocks_at_fault(
         )
 
 
-def modes_inside(explained: Explained, band: tuple[float, float]) -> list[int]:
+def modes_inside(explained: Explained, band: BandHz) -> list[int]:
     """Places of the modes that are in the search."""
     f = explained.fit.modes.frequencies_hz
     return np.flatnonzero((f >= band[0]) & (f <= band[1])).tolist()
 
 
 def modes_to_quote(
-    bands: Sequence[Explained],
-    band: tuple[float, float],
-    channels: Sequence[int],
-    are_given: bool,
+    bands: Sequence[Explained], band: BandHz, channels: Sequence[int], are_given: bool
 ) -> tuple[list[tuple[Explained, list[int]]], list[tuple[float, float]]]:
     """Bands with places of their modes in the search; frequency and damping of those left out.
 
@@ -341,10 +336,7 @@ def _wandering_lines(
     """A sentence for each mode that may be a machine's line which wanders."""
     steady = ((steady_modes(transforms, band.modes), inside) for band, inside in kept)
     are_steady = [i in places for places, inside in steady for i in inside]
-    dampings, sds = (
-        np.array([getattr(mode, name) for mode in quoted.modes])
-        for name in ("damping", "damping_sd")
-    )
+    dampings, sds = np.array([[mode.damping, mode.damping_sd] for mode in quoted.modes]).T
     for i, (mode, is_steady) in enumerate(zip(quoted.modes, are_steady, strict=True)):
         why = ["its amplitude is steadier than random loads leave a mode's"] * is_steady
         if len(dampings) >= FEWEST_DAMPINGS:
@@ -364,33 +356,26 @@ def _wandering_lines(
 def peaks_without_mode(
     peaks: Sequence[Prominence],
     bands: Sequence[Explained],
-    band: tuple[float, float],
+    band: BandHz,
     left_out_hz: Sequence[float] = (),
 ) -> tuple[tuple[float, str], ...]:
     """Clear peaks of the band that have no mode besides those left out, and why."""
-    modes = [explained.fit.modes for explained in bands]
-    f = np.concatenate([np.empty(0), *(of_band.frequencies_hz for of_band in modes)])
-    half = np.concatenate([np.empty(0), *(of_band.half_widths_hz for of_band in modes)])
-    is_one = ~np.isin(f, left_out_hz)
-    f, half = f[is_one], half[is_one]
     missing = []
     for peak in peaks:
-        if not (peak.is_clear and band[0] <= peak.frequency_hz <= band[1]):
-            continue
-        near = np.abs(f - peak.frequency_hz) < np.maximum(half, 0.5 * peak.width_hz) + peak.width_hz
-        if not near.any():
-            missing.append(
-                (peak.frequency_hz, f"it stands out by {peak.prominence_db:.0f} dB, but the "
-                 "spectra around it are explained by no mode there")
-            )  # fmt: skip
+        hz, width = peak.frequency_hz, peak.width_hz
+        has_mode = any(
+            abs(f - hz) < max(half, 0.5 * width) + width and f not in left_out_hz
+            for modes in (explained.fit.modes for explained in bands)
+            for f, half in zip(modes.frequencies_hz, modes.half_widths_hz, strict=True)
+        )
+        if peak.is_clear and band[0] <= hz <= band[1] and not has_mode:
+            why = f"it stands out by {peak.prominence_db:.0f} dB, but the spectra around it are "
+            missing.append((hz, f"{why}explained by no mode there"))
     return tuple(missing)
 
 
 def quoted_modes(
-    record: Record,
-    band: tuple[float, float],
-    kept: list[tuple[Explained, list[int]]],
-    channels: Sequence[int],
+    record: Record, band: BandHz, kept: list[tuple[Explained, list[int]]], channels: Sequence[int]
 ) -> tuple[ModalData, tuple[Peak, ...], list[str]]:
     """The modes of all bands in some channels, with their joint covariance, and their peaks.
 

@@ -9,7 +9,7 @@ Hankel matrices give poles at every order (Juang and Pappa 1985); a mode has one
 import math
 from collections.abc import Iterator, Sequence
 from itertools import chain, pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,10 @@ from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
     MOST_DAMPING,
+    BandHz,
     Resonances,
     Spectra,
     Transforms,
-    block_hankel,
     noise_scales,
 )
 
@@ -86,9 +86,7 @@ def candidates(transforms: Transforms, low_hz: float, high_hz: float) -> Candida
     )  # fmt: skip
 
 
-def given_candidates(
-    transforms: Transforms, band_hz: tuple[float, float], at: Sequence[float]
-) -> Candidates:
+def given_candidates(transforms: Transforms, band_hz: BandHz, at: Sequence[float]) -> Candidates:
     """Candidates at given frequencies, with the directions of most motion there as shapes."""
     low, high = band_hz
     frequencies = np.sort(np.array(at, dtype=float))
@@ -194,10 +192,7 @@ class _Section:
 
     def _poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
         """Poles of clusters of orders, the share of orders that have each, and poles of orders."""
-        correlations, step_s, start_hz = self._correlations()
-        n_rows, band = min(BLOCK_ROWS, (len(correlations) - 2) // 3), (self.low, self.high)
-        lagged = correlations[1:]
-        of_orders = [*poles_of_orders(lagged, step_s, start_hz, band, n_rows, HIGHEST_ORDER)]
+        of_orders = [*self._poles_of_orders()]
         f, zeta, shapes = (np.concatenate(parts, axis=-1) for parts in zip(*of_orders, strict=True))
         orders = np.repeat(np.arange(1, len(of_orders) + 1), [poles.n_modes for poles in of_orders])
         stabilisation = np.array([f, orders], dtype=float)
@@ -218,6 +213,36 @@ class _Section:
         poles = Resonances(f[chosen], zeta[chosen], in_channels).at(ascending)
         return poles, np.array(shares)[ascending], stabilisation
 
+    def _poles_of_orders(self) -> Iterator[Resonances]:
+        """Poles in the section, and their shapes in its directions, by every order from 1 on.
+
+        Block Hankel matrices H0 and H1 of the correlations, one lag apart, give H0 = U Σ Vᴴ and the
+        state matrix A = Σ^(-1/2) Uᴴ H1 V Σ^(-1/2) at an order (Juang and Pappa 1985); the poles are
+        ln(eig A) / step, and shapes follow from the first block row of H0.
+        """
+        from scipy.linalg import svd
+
+        correlations, step_s, start_hz = self._correlations()
+        n, r = min(BLOCK_ROWS, (len(correlations) - 2) // 3), correlations.shape[1]
+        blocks = (correlations[np.add.outer(range(n), range(lag, n + lag))] for lag in (1, 2))
+        h0, h1 = (each.transpose(0, 2, 1, 3).reshape(n * r, n * r) for each in blocks)
+        left, values, right = svd(h0, check_finite=False)
+        highest = min(HIGHEST_ORDER, int((values > 1e-10 * values[0]).sum()))
+        root = np.sqrt(values[:highest])
+        left, right = left[:, :highest], right[:highest].conj().T
+        shifted = left.conj().T @ h1 @ right / root / root[:, None]
+        first_rows = left[:r] * root
+        for order in range(1, highest + 1):
+            discrete, states = np.linalg.eig(shifted[:order, :order])
+            with np.errstate(divide="ignore"):
+                exponents = np.log(discrete.astype(complex)) / step_s
+            omega = 2.0 * np.pi * start_hz + np.mod(exponents.imag, 2.0 * np.pi / step_s)
+            size = np.hypot(omega, exponents.real)
+            f, dampings = size / (2.0 * np.pi), -exponents.real / size
+            kept = (dampings > 1e-4) & (dampings < MOST_DAMPING) & (f >= self.low) & (f < self.high)
+            shapes = first_rows[:, :order] @ states[:, kept]
+            yield Resonances(f[kept], dampings[kept], shapes / np.linalg.norm(shapes, axis=0))
+
     def _correlations(self) -> tuple[ComplexArray, float, float]:
         """Correlations (lags, r, r), the step of lags, and the frequency from which they turn."""
         values, line = self.transforms.values, self.transforms.line_hz
@@ -235,47 +260,6 @@ class _Section:
         products = sum(np.einsum("ik,jk->kij", each, each.conj()) for each in tapered)
         correlations = np.fft.ifft(window[:, None, None] * products, axis=0)
         return correlations, 1.0 / (len(centres) * line), float(frequencies[0])
-
-
-def poles_of_orders(
-    decays: NDArray[Any],
-    step_s: float,
-    start_hz: float,
-    band_hz: tuple[float, float],
-    n_rows: int,
-    highest: int,
-) -> Iterator[Resonances]:
-    """Poles in a band, and their shapes (r, m), of free decays, by every order from 1 on.
-
-    Block Hankel matrices H0 and H1 of the decays, one lag apart, give H0 = U Σ Vᴴ and the state
-    matrix A = Σ^(-1/2) Uᴴ H1 V Σ^(-1/2) at an order (Juang and Pappa 1985); the poles are
-    ln(eig A) / step, and shapes follow from the first block row of H0.
-
-    Args:
-        decays: (lags, r, r), of r directions.
-        step_s: from lag to lag, and ``start_hz``, the frequency from which they turn.
-        n_rows: blocks in a row of the matrices, and ``highest``, the highest order.
-    """
-    from scipy.linalg import svd
-
-    left, values, right = svd(block_hankel(decays, n_rows), check_finite=False)
-    highest = min(highest, int((values > 1e-10 * values[0]).sum()))
-    root = np.sqrt(values[:highest])
-    left, right = left[:, :highest], right[:highest].conj().T
-    shifted = left.conj().T @ block_hankel(decays[1:], n_rows) @ right / root / root[:, None]
-    first_rows = left[: decays.shape[1]] * root
-    for order in range(1, highest + 1):
-        discrete, states = np.linalg.eig(shifted[:order, :order])
-        with np.errstate(divide="ignore"):
-            exponents = np.log(discrete.astype(complex)) / step_s
-        omega = 2.0 * np.pi * start_hz + np.mod(exponents.imag, 2.0 * np.pi / step_s)
-        size = np.hypot(omega, exponents.real)
-        dampings = -exponents.real / size
-        frequencies = size / (2.0 * np.pi)
-        kept = (dampings > 1e-4) & (dampings < MOST_DAMPING)
-        kept &= (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
-        shapes = first_rows[:, :order] @ states[:, kept]
-        yield Resonances(frequencies[kept], dampings[kept], shapes / np.linalg.norm(shapes, axis=0))
 
 
 def _clusters(f: FloatArray, shapes: ComplexArray, orders: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -19,7 +19,7 @@ from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, ME
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.mode_candidates import candidates
 from bayes_ssi.measurements.records.record import Record
-from bayes_ssi.measurements.records.spectra import Resonances, real_shapes, transforms_of
+from bayes_ssi.measurements.records.spectra import BandHz, Resonances, real_shapes, transforms_of
 from bayes_ssi.structures.modal import mac
 
 REACH = 1.3  # by which lines reach beyond a band
@@ -28,8 +28,6 @@ SAME_SHAPE_MAC = 0.8  # and above this
 FDD_PERIODS = 50.0  # of a window, which resolves a fiftieth of the lowest frequency
 TFIE_PERIODS = 20.0  # long enough to tell modes apart, and short for many instants
 LINES_AROUND = 2  # within which the peak of a mode is
-
-Band = tuple[float, float]
 
 
 def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
@@ -59,7 +57,7 @@ def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str
     return modes
 
 
-def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
+def next_era(record: Record, band_hz: BandHz, near: Resonances) -> ModalData:
     low, high = record.checked_band(band_hz)
     reach = (low / REACH, min(high * REACH, record.nyquist_hz))
     poles = candidates(transforms_of(record, reach), low, high).poles
@@ -77,7 +75,7 @@ def next_era(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     )
 
 
-def fdd(record: Record, band_hz: Band, near: Resonances) -> ModalData:
+def fdd(record: Record, band_hz: BandHz, near: Resonances) -> ModalData:
     """The peaks of the first singular value nearest uphill of some modes."""
     frequencies, transforms = _short_time_spectra(record, band_hz, FDD_PERIODS)
     matrices = np.einsum("ift,jft->fij", transforms, transforms.conj()) / transforms.shape[2]
@@ -87,7 +85,7 @@ def fdd(record: Record, band_hz: Band, near: Resonances) -> ModalData:
     return ModalData.from_arrays(frequencies[lines], shapes, band_hz, record.sensors)
 
 
-def tfie(record: Record, band_hz: Band, near: Resonances) -> ModalData:
+def tfie(record: Record, band_hz: BandHz, near: Resonances) -> ModalData:
     """The frequencies of least phase dispersion nearest uphill of some modes."""
     frequencies, transforms = _short_time_spectra(record, band_hz, TFIE_PERIODS)
     n = len(transforms)
@@ -108,7 +106,7 @@ def tfie(record: Record, band_hz: Band, near: Resonances) -> ModalData:
 
 
 def _short_time_spectra(
-    record: Record, band_hz: Band, periods: float
+    record: Record, band_hz: BandHz, periods: float
 ) -> tuple[FloatArray, ComplexArray]:
     """Frequencies (F,) of a band, and transforms (n, F, T) of T half-overlapping Hann windows."""
     from scipy.signal import detrend, stft
@@ -134,7 +132,7 @@ def _peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArra
     return sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
 
 
-OTHERS: dict[str, Callable[[Record, Band, Resonances], ModalData]] = {
+OTHERS: dict[str, Callable[[Record, BandHz, Resonances], ModalData]] = {
     "next-era": next_era,
     "fdd": fdd,
     "tfie": tfie,

@@ -17,6 +17,7 @@ quiet part of the band has the unit matrix.
 import math
 from collections.abc import Sequence
 from functools import cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
 from bayes_ssi.measurements.records.record import Record
 
+BandHz = tuple[float, float]  # lowest and highest frequency
 DAMPING = 0.015  # of structures, most probable before
 MOST_DAMPING = 0.2  # structures, and dampers on them, are damped less
 
@@ -66,7 +68,7 @@ class Transforms(NamedTuple):
         return 0.5 * self.line_hz * np.arange(self.first, self.first + self.values.shape[1])
 
     @property
-    def band_hz(self) -> tuple[float, float]:
+    def band_hz(self) -> BandHz:
         last = self.first + self.values.shape[1] - 1
         return 0.5 * self.line_hz * self.first, 0.5 * self.line_hz * last
 
@@ -108,9 +110,7 @@ class Transforms(NamedTuple):
         )
 
 
-def transforms_of(
-    record: Record, band_hz: tuple[float, float], mask: FloatArray | None = None
-) -> Transforms:
+def transforms_of(record: Record, band_hz: BandHz, mask: FloatArray | None = None) -> Transforms:
     """The lines of a band; the samples have factors from 0 to 1, ``mask`` (N,), if it is given."""
     from scipy.fft import rfft
     from scipy.signal import detrend
@@ -137,10 +137,7 @@ def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], 
     """
     centres, numbers = [], []
     line = math.ceil(low)
-    while True:
-        n = max(FEWEST_TAPERS, round(relative_width * line))
-        if line + n > high:
-            break
+    while line + (n := max(FEWEST_TAPERS, round(relative_width * line))) <= high:
         centres.append(2 * line + n - 1)
         numbers.append(n)
         line += n
@@ -164,13 +161,12 @@ def _independent(n: int) -> float:
     shared = 0.0
     for apart in (1, 2, 3):  # those further apart share less than a thousandth
         total = np.zeros((m, m), dtype=complex)
-        for sign in (-1, 1):
-            for other in (-1, 1):
-                between = 2 * m * apart + other * t - sign * t[:, None]
-                # ∫ exp(-iπ d x) dx from 0 to 1, for a whole d.
-                odd = between % 2 != 0
-                kernel = np.where(odd, 2.0 / (1j * np.pi * np.where(odd, between, 1)), between == 0)
-                total += 0.5 * sign * other * kernel
+        for sign, other in product((-1, 1), repeat=2):
+            between = 2 * m * apart + other * t - sign * t[:, None]
+            # ∫ exp(-iπ d x) dx from 0 to 1, for a whole d.
+            odd = between % 2 != 0
+            kernel = np.where(odd, 2.0 / (1j * np.pi * np.where(odd, between, 1)), between == 0)
+            total += 0.5 * sign * other * kernel
         shared += 2.0 * float((np.abs(total) ** 2).sum())
     return n / (1.0 + shared / n)
 
@@ -192,7 +188,7 @@ class LocalSpectra(NamedTuple):
     of_neighbours: ComplexArray  # (K, p), their responses
 
     @property
-    def band_hz(self) -> tuple[float, float]:
+    def band_hz(self) -> BandHz:
         """From where to where the blocks reach."""
         half = 0.5 * self.widths_hz
         return float(self.frequencies_hz[0] - half[0]), float(self.frequencies_hz[-1] + half[-1])
@@ -338,13 +334,6 @@ class Resonances(NamedTuple):
             slope(p, conjugate),
             slope(by_zeta * (1j - zeta / root), by_zeta * (1j + zeta / root)),
         )
-
-
-def block_hankel(blocks: NDArray[Any], n: int) -> NDArray[Any]:
-    """The matrix (n r, n r) whose block in row i and column j is i + j of blocks (..., r, r)."""
-    r = blocks.shape[1]
-    at = np.arange(n)[:, None] + np.arange(n)
-    return blocks[at].transpose(0, 2, 1, 3).reshape(n * r, n * r)
 
 
 def turned(shapes: ComplexArray) -> ComplexArray:

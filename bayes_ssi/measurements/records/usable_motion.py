@@ -20,7 +20,7 @@ from bayes_ssi.measurements.records.record_checks import (
     stationary_part,
     without_lines,
 )
-from bayes_ssi.measurements.records.spectra import Transforms, transforms_of
+from bayes_ssi.measurements.records.spectra import BandHz, Transforms, transforms_of
 
 SEARCH_FACTOR = 1.6  # by which the search goes beyond its band, for the modes next to it
 FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
@@ -36,9 +36,9 @@ class UsableMotion:
     """What is left of a record, and what is said of the rest."""
 
     record: Record  # of the sensors that measured, without lines of machines
-    band_hz: tuple[float, float]
-    searched_hz: tuple[float, float]  # with what is next to the band
-    reach_hz: tuple[float, float]  # of the lines that the search needs
+    band_hz: BandHz
+    searched_hz: BandHz  # with what is next to the band
+    reach_hz: BandHz  # of the lines that the search needs
     ground: str  # the sensor that measured what drives the structure; "" if none
     pieces: FloatArray | None  # (N,), factors of the samples, 0 in gaps
     stationary: Stationary
@@ -64,7 +64,7 @@ class UsableMotion:
         return [self.transforms(mask, part).turned(delays_s) for part in parts]
 
 
-def usable_motion(record: Record, band_hz: tuple[float, float], ground: str | None) -> UsableMotion:
+def usable_motion(record: Record, band_hz: BandHz, ground: str | None) -> UsableMotion:
     """What modes of a band are identified from.
 
     Raises:
@@ -97,9 +97,7 @@ def usable_motion(record: Record, band_hz: tuple[float, float], ground: str | No
     )
 
 
-def _as_measured(
-    record: Record, band: tuple[float, float], ground: str | None
-) -> tuple[Record, dict[str, str]]:
+def _as_measured(record: Record, band: BandHz, ground: str | None) -> tuple[Record, dict[str, str]]:
     """The sensors that measured, with gaps where they did not; the others, and why."""
     from scipy.ndimage import binary_dilation
 
@@ -120,7 +118,7 @@ def _as_measured(
     return record, faults
 
 
-def _driving_sensor(record: Record, band: tuple[float, float], remarks: list[str]) -> str:
+def _driving_sensor(record: Record, band: BandHz, remarks: list[str]) -> str:
     """The sensor that is named as ground, if the others mostly follow it; empty if none."""
     named = [name for name in record.sensors if name.casefold() in ("ground", "base")]
     if len(named) != 1 or len(record.sensors) < 3:
