@@ -157,12 +157,9 @@ def _of_other_reach(
         return band
     start = same[0].modes.in_directions(at)
     fit = Fitter(at, band.fit.one_source).fit(start, band.fit.has_phases)
-    moves = (
-        np.log(fit.modes.frequencies_hz / f),
-        np.log(fit.modes.dampings / band.fit.modes.dampings),
-    )
+    moves = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(band.fit.modes[:2]))
     sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * len(f)])
-    is_same = bool((np.abs(np.concatenate(moves)) < MOST_SDS_BY_REACH * sds).all())
+    is_same = bool((np.abs(moves) < MOST_SDS_BY_REACH * sds).all())
     other = replace(band, fit=fit)
     return other if is_same and fit.are_modes.all() and other.doubt is None else band
 

@@ -29,8 +29,6 @@ DIRECT_SDS = np.array([[2.0], [1.0], [0.5]])  # direct motion, its change, its b
 # Of the largest over the smallest that a mode may have; the prior is flat in the logarithm.
 LOG_RANGE_OF_FORCES = math.log(1e4)
 FLAT_PRECISION = 1e-8  # of flat priors: it keeps curvatures positive
-
-
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 

@@ -193,25 +193,23 @@ class _Section:
     def _poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
         """Poles of clusters of orders, the share of orders that have each, and poles of orders."""
         of_orders = [*self._poles_of_orders()]
-        f, zeta, shapes = (np.concatenate(parts, axis=-1) for parts in zip(*of_orders, strict=True))
-        orders = np.repeat(np.arange(1, len(of_orders) + 1), [poles.n_modes for poles in of_orders])
+        f, zeta, shapes = joined(of_orders, axis=-1)
+        n_orders = len(of_orders)
+        orders = np.repeat(np.arange(1, n_orders + 1), [poles.n_modes for poles in of_orders])
         stabilisation = np.array([f, orders], dtype=float)
         if len(f) < 2:
             return Resonances.none(len(self.scales)), np.empty(0), stabilisation
         labels = _clusters(f, shapes, orders)
-        chosen, shares = [], []
-        for label in range(1, labels.max() + 1):
-            members = np.flatnonzero(labels == label)
-            share = len(members) / len(of_orders)
-            if share >= LEAST_SHARE_OF_ORDERS:
-                middle = np.abs(zeta[members] - np.median(zeta[members])).argmin()
-                chosen.append(int(members[middle]))
-                shares.append(share)
+        clusters = (np.flatnonzero(labels == label) for label in range(1, labels.max() + 1))
+        often = [each for each in clusters if len(each) / n_orders >= LEAST_SHARE_OF_ORDERS]
+        shares = np.array([len(each) for each in often]) / n_orders
+        # The pole of the most usual damping.
+        chosen = [int(c[np.abs(zeta[c] - np.median(zeta[c])).argmin()]) for c in often]
         in_channels = self.scales[:, None] * (self.leading @ shapes[:, chosen])
         in_channels /= np.linalg.norm(in_channels, axis=0)
         ascending = np.argsort(f[chosen])
         poles = Resonances(f[chosen], zeta[chosen], in_channels).at(ascending)
-        return poles, np.array(shares)[ascending], stabilisation
+        return poles, shares[ascending], stabilisation
 
     def _poles_of_orders(self) -> Iterator[Resonances]:
         """Poles in the section, and their shapes in its directions, by every order from 1 on.
