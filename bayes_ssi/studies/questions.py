@@ -19,7 +19,7 @@ from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.changes.change_search import ChangeRecord, change_findings
 from bayes_ssi.studies.changes.changes_family import ChangeSettings, choose_changes
-from bayes_ssi.studies.ranking.checks import CHECKERS, ranked
+from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import Ranking, Study
 from bayes_ssi.studies.search.family import Family
@@ -58,7 +58,7 @@ def rank(
     settings, run = settings or SamplingSettings(), run or Run()
     with run.working():
         posteriors = sample_all(study.model_classes, seed, settings, run)
-        return ranked(study, posteriors, seed, settings, run, (*CHECKERS, appendage_checks))
+        return ranked(study, posteriors, seed, settings, run, appendage_checks)
 
 
 @checked

@@ -9,10 +9,11 @@ from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
+from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, Peak
 from bayes_ssi.report.write import write_report
 from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.studies.ranking.checks import failed_data
+from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking
 
 RECORD = identified(
@@ -54,7 +55,7 @@ def ranking(make_posterior):
         study = bs.Study("records", classes)
         compared = bs.compare(posteriors)
         result = Ranking(study, posteriors, compared, 0, bs.SamplingSettings())
-        checks = failed_data(result, bs.Run())
+        checks = [Check("data", words) for words in failed_data_checks(result.tests)]
         return replace(result, comparison=compared.with_checks(checks))
 
     return ranking

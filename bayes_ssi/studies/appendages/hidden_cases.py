@@ -35,7 +35,7 @@ from bayes_ssi.studies.appendages.baselines import (
 )
 from bayes_ssi.studies.appendages.candidates import VISIBLE_SHARE
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
-from bayes_ssi.studies.ranking.checks import CHECKERS, ranked
+from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.approximate_evidence import QUICK, each_in_workers, screen
@@ -259,8 +259,7 @@ def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
     if abs(error) > NOT_NEAR_WRONG:
         study = Study(best.name, [made])
         posteriors = sample_all(study.model_classes, 0, ROUGH, Run())
-        checkers = (*CHECKERS, appendage_checks)
-        comparison = ranked(study, posteriors, 0, ROUGH, Run(), checkers).comparison
+        comparison = ranked(study, posteriors, 0, ROUGH, Run(), appendage_checks).comparison
         name, error = _most_wrong(made, {row.name: row.median for row in posteriors[0].summary})
         if abs(error) > WRONG:
             said = (*comparison.failed_checks, comparison.hidden_appendage)

@@ -11,7 +11,7 @@ most.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 from bayes_ssi.inference.criticism.misfit import AtEdge
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
@@ -24,7 +24,6 @@ from bayes_ssi.studies.ranking.comparison import (
     BARE_MENTION,
     PROBABLE,
     Check,
-    Comparison,
     RankedClass,
     at_edges,
     by_evidence,
@@ -59,14 +58,26 @@ PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
 Checker = Callable[[Ranking, Run], Iterable[Check]]
 
 
-def failed_data(ranking: Ranking, _: Run) -> Iterator[Check]:
-    """Failed checks of the data, such as of how the modes were identified."""
-    yield from (Check("data", words) for words in failed_data_checks(ranking.tests))
-
-
-def misfit_and_sampling(ranking: Ranking, _: Run) -> Iterator[Check]:
-    yield from misfit_of_best(ranking.comparison, ranking.posteriors)
-    yield from failed_sampling(ranking.comparison, ranking.posteriors)
+def ranked(
+    study: Study,
+    posteriors: Sequence[Posterior],
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
+    *further: Checker,
+) -> Ranking:
+    """The ranking of sampled classes, checked; with hints if the best does not explain the data."""
+    comparison = by_evidence(posteriors, study.prior_weights)
+    hinted = with_hints(study.model_classes, posteriors, comparison, run.workers)
+    ranking = Ranking(study, hinted, comparison, seed, settings)
+    checks = [
+        *(Check("data", words) for words in failed_data_checks(ranking.tests)),
+        *misfit_of_best(comparison, hinted),
+        *failed_sampling(comparison, hinted),
+        *settings_moved(ranking, run),
+        *(check for checker in further for check in checker(ranking, run)),
+    ]
+    return replace(ranking, comparison=comparison.with_checks(checks))
 
 
 def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
@@ -74,158 +85,130 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
 
     Classes whose draws do not cover a moved setting are sampled again.
     """
-    comparison, posteriors = ranking.comparison, ranking.posteriors
-    if any(posterior.sensor_shapes is None for posterior in posteriors):
-        yield from at_edges(comparison, posteriors)
+    comparison, moving = ranking.comparison, _MovableRanking(ranking, run)
+    if any(posterior.sensor_shapes is None for posterior in ranking.posteriors):
+        yield from at_edges(comparison, ranking.posteriors)
         return
-
-    def sample(changed: Sequence[ModelClass]) -> Sequence[Posterior]:
-        return sample_all(changed, ranking.seed, ranking.settings, Run(run.workers))
-
-    by_name = {posterior.name: posterior for posterior in posteriors}
-    classes = {candidate.name: candidate for candidate in ranking.study.model_classes}
-    relevant = [row.name for row in comparison.classes if row.probability >= NEGLIGIBLE]
-    known = {name: known_at_draws(classes[name], by_name[name]) for name in relevant}
-    study = _MovableStudy(comparison, by_name, known, classes, sample)
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
-        yield from (study.at_edge(edge, row) for edge in by_name[row.name].edges)
-    tests = (by_name[row.name].configurations for row in probable)
+        yield from (moving.at_edge(edge, row) for edge in moving.posteriors[row.name].edges)
+    tests = (moving.posteriors[row.name].configurations for row in probable)
     if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
+        what = "the classes differ in how many modes are missed or spurious"
         for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
-            moves = [
-                Variation(f"half as many {subject} modes", partial(vary, 1.0 / VARIED_BY)),
-                Variation(f"twice as many {subject} modes", partial(vary, VARIED_BY)),
-            ]
-            what = "the classes differ in how many modes are missed or spurious"
-            yield study.moved("setting", what, moves, comparison.best)
-
-
-CHECKERS: tuple[Checker, ...] = (failed_data, misfit_and_sampling, settings_moved)
-
-
-def ranked(
-    study: Study,
-    posteriors: Sequence[Posterior],
-    seed: int,
-    settings: SamplingSettings,
-    run: Run,
-    checkers: Sequence[Checker] = CHECKERS,
-) -> Ranking:
-    """The ranking of sampled classes, checked; with hints if the best does not explain the data."""
-    comparison = by_evidence(posteriors, study.prior_weights)
-    hinted = with_hints(study.model_classes, posteriors, comparison, run.workers)
-    ranking = Ranking(study, hinted, comparison, seed, settings)
-    checks = [check for checker in checkers for check in checker(ranking, run)]
-    return replace(ranking, comparison=comparison.with_checks(checks))
+            moves = {
+                f"half as many {subject} modes": partial(vary, 1.0 / VARIED_BY),
+                f"twice as many {subject} modes": partial(vary, VARIED_BY),
+            }
+            yield moving.moved("setting", what, moves, comparison.best)
 
 
 @dataclass(frozen=True)
-class _MovableStudy:
-    """A comparison that can be made again with a setting moved."""
+class _MovableRanking:
+    """A ranking that can be made again with a setting moved."""
 
-    comparison: Comparison
-    posteriors: Mapping[str, Posterior]  # of the classes, by their names
-    known: Mapping[str, ModelClass]  # with modes known at draws
-    classes: Mapping[str, ModelClass]  # as they were sampled
-    # How varied ones are sampled where draws do not cover them.
-    sample: Callable[[Sequence[ModelClass]], Sequence[Posterior]]
+    ranking: Ranking
+    run: Run
     # By the name of a move, which says what is moved and how far: classes at one edge share them.
     answers: dict[str, dict[str, Varied]] = field(default_factory=dict)
 
+    @property
+    def rows(self) -> Sequence[RankedClass]:
+        return self.ranking.comparison.classes
+
+    @cached_property
+    def posteriors(self) -> dict[str, Posterior]:
+        return {posterior.name: posterior for posterior in self.ranking.posteriors}
+
+    @cached_property
+    def classes(self) -> dict[str, ModelClass]:
+        """As they were sampled."""
+        return {candidate.name: candidate for candidate in self.ranking.study.model_classes}
+
+    @cached_property
+    def known(self) -> dict[str, ModelClass]:
+        """Those that may matter, with modes known at draws."""
+        names = [row.name for row in self.rows if row.probability >= NEGLIGIBLE]
+        return {n: known_at_draws(self.classes[n], self.posteriors[n]) for n in names}
+
     def at_edge(self, edge: AtEdge, row: RankedClass) -> Check:
         """What an edge at which the posterior of a class lies does to the ranking."""
-        if unseen := self._hidden_beyond(edge, row.name):
-            return Check("edge", f"{edge.statement}; {unseen}", model_class=row.name)
+        if edge.parameter is not None:
+            posterior = self.posteriors[row.name]
+            column = posterior.parameter_names.index(edge.parameter)
+            bound = self.classes[row.name].parameters[column].prior.support[edge.end]
+            # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
+            if bound != 0.0 and reaches_bound(posterior.values[:, column], bound, edge.end):
+                unseen = f"what a prior beyond {bound:g} would change is not known, because nothing"
+                words = f"{edge.statement}; {unseen} was sampled there"
+                return Check("edge", words, model_class=row.name)
         moves = _moves_of(edge, self.classes[row.name])
         return self.moved("edge", edge.statement, moves, row)
 
-    def moved(self, kind: str, what: str, moves: Sequence[Variation], row: RankedClass) -> Check:
+    def moved(
+        self, kind: str, what: str, moves: Mapping[str, Variation], row: RankedClass
+    ) -> Check:
         """What the moves do to the ranking, and to the parameters of the class of a row."""
 
         def check(effect: str, fails: bool = True) -> Check:
             return Check(kind, f"{what}; {effect}", fails, row.name)
 
         largest_change, largest_shift = 0.0, 0.0
-        before = {each.name: each.probability for each in self.comparison.classes}
-        for move in moves:
-            answers = self._answers(move)
-            problems = (
-                f"{other.name!r}: {answers[other.name].problem}"
-                for other in self.comparison.classes
-                if other.probability >= PROBABLE and answers[other.name].problem
-            )
-            if problem := next(problems, ""):
-                return check(f"what {move.name} would change is not known: {problem}")
+        before = {each.name: each.probability for each in self.rows}
+        for move, change in moves.items():
+            answers = self._answers(move, change)
+            for other, probability in before.items():
+                if probability >= PROBABLE and (problem := answers[other].problem):
+                    return check(f"what {move} would change is not known: {other!r}: {problem}")
             after = self._probabilities(answers)
             changes = {name: after[name] - before[name] for name in before}
             most = max(changes, key=lambda name: abs(changes[name]))
             best = max(after, key=lambda name: after[name])
             shift, parameter = self._largest_shift(row.name, answers[row.name])
             # A class that is more probable by less than a bare mention is level with the other.
-            level = math.exp(BARE_MENTION) * after[self.comparison.best.name]
+            level = math.exp(BARE_MENTION) * after[self.rows[0].name]
             if after[best] > level:
-                return check(f"with {move.name}, {best!r} is the most probable class")
+                return check(f"with {move}, {best!r} is the most probable class")
             if abs(changes[most]) > PROBABILITY_MOVED:
                 words = f"from {after[most] - changes[most]:.2f} to {after[most]:.2f}"
-                return check(f"with {move.name}, the probability of {most!r} goes {words}")
+                return check(f"with {move}, the probability of {most!r} goes {words}")
             if shift > PARAMETER_MOVED and row.probability > PROBABILITY_MOVED:
                 words = f"{parameter!r} moves by {shift:.1f} of its standard deviation"
-                return check(f"with {move.name}, {words}")
+                return check(f"with {move}, {words}")
             largest_change = max(largest_change, abs(changes[most]))
             largest_shift = max(largest_shift, shift)
-        names = " or ".join(move.name for move in moves)
         # Rounded up to two decimals.
         return check(
-            f"with {names}, no probability changes by more than {largest_change + 0.005:.2f}, and "
-            f"no parameter of the structure by more than {largest_shift + 0.005:.2f} of its "
-            "standard deviation",
+            f"with {' or '.join(moves)}, no probability changes by more than "
+            f"{largest_change + 0.005:.2f}, and no parameter of the structure by more than "
+            f"{largest_shift + 0.005:.2f} of its standard deviation",
             fails=False,
         )
 
-    def _hidden_beyond(self, edge: AtEdge, name: str) -> str:
-        """An effect that no draw can show, beyond the bound of a prior; empty where all can."""
-        if edge.parameter is None:
-            return ""
-        posterior = self.posteriors[name]
-        column = posterior.parameter_names.index(edge.parameter)
-        bound = self.classes[name].parameters[column].prior.support[edge.end]
-        # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
-        if bound == 0.0 or not reaches_bound(posterior.values[:, column], bound, edge.end):
-            return ""
-        return (
-            f"what a prior beyond {bound:g} would change is not known, because nothing was sampled "
-            "there"
-        )
-
-    def _answers(self, move: Variation) -> dict[str, Varied]:
+    def _answers(self, move: str, change: Variation) -> dict[str, Varied]:
         """The classes under a move, probable ones sampled again where draws do not cover it."""
         # One that is less probable than this can hardly lose so much, and there may be dozens.
-        probable = {
-            row.name for row in self.comparison.classes if row.probability > PROBABILITY_MOVED
-        }
-        if move.name not in self.answers:
+        probable = {row.name for row in self.rows if row.probability > PROBABILITY_MOVED}
+        if move not in self.answers:
             answers = {
-                name: reweighted(self.posteriors[name], known, move.change(known))
+                name: reweighted(self.posteriors[name], known, change(known))
                 for name, known in self.known.items()
             }
             again = [name for name in answers if answers[name].problem and name in probable]
-            sampled = self.sample([move.change(self.classes[name]) for name in again])
+            changed = [change(self.classes[name]) for name in again]
+            run = Run(self.run.workers)
+            sampled = sample_all(changed, self.ranking.seed, self.ranking.settings, run)
             for name, posterior in zip(again, sampled, strict=True):
                 answers[name] = sampled_again(answers[name], self.posteriors[name], posterior)
-            self.answers[move.name] = answers
-        return self.answers[move.name]
+            self.answers[move] = answers
+        return self.answers[move]
 
     def _probabilities(self, answers: Mapping[str, Varied]) -> dict[str, float]:
         """Probabilities after a move: odds change by the evidences' ratios."""
-        rows = self.comparison.classes
-        log_ratios = {
-            name: 0.0 if each.problem else each.log_ratio.log_evidence
-            for name, each in answers.items()
-        }
-        shares = {row.name: row.probability for row in rows if row.probability > 0.0}
-        changes = {name: log_ratios.get(name, 0.0) for name in shares}
-        return dict.fromkeys([row.name for row in rows], 0.0) | class_probabilities(changes, shares)
+        shares = {row.name: row.probability for row in self.rows if row.probability > 0.0}
+        known = {name: each for name, each in answers.items() if not each.problem}
+        changes = {n: known[n].log_ratio.log_evidence if n in known else 0.0 for n in shares}
+        return {row.name: 0.0 for row in self.rows} | class_probabilities(changes, shares)
 
     def _largest_shift(self, name: str, answer: Varied) -> tuple[float, str]:
         """The largest shift of a mean, in posterior standard deviations, and its parameter."""
@@ -239,23 +222,22 @@ class _MovableStudy:
         return max(shifts, default=(0.0, ""))
 
 
-def _moves_of(edge: AtEdge, model_class: ModelClass) -> list[Variation]:
+def _moves_of(edge: AtEdge, model_class: ModelClass) -> dict[str, Variation]:
     """A wider prior, or the end of the band moved in and out."""
     if edge.parameter is not None:
-        factor = VARIED_BY
-        name = f"a prior of {edge.parameter!r} that is {factor:g} times as wide"
-        return [Variation(name, partial(with_wider_priors, factor, {edge.parameter}))]
+        name = f"a prior of {edge.parameter!r} that is {VARIED_BY:g} times as wide"
+        return {name: partial(with_wider_priors, VARIED_BY, {edge.parameter})}
     test = model_class.configuration(edge.configuration)
     identified = test.data.frequencies_hz
     where = f" of configuration {test.name!r}" if test.name else ""
-    moves = []
+    moves: dict[str, Variation] = {}
     for factor in (1.0 - BAND_MOVED, 1.0 + BAND_MOVED):
         ends = list(test.data.band_hz)
         ends[edge.end] *= factor
         # The identified modes stay inside.
         band = (min(ends[0], float(identified[0])), max(ends[1], float(identified[-1])))
         name = f"the band{where} {('beginning', 'ending')[edge.end]} at {band[edge.end]:.3g} Hz"
-        moves.append(Variation(name, partial(_with_band, test.name, band)))
+        moves[name] = partial(_with_band, test.name, band)
     return moves
 
 

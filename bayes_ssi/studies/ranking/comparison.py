@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.argument_types import checked, require_known
+from bayes_ssi.foundations.argument_types import checked, repeated, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -251,9 +251,8 @@ def by_evidence(
     if not posteriors:
         raise ValueError("compare: no posterior to compare")
     names = [posterior.name for posterior in posteriors]
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise ValueError(f"compare: two model classes are named {repeated[0]!r}")
+    if twice := repeated(names):
+        raise ValueError(f"compare: two model classes are named {twice[0]!r}")
     require_same_data("compare", posteriors)
     weights = checked_weights(names, prior_weights)
     log_evidences = {each.name: each.evidence.log_evidence for each in posteriors}
@@ -264,16 +263,12 @@ def by_evidence(
     ranked = sorted(posteriors, key=lambda p: -log_evidences[p.name] - math.log(weights[p.name]))
     best = ranked[0]
     rows = [_row(each, best, priors[each.name], probabilities[each.name]) for each in ranked]
-    return Comparison(tuple(rows), ranked[0].data_digest, unseen=_unseen(ranked))
-
-
-def _unseen(posteriors: Sequence[Posterior]) -> str:
-    """How large a region no search may have seen."""
     share = 100.0 * max(each.largest_unseen_mass for each in posteriors)
-    return (
+    unseen = (
         "Not excluded: another solution that fills less than "
         f"{share:.2g} % of the prior of a class's parameters, if no search was led to it."
     )
+    return Comparison(tuple(rows), best.data_digest, unseen=unseen)
 
 
 def class_probabilities(

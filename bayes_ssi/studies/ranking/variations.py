@@ -30,11 +30,7 @@ UNTAILED_WEIGHT = 3.0
 # hundredth of the evidence, or 0.01 nats, is not seen.
 SHARE_AT_BOUND = 0.02
 
-
-@dataclass(frozen=True)
-class Variation:
-    name: str
-    change: Callable[[ModelClass], ModelClass]
+Variation = Callable[[ModelClass], ModelClass]
 
 
 def with_missed(factor: float, candidate: ModelClass) -> ModelClass:
@@ -186,9 +182,8 @@ def _problem(
     if not k <= limit:
         return f"the draws do not cover the changed class: Pareto k is {k:.2f}, above {limit:.2g}"
     for before, after, x in zip(known.parameters, changed.parameters, values.T, strict=True):
-        for end, (old, new) in enumerate(
-            zip(before.prior.support, after.prior.support, strict=True)
-        ):
+        ends = zip(before.prior.support, after.prior.support, strict=True)
+        for end, (old, new) in enumerate(ends):
             beyond = new < old if end == 0 else new > old
             if beyond and reaches_bound(x, old, end, weights):
                 return (
