@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib.machinery import ModuleSpec
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_ssi.foundations.argument_types import checked, require, require_known
+from bayes_ssi.foundations.argument_types import checked, repeated, require, require_known
 from bayes_ssi.foundations.codec import to_record
 from bayes_ssi.foundations.displayed import Displayed, InWords, counted
 from bayes_ssi.foundations.error_places import own_lines
@@ -65,22 +65,20 @@ class Study(Displayed):
     def __post_init__(self) -> None:
         require_name(self.name, "Study: name")
         object.__setattr__(self, "model_classes", tuple(self.model_classes))
+        where = f"study {self.name!r}"
         if not self.model_classes:
-            raise ValueError(f"study {self.name!r}: no model class")
+            raise ValueError(f"{where}: no model class")
         for candidate in self.model_classes:
             if not isinstance(candidate, ModelClass):
-                raise TypeError(f"study {self.name!r}: {candidate!r} is not a ModelClass")
-        repeated = [name for name in self.names if self.names.count(name) > 1]
-        if repeated:
-            raise ValueError(f"study {self.name!r}: two model classes are named {repeated[0]!r}")
-        require(
-            self.prior_weights, Mapping[str, float] | None, f"study {self.name!r}: prior_weights"
-        )
-        require(self.mass_unit, str, f"study {self.name!r}: mass_unit")
+                raise TypeError(f"{where}: {candidate!r} is not a ModelClass")
+        if twice := repeated(self.names):
+            raise ValueError(f"{where}: two model classes are named {twice[0]!r}")
+        require(self.prior_weights, Mapping[str, float] | None, f"{where}: prior_weights")
+        require(self.mass_unit, str, f"{where}: mass_unit")
         try:
             checked_weights(self.names, self.prior_weights)
         except ValueError as error:
-            raise ValueError(f"study {self.name!r}: {error}") from None
+            raise ValueError(f"{where}: {error}") from None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,21 +115,14 @@ class Study(Displayed):
                 key = (*map(repr, described), candidate.data_digest)
             groups.setdefault(key, []).append(candidate)
         merged, weights, stands_for = [], {}, {}
-        for candidates in groups.values():
-            name = " or ".join(candidate.name for candidate in candidates)
-            descriptions = dict.fromkeys(c.description for c in candidates if c.description)
-            merged.append(
-                replace(
-                    candidates[0].with_any_pairing(name), description=_merged(list(descriptions))
-                )
-            )
-            stands_for[name] = tuple(
-                original
-                for each in candidates
-                for original in self.stands_for.get(each.name, (each.name,))
-            )
+        for own in groups.values():
+            name = " or ".join(each.name for each in own)
+            words = _merged(list(dict.fromkeys(c.description for c in own if c.description)))
+            merged.append(replace(own[0].with_any_pairing(name), description=words))
+            originals = (self.stands_for.get(each.name, (each.name,)) for each in own)
+            stands_for[name] = tuple(chain.from_iterable(originals))
             if self.prior_weights is not None:
-                weights[name] = sum(self.prior_weights[c.name] for c in candidates)
+                weights[name] = sum(self.prior_weights[each.name] for each in own)
         return replace(
             self, model_classes=merged, prior_weights=weights or None, stands_for=stands_for
         )
@@ -308,20 +299,20 @@ def load_study(path: str | Path) -> Study:
     except BaseException as error:  # whatever a user's file may raise
         raise ValueError(f"{path}: {_explained(error, str(spec.origin))}") from error
     # A study may have several names.
-    studies: dict[int, tuple[str, Study]] = {}
+    studies: dict[int, str] = {}
     for name, value in names.items():
         if isinstance(value, Study):
-            studies.setdefault(id(value), (name, value))
+            studies.setdefault(id(value), name)
     if not studies:
         raise ValueError(
             f"{path}: defines no study; end it with a line such as "
             'study = bayes_ssi.Study("title", [model_class, ...])'
         )
     if len(studies) > 1:
-        names_of_studies = ", ".join(name for name, _ in studies.values())
-        raise ValueError(f"{path}: defines several studies, {names_of_studies}; keep one in a file")
-    ((_, study),) = studies.values()
-    return study
+        several = ", ".join(studies.values())
+        raise ValueError(f"{path}: defines several studies, {several}; keep one in a file")
+    (name,) = studies.values()
+    return names[name]
 
 
 def _run(spec: ModuleSpec) -> Mapping[str, Any]:
