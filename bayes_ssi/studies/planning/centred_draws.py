@@ -260,10 +260,6 @@ def _draws(
     by_layout = log_weights + np.where(chosen >= 0, of_pairs, 0.0).sum(axis=3)
     shapes = np.take_along_axis(modes.shapes, index[:, :, None], axis=3)
     shapes = np.nan_to_num(np.where((chosen >= 0)[:, :, None], shapes, 0.0))
-    return by_layout, CentredDraws(
-        by_layout[0],
-        shapes.swapaxes(1, 2).astype(np.float32),
-        (chosen >= 0).sum(axis=2),
-        modes.variances[..., 1],
-        z,
-    )
+    paired, shape_var = shapes.swapaxes(1, 2).astype(np.float32), modes.variances[..., 1]
+    n_paired = (chosen >= 0).sum(axis=2)
+    return by_layout, CentredDraws(by_layout[0], paired, n_paired, shape_var, z)

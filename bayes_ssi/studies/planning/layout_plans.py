@@ -149,10 +149,8 @@ def _alternatives(
     """The classes in each configuration, as it is and with each mass added."""
     tests = {}
     for name in names or known[0].model_class.configuration_names:
-        bare = [
-            replace(each, configuration=each.model_class.configuration(name or None))
-            for each in known
-        ]
+        test = name or None
+        bare = [replace(each, configuration=each.model_class.configuration(test)) for each in known]
         tests[name or ("no mass added" if added_masses else "")] = bare
         for place, mass in added_masses.items():
             label = f"{mass:g} added at {place}"
@@ -175,19 +173,16 @@ def _with_candidates(
         of_class = f"model class {planned.model_class.name!r}: candidate"
         planned.structure.sensor_matrix(terms_of(tuple(places))[0], of_class)
     structures = [each.structure for each in classes]
-    drawn = tuple(_drawn(located(place, structures[0]), structures) for place in places)
-    return [replace(each, candidates=drawn).made_accurate() for each in classes]
-
-
-def _drawn(place: Candidate, structures: Sequence[Structure]) -> Candidate:
-    """A candidate with its coordinates and direction on the first drawing that has it."""
-    if place.coordinates is not None or not isinstance(place.place, str):
-        return place
-    known = (structure.sensor_location(place.place) for structure in structures)
-    at = next(filter(None, known), None)
-    if at is None:
-        return place
-    return replace(place, coordinates=at.position, direction=place.direction or at.direction)
+    drawn = []
+    for place in (located(each, structures[0]) for each in places):
+        # With coordinates and direction on the first drawing that has it.
+        if place.coordinates is None and isinstance(on := place.place, str):
+            known = (structure.sensor_location(on) for structure in structures)
+            if at := next(filter(None, known), None):
+                direction = place.direction or at.direction
+                place = replace(place, coordinates=at.position, direction=direction)
+        drawn.append(place)
+    return [replace(each, candidates=tuple(drawn)).made_accurate() for each in classes]
 
 
 def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
@@ -196,8 +191,8 @@ def _default_candidates(classes: Sequence[PlannedClass]) -> list[str]:
     labels: dict[str, None] = {}
     for structure in structures:
         own = [sensor.label for sensor in structure.sensors]
-        every = [*own, *structure.appendages] if own else structure.degrees_of_freedom
-        labels |= dict.fromkeys(every)
+        all_of = [*own, *structure.appendages] if own else structure.degrees_of_freedom
+        labels |= dict.fromkeys(all_of)
     if len(labels) > MOST_CANDIDATES:
         labels = dict.fromkeys(classes[0].configuration.data.sensors)
 
@@ -285,22 +280,17 @@ class _Planning:
         per_draw = sum(c.structure.n_modes for c in self.classes) * len(self.classes[0].candidates)
         return self.n_tests * self.n_draws * per_draw <= MOST_KEPT
 
-    def _simulated(
-        self, classes: Sequence[PlannedClass], layouts: Sequence[Sensors]
-    ) -> SimulatedPlan:
-        n_tests, n_draws = self.n_tests, self.n_draws
+    @cached_property
+    def _whole(self) -> SimulatedPlan:
+        classes, n_tests, n_draws = self.classes, self.n_tests, self.n_draws
         if not self.fits:
             raise ValueError(
                 f"plan: {n_tests} tests with {n_draws} draws of {len(classes)} classes at "
                 f"{len(classes[0].candidates)} candidates do not fit into memory; take fewer of "
                 "one of them"
             )
-        return SimulatedPlan.of(classes, layouts, n_tests, n_draws, self.seed)
-
-    @cached_property
-    def _whole(self) -> SimulatedPlan:
         layouts = layout_values.served_layouts(self.fixed, self.free, self.n_sensors, self.seed)
-        return self._simulated(self.classes, layouts)
+        return SimulatedPlan.of(classes, layouts, n_tests, n_draws, self.seed)
 
     def _gains_of_layouts(self, simulated: SimulatedPlan) -> Callable[[Sensors], Gains]:
         """What a layout gains on simulated tests, computed once for each layout."""
@@ -351,11 +341,11 @@ class _Planning:
             lambda layout: part.mean(of_part(layout).values)[0], self.fixed, self.free
         )
         habit = layout_values.effective_independence(self._shapes, self.n_sensors, self.fixed)
-        numbered: list[Sensors] = []
+        numbered = [self.fixed]
         for number in range(max(2, len(self.fixed)), self.n_sensors + 1):
-            numbered.append(search.best(number, numbered[-1] if numbered else self.fixed))
-        if len(self.fixed) < 2:  # at one sensor no shape is measured: one is as good as another
-            numbered.insert(0, self.fixed or self.free[:1])
+            numbered.append(search.best(number, numbered[-1]))
+        # At one sensor no shape is measured: one is as good as another.
+        numbered[:1] = [self.fixed or self.free[:1]] if len(self.fixed) < 2 else []
         exhaustive = search.is_exhaustive(self.n_sensors)
         other = numbered[-1] if exhaustive else search.exchanged(habit)
         tried = [layout for layout in search.tried if len(layout) == self.n_sensors]
@@ -366,11 +356,10 @@ class _Planning:
         enough = ENOUGH_OF_THE_GAIN * max(layout.gain for layout in by_number)
         first = self.classes[0]
         measured = first.configuration.data.sensors
+        of_data = tuple(i for i, each in enumerate(first.candidates) if each.name in measured)
         compared = {
             "effective independence": habit,
-            "sensors of the data": tuple(
-                i for i, place in enumerate(first.candidates) if place.name in measured
-            ),
+            "sensors of the data": of_data,
             "all candidates": tuple(sorted((*self.fixed, *self.free))),
         }
         p, gains = self._whole.probabilities, self._gains(best)
