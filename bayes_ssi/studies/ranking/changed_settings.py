@@ -19,14 +19,9 @@ from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.parameters.parameters import as_product
 from bayes_ssi.parameters.priors import Prior
+from bayes_ssi.studies.ranking import variations
 from bayes_ssi.studies.ranking.comparison import can_matter, checked_weights, class_probabilities
-from bayes_ssi.studies.ranking.variations import (
-    ParameterSpread,
-    Varied,
-    reweighted,
-    spreads_as_sampled,
-    with_priors,
-)
+from bayes_ssi.studies.ranking.variations import ParameterSpread, Varied
 
 ERROR_SIZES = ("frequency_cov", "shape_sd")
 IDENTIFICATION = ("detection_probability", "expected_spurious_modes")
@@ -73,7 +68,7 @@ class ChangedSettings:
         Raises:
             ValueError: a number is not usable.
         """
-        model_class = with_priors(self.priors, model_class)
+        model_class = variations.with_priors(self.priors, model_class)
         own = _numbers(model_class)
         given = {name: value for name, value in self._numbers.items() if name in own}
         changes: dict[str, Any] = {}
@@ -122,10 +117,8 @@ def _in_words(
 ) -> Iterator[str]:
     """What is changed: from what, to what, and in which classes if not in all."""
     known = {
-        model_class.name: _settings_in_words(
-            {p.name: p.prior for p in model_class.parameters}, _numbers(model_class)
-        )
-        for model_class in model_classes
+        each.name: _settings_in_words({p.name: p.prior for p in each.parameters}, _numbers(each))
+        for each in model_classes
     }
     changed = _settings_in_words(settings.priors, settings._numbers)
     for what, after in changed.items():
@@ -220,7 +213,7 @@ def with_changed_settings(
     before = checked_weights(names, prior_weights)
     after = checked_weights(names, {**before, **settings.prior_weights})
     answers = {
-        name: reweighted(posterior, known[name], settings.applied_to(known[name]))
+        name: variations.reweighted(posterior, known[name], settings.applied_to(known[name]))
         for name, posterior in by_name.items()
     }
     shares = class_probabilities({p.name: p.evidence.log_evidence for p in posteriors}, before)
@@ -229,12 +222,8 @@ def with_changed_settings(
     unsaid = [name for name in names if answers[name].problem]
     # Of a class that neither was probable nor becomes so, the draws need not cover the change.
     is_known = not any(can_matter(shares[name]) or can_matter(estimated[name]) for name in unsaid)
-    rows = [
-        _changed_class(
-            by_name[name], answers[name], shares[name], estimated[name] if is_known else None
-        )
-        for name in names
-    ]
+    known_after: Mapping[str, float | None] = estimated if is_known else dict.fromkeys(names)
+    rows = [_changed_class(by_name[n], answers[n], shares[n], known_after[n]) for n in names]
     rows.sort(key=lambda row: -row.probability_before)
     return WhatIf(tuple(_in_words(settings, known.values(), before)), tuple(rows))
 
@@ -246,7 +235,7 @@ def _changed_class(
     trusted = not answer.problem
     # A mistake in the data is there whatever the settings.
     fit_after = replace(_adequacy(answer), hints=fit.hints) if trusted and fit else None
-    before = spreads_as_sampled(posterior)
+    before = variations.spreads_as_sampled(posterior)
     after = answer.parameters if trusted else [None] * len(before)
     return ChangedClass(
         name=posterior.name,

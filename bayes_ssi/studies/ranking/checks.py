@@ -19,6 +19,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior, known_at_draws
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
+from bayes_ssi.studies.ranking import variations
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.comparison import (
     BARE_MENTION,
@@ -33,17 +34,7 @@ from bayes_ssi.studies.ranking.comparison import (
 )
 from bayes_ssi.studies.ranking.diagnosis import with_hints
 from bayes_ssi.studies.ranking.study import Ranking, Study
-from bayes_ssi.studies.ranking.variations import (
-    Variation,
-    Varied,
-    reaches_bound,
-    reweighted,
-    sampled_again,
-    spreads_as_sampled,
-    with_missed,
-    with_spurious,
-    with_wider_priors,
-)
+from bayes_ssi.studies.ranking.variations import Variation, Varied
 
 NEGLIGIBLE = 1e-4  # the least probability that is shown; less changes by no setting
 # Factor by which widths of priors, and probabilities of missed and spurious modes, may be wrong.
@@ -91,11 +82,12 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
         return
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
-        yield from (moving.at_edge(edge, row) for edge in moving.posteriors[row.name].edges)
-    tests = (moving.posteriors[row.name].configurations for row in probable)
+        yield from (moving.at_edge(edge, row) for edge in ranking.posterior(row.name).edges)
+    tests = (ranking.posterior(row.name).configurations for row in probable)
     if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
         what = "the classes differ in how many modes are missed or spurious"
-        for subject, vary in (("missed", with_missed), ("spurious", with_spurious)):
+        varied = {"missed": variations.with_missed, "spurious": variations.with_spurious}
+        for subject, vary in varied.items():
             moves = {
                 f"half as many {subject} modes": partial(vary, 1.0 / VARIED_BY),
                 f"twice as many {subject} modes": partial(vary, VARIED_BY),
@@ -117,10 +109,6 @@ class _MovableRanking:
         return self.ranking.comparison.classes
 
     @cached_property
-    def posteriors(self) -> dict[str, Posterior]:
-        return {posterior.name: posterior for posterior in self.ranking.posteriors}
-
-    @cached_property
     def classes(self) -> dict[str, ModelClass]:
         """As they were sampled."""
         return {candidate.name: candidate for candidate in self.ranking.study.model_classes}
@@ -129,16 +117,17 @@ class _MovableRanking:
     def known(self) -> dict[str, ModelClass]:
         """Those that may matter, with modes known at draws."""
         names = [row.name for row in self.rows if row.probability >= NEGLIGIBLE]
-        return {n: known_at_draws(self.classes[n], self.posteriors[n]) for n in names}
+        return {n: known_at_draws(self.classes[n], self.ranking.posterior(n)) for n in names}
 
     def at_edge(self, edge: AtEdge, row: RankedClass) -> Check:
         """What an edge at which the posterior of a class lies does to the ranking."""
         if edge.parameter is not None:
-            posterior = self.posteriors[row.name]
+            posterior = self.ranking.posterior(row.name)
             column = posterior.parameter_names.index(edge.parameter)
             bound = self.classes[row.name].parameters[column].prior.support[edge.end]
             # Zero bounds the quantity itself, such as the size of an error, and not only its prior.
-            if bound != 0.0 and reaches_bound(posterior.values[:, column], bound, edge.end):
+            x = posterior.values[:, column]
+            if bound != 0.0 and variations.reaches_bound(x, bound, edge.end):
                 unseen = f"what a prior beyond {bound:g} would change is not known, because nothing"
                 words = f"{edge.statement}; {unseen} was sampled there"
                 return Check("edge", words, model_class=row.name)
@@ -191,7 +180,7 @@ class _MovableRanking:
         probable = {row.name for row in self.rows if row.probability > PROBABILITY_MOVED}
         if move not in self.answers:
             answers = {
-                name: reweighted(self.posteriors[name], known, change(known))
+                name: variations.reweighted(self.ranking.posterior(name), known, change(known))
                 for name, known in self.known.items()
             }
             again = [name for name in answers if answers[name].problem and name in probable]
@@ -199,7 +188,8 @@ class _MovableRanking:
             run = Run(self.run.workers)
             sampled = sample_all(changed, self.ranking.seed, self.ranking.settings, run)
             for name, posterior in zip(again, sampled, strict=True):
-                answers[name] = sampled_again(answers[name], self.posteriors[name], posterior)
+                before = self.ranking.posterior(name)
+                answers[name] = variations.sampled_again(answers[name].changed, before, posterior)
             self.answers[move] = answers
         return self.answers[move]
 
@@ -214,7 +204,7 @@ class _MovableRanking:
         """The largest shift of a mean, in posterior standard deviations, and its parameter."""
         # Sizes of errors are no answer.
         structural = self.classes[name].structural_parameters
-        before = spreads_as_sampled(self.posteriors[name])[: len(structural)]
+        before = variations.spreads_as_sampled(self.ranking.posterior(name))[: len(structural)]
         shifts = [
             (abs(new.mean - old.mean) / old.sd if old.sd > 0 else 0.0, old.name)
             for old, new in zip(before, answer.parameters, strict=False)
@@ -226,7 +216,7 @@ def _moves_of(edge: AtEdge, model_class: ModelClass) -> dict[str, Variation]:
     """A wider prior, or the end of the band moved in and out."""
     if edge.parameter is not None:
         name = f"a prior of {edge.parameter!r} that is {VARIED_BY:g} times as wide"
-        return {name: partial(with_wider_priors, VARIED_BY, {edge.parameter})}
+        return {name: partial(variations.with_wider_priors, VARIED_BY, {edge.parameter})}
     test = model_class.configuration(edge.configuration)
     identified = test.data.frequencies_hz
     where = f" of configuration {test.name!r}" if test.name else ""

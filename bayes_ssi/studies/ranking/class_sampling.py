@@ -8,7 +8,7 @@ in less time than it takes to send them. Results do not depend on this choice.
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -77,23 +77,20 @@ def sample_all(
         known_starts: for each class, if given, where an earlier search found maxima.
     """
     run = run or Run()
+    sampled = partial(sample, seed=seed, settings=settings, refinement=refinement)
     with run.working():
         items = list(zip_longest(candidates, known_starts))
-        posteriors = _side_by_side(items, seed, settings, run, refinement)
-        return [
-            posteriors[i]
-            if i in posteriors
-            else sample(candidate, seed, settings, run, refinement=refinement, known_starts=starts)
-            for i, (candidate, starts) in enumerate(items)
-        ]
+        posteriors = _side_by_side(items, sampled, run)
+        for i, (candidate, starts) in enumerate(items):
+            if i not in posteriors:
+                posteriors[i] = sampled(candidate, run=run, known_starts=starts)
+        return [posteriors[i] for i in range(len(items))]
 
 
 def _side_by_side(
     items: Sequence[tuple[ModelClass, FloatArray | None]],
-    seed: int,
-    settings: SamplingSettings,
+    sampled: Callable[..., Posterior],
     run: Run,
-    refinement: RefinementSettings | None,
 ) -> dict[int, Posterior]:
     """Posteriors of whole classes, each sampled in one worker; none where the worker died."""
     if run.workers is None or len(items) == 1:
@@ -121,13 +118,7 @@ def _side_by_side(
             for name in names:
                 run.report(name, "in a worker", 0.0)
         posteriors = run.workers.try_each(
-            partial(
-                _sample_in_worker,
-                seed=seed,
-                settings=settings,
-                checkpoint=run.checkpoint,
-                refinement=refinement,
-            ),
+            partial(_sample_in_worker, sampled=sampled, checkpoint=run.checkpoint),
             [(*items[i], file) for i, file in zip(whole, files, strict=True)],
             lambda k: run.report(names[k], *END),
             relay,
@@ -137,14 +128,12 @@ def _side_by_side(
 
 def _sample_in_worker(
     item: tuple[ModelClass, FloatArray | None, ProgressFile],
-    seed: int,
-    settings: SamplingSettings,
+    sampled: Callable[..., Posterior],
     checkpoint: Checkpoint | None,
-    refinement: RefinementSettings | None,
 ) -> Posterior:
     candidate, starts, progress = item
     run = Run(checkpoint=checkpoint, progress=progress)
-    return sample(candidate, seed, settings, run, refinement=refinement, known_starts=starts)
+    return sampled(candidate, run=run, known_starts=starts)
 
 
 def is_cheap(candidate: ModelClass) -> bool:

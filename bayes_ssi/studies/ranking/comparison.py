@@ -188,11 +188,8 @@ class Comparison(Displayed):
     def failed_checks_besides(self, *kinds: str) -> tuple[str, ...]:
         """The failed checks of all but some kinds, those of every class with its name."""
         common = [check for check in self.common_checks if check.kind not in kinds]
-        of_classes = (
-            f"{row.name!r}: {words}"
-            for row in self.classes
-            for words in words_of(check for check in row.checks if check.kind not in kinds)
-        )
+        rows = ((row.name, [c for c in row.checks if c.kind not in kinds]) for row in self.classes)
+        of_classes = (f"{name!r}: {words}" for name, own in rows for words in words_of(own))
         return (*words_of(common), *of_classes)
 
     def with_checks(self, checks: Iterable[Check]) -> "Comparison":
@@ -275,10 +272,8 @@ def class_probabilities(
     log_evidences: Mapping[str, float], prior_weights: Mapping[str, float] | None
 ) -> dict[str, float]:
     """Name → posterior probability of every model class; equal prior weights if None."""
-    log_masses = {
-        name: log_evidence + (math.log(prior_weights[name]) if prior_weights else 0.0)
-        for name, log_evidence in log_evidences.items()
-    }
+    weights = prior_weights or dict.fromkeys(log_evidences, 1.0)
+    log_masses = {name: each + math.log(weights[name]) for name, each in log_evidences.items()}
     log_total = float(logsumexp(list(log_masses.values())))
     return {name: math.exp(log_mass - log_total) for name, log_mass in log_masses.items()}
 
@@ -305,9 +300,9 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
     )
 
 
-def can_matter(probability: float, too_low_by: float = WRONG_BY) -> bool:
-    """Whether a class would be probable if its log evidence were too low by this."""
-    return probability > 0.0 and math.log(probability) + too_low_by >= math.log(PROBABLE)
+def can_matter(probability: float) -> bool:
+    """Whether a class would be probable if its log evidence were as much too low as it may be."""
+    return probability > 0.0 and math.log(probability) + WRONG_BY >= math.log(PROBABLE)
 
 
 def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:
@@ -373,9 +368,9 @@ def checked_weights(
         return dict.fromkeys(names, 1.0)
     require_known("prior weight for unknown model class", prior_weights, names)
     for name in names:
-        if not 0 < prior_weights.get(name, 0.0) < math.inf:
+        weight = prior_weights.get(name)
+        if not 0 < (weight or 0.0) < math.inf:
             raise ValueError(
-                f"prior weight of {name!r} must be positive and finite, "
-                f"got {prior_weights.get(name)!r}"
+                f"prior weight of {name!r} must be positive and finite, got {weight!r}"
             )
     return dict(prior_weights)

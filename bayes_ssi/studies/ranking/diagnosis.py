@@ -74,25 +74,32 @@ class Repair:
         """The class without the mistake; of hundreds of repairs, few are fitted and need one."""
         return replace(self.original, configurations=self.configurations)
 
-    @property
-    def data_digest(self) -> str:
-        return joint_digest({test.name: test.data for test in self.configurations})
 
+def repairs_of_shapes(model_class: ModelClass, in_one_mode: bool) -> list[Repair]:
+    """Each two sensors exchanged and each sensor's sign turned, in one mode or in whole tests.
 
-def repairs_of_shapes(model_class: ModelClass) -> list[Repair]:
-    """Each two sensors exchanged and each sensor's sign turned, in one test and in all of them."""
-    return _different(model_class, [(*place, None) for place in _tests(model_class)])
-
-
-def repairs_of_single_shapes(model_class: ModelClass) -> list[Repair]:
-    """Each two sensors exchanged and each sensor's sign turned, in one mode only."""
-    places = [
-        (f" in mode {label_in(test.name, mode.label)!r}", [test], mode.label)
-        for test in model_class.configurations
-        for mode in test.data.modes
-        if mode.scored_shape is not None
-    ]
-    return _different(model_class, places)
+    Those that come to the same are one: of two sensors, the sign of the one is as good as that of
+    the other.
+    """
+    places: list[tuple[str, list[Configuration], str | None]]
+    places = [(*place, None) for place in _tests(model_class)]
+    if in_one_mode:
+        places = [
+            (f" in mode {label_in(test.name, mode.label)!r}", [test], mode.label)
+            for test in model_class.configurations
+            for mode in test.data.modes
+            if mode.scored_shape is not None
+        ]
+    by_digest: dict[str, Repair] = {}
+    for where, tests, label in places:
+        for mistake, change in _changes([test.data for test in tests], label):
+            configurations = _with_data(model_class, tests, change)
+            digest = joint_digest({test.name: test.data for test in configurations})
+            same = by_digest.get(digest)
+            words = f"{same.mistake}, or {mistake}{where}" if same else mistake + where
+            by_digest[digest] = Repair(words, model_class, configurations)
+    by_digest.pop(model_class.data_digest, None)
+    return list(by_digest.values())
 
 
 def _changes(tests: Sequence[ModalData], label: str | None) -> Iterator[tuple[str, Change]]:
@@ -120,25 +127,6 @@ def _with_shapes(
         for mode in data.modes
     )
     return replace(data, modes=tuple(modes))
-
-
-def _different(
-    model_class: ModelClass, places: Sequence[tuple[str, list[Configuration], str | None]]
-) -> list[Repair]:
-    """Repairs of the shapes of tests, of one mode or of all; those that come to the same are one.
-
-    Of two sensors, the sign of the one is as good as that of the other.
-    """
-    by_digest: dict[str, Repair] = {}
-    for where, tests, label in places:
-        for mistake, change in _changes([test.data for test in tests], label):
-            configurations = _with_data(model_class, tests, change)
-            repair = Repair(mistake + where, model_class, configurations)
-            if same := by_digest.get(repair.data_digest):
-                repair = replace(repair, mistake=f"{same.mistake}, or {repair.mistake}")
-            by_digest[repair.data_digest] = repair
-    by_digest.pop(model_class.data_digest, None)
-    return list(by_digest.values())
 
 
 def repairs_of_frequencies(model_class: ModelClass) -> list[Repair]:
@@ -229,8 +217,8 @@ def diagnose(
     points = _points(model_class, posterior, workers)
     best = _log_maximum(model_class, posterior, climbs=model_class is not given)
     kinds = [
-        repairs_of_shapes(model_class),
-        repairs_of_single_shapes(model_class),
+        repairs_of_shapes(model_class, in_one_mode=False),
+        repairs_of_shapes(model_class, in_one_mode=True),
         repairs_of_frequencies(model_class),
         list(repair_of_pairing(model_class)),
     ]
@@ -295,12 +283,8 @@ class _Points:
 
     def of(self, model_class: ModelClass) -> FloatArray:
         """The coordinates of another class's parameters; those that it alone has are zero."""
-        return np.column_stack(
-            [
-                self.z[:, self.names.index(name)] if name in self.names else np.zeros(len(self.z))
-                for name in model_class.parameter_names
-            ]
-        )
+        known, none = dict(zip(self.names, self.z.T, strict=True)), np.zeros(len(self.z))
+        return np.column_stack([known.get(name, none) for name in model_class.parameter_names])
 
 
 def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | None) -> _Points:
@@ -374,11 +358,8 @@ def _fitted(
         exact = changed.log_likelihood(values) + log_standard_normal(z)
         gain += float((exact - log_posteriors)[0])
     modes = [likelihood.compared_modes(own) for _, likelihood, own in changed.parts(values)]
-    return Hint(
-        repair.mistake or _other_pairing(repair, values),
-        gain,
-        adequacy(changed, values, modes, np.random.default_rng(0)).overall,
-    )
+    misfit = adequacy(changed, values, modes, np.random.default_rng(0)).overall
+    return Hint(repair.mistake or _other_pairing(repair, values), gain, misfit)
 
 
 def _other_pairing(repair: Repair, values: FloatArray) -> str:

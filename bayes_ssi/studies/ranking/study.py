@@ -93,13 +93,10 @@ class Study(Displayed):
             ValueError: a name is not that of a class.
         """
         require_known(f"study {self.name!r}: no model class", names, self.names)
-        weights = self.prior_weights
-        return replace(
-            self,
-            model_classes=[c for c in self.model_classes if c.name in names],
-            prior_weights=None if weights is None else {n: weights[n] for n in names},
-            stands_for={n: own for n, own in self.stands_for.items() if n in names},
-        )
+        classes = [c for c in self.model_classes if c.name in names]
+        weights = None if self.prior_weights is None else {n: self.prior_weights[n] for n in names}
+        stands_for = {n: own for n, own in self.stands_for.items() if n in names}
+        return replace(self, model_classes=classes, prior_weights=weights, stands_for=stands_for)
 
     def with_any_pairing(self) -> "Study":
         """The study with every pairing inferred; classes that differ in nothing else are merged.

@@ -82,20 +82,13 @@ class Varied:
         return _spreads(self.posterior, self.values, self.weights)
 
 
-def sampled_again(answer: Varied, before: Posterior, again: Posterior) -> Varied:
+def sampled_again(changed: ModelClass, before: Posterior, again: Posterior) -> Varied:
     """The answer of the varied class's own posterior, ``again``."""
-    old, new = before.evidence, again.evidence
-    error = math.hypot(old.error, new.error)
-    return Varied(
-        again,
-        answer.changed,
-        again.values,
-        np.full(len(again.values), 1.0 / len(again.values)),
-        Estimate(new.log_evidence, new.error),
-        Estimate(new.log_evidence - old.log_evidence, error),
-        -math.inf,
-        "; ".join(again.failed_checks),
-    )
+    old, new, n = before.evidence, again.evidence, len(again.values)
+    log_evidence, equal = Estimate(new.log_evidence, new.error), np.full(n, 1.0 / n)
+    ratio = Estimate(new.log_evidence - old.log_evidence, math.hypot(old.error, new.error))
+    problem = "; ".join(again.failed_checks)
+    return Varied(again, changed, again.values, equal, log_evidence, ratio, -math.inf, problem)
 
 
 def reweighted(posterior: Posterior, known: ModelClass, changed: ModelClass) -> Varied:
