@@ -30,7 +30,7 @@ def hypothesis_in_words(search: FamilyRecord, name: str) -> str:
 
 
 def search_verdict(record: FamilyRecord) -> str:
-    before = sum(each.prior_probability for each in record.hypotheses if each.claims_any)
+    before = sum(each.prior_probability for each in record.hypotheses if each.claimed)
     after = record.probability_of_any
     return (
         f"That {record.claim(after >= 0.5)} {likelihood_in_words(max(after, 1.0 - after))}: the "

@@ -30,8 +30,6 @@ from bayes_ssi.studies.appendages.baselines import (
     parameters_of,
 )
 from bayes_ssi.studies.appendages.candidates import (
-    FREQUENCIES_APART,
-    LEAST_SHARE_OF_A_GROUP,
     VISIBLE_SHARE,
     AppendagePlace,
     SearchSettings,
@@ -52,6 +50,8 @@ from bayes_ssi.studies.search.findings import (
     findings,
 )
 
+FREQUENCIES_APART = 1.1  # frequencies with nothing between them over this factor are two answers,
+LEAST_SHARE_OF_A_GROUP = 0.05  # if each has this share of the probability
 # Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
 # numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
 # weight under a prior that is uniform in the logarithm of mass.
@@ -139,12 +139,9 @@ class SearchRecord(FamilyRecord):
 
         An appendage on such a baseline may stand for what the baseline lacks.
         """
-        return tuple(
-            each
-            for each in self.baselines
-            if each.prior_probability > 0.0
-            and self.best_without_appendages.log_evidence - each.log_evidence > VERY_STRONG
-        )
+        highest = self.best_without_appendages.log_evidence
+        possible = (each for each in self.baselines if each.prior_probability > 0.0)
+        return tuple(each for each in possible if highest - each.log_evidence > VERY_STRONG)
 
     @property
     def best_without_appendages(self) -> BaselineRecord:
@@ -171,14 +168,9 @@ class SearchRecord(FamilyRecord):
         places: list[Any] = [each.place for each in row.features]
         baseline = {each.name: each for each in self.baselines}[row.baseline]
         (original,) = study.only(baseline.classes[:1]).model_classes
-        return hypothesis(
-            original.with_any_pairing(row.baseline),
-            places,
-            self.search_settings,
-            name,
-            present_in=self.present_in,
-            scale=baseline.mass_scale,
-        )
+        carrier = original.with_any_pairing(row.baseline)
+        options, present_in, scale = self.search_settings, self.present_in, baseline.mass_scale
+        return hypothesis(carrier, places, options, name, present_in=present_in, scale=scale)
 
 
 class Motions(NamedTuple):
@@ -209,18 +201,15 @@ def matched_appendages(
     best = {row.baseline: by_name[row.name] for row in reversed(chosen)}
     of_baselines = {name: _motions(baselines, each) for name, each in best.items()}
     motions = {i: known for i, row in enumerate(chosen) if (known := of_baselines[row.baseline])}
+    own_shares = [row.probability / shares[number] for row in chosen]
     scales = [baselines.scales[row.baseline].mass for row in chosen]
+    priors = [baselines.options.prior_of_mass_ratio(scale) for scale in scales]
     of_rows = [
         {each: of_one for each, of_one in draws[row.name].items() if not each.is_common}
         for row in chosen
     ]
     places = appendages_among(dict.fromkeys(place for own in of_rows for place in own))
-    of_ranks = ranked_draws(
-        of_rows,
-        [row.probability / shares[number] for row in chosen],
-        [baselines.options.prior_of_mass_ratio(scale) for scale in scales],
-        places,
-    )
+    of_ranks = ranked_draws(of_rows, own_shares, priors, places)
     return tuple(matched(each, places, motions) for each in of_ranks)
 
 
@@ -261,9 +250,8 @@ def matched(
     groups = _of_one_frequency(draws)
     shares = [float(group.weights.sum()) for group in groups]
     frequencies = [weighted_quantiles(group.frequency_hz, group.weights) for group in groups]
-    mode, effective_mass, effective_ratio = _effective(
-        groups[0], frequencies[0][1], places, motions
-    )
+    median = frequencies[0][1]
+    mode, effective_mass, effective_ratio = _effective(groups[0], median, places, motions)
     return MatchedAppendage(
         frequency_hz=frequencies[0],
         probability=shares[0],
@@ -315,32 +303,25 @@ def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
 
 def _places(draws: RankedDraws, places: Sequence[AppendagePlace]) -> tuple[Finding, ...]:
     """Where an appendage may be, the most probable place first."""
-    possible = []
+    amounts, possible = ("mass", "frequency_hz", "in_model"), []
     for number in np.unique(draws.place).tolist():
         there = draws[draws.place == number]
         if there.weights.sum() > 0.0:
-            possible.append(
-                Finding(
-                    places[number],
-                    float(there.weights.sum() / draws.weights.sum()),
-                    {
-                        name: weighted_quantiles(getattr(there, name), there.weights)
-                        for name in ("mass", "frequency_hz", "in_model")
-                    },
-                    by_data=float(there.by_data.sum() / draws.by_data.sum()),
-                )
-            )
+            share = float(there.weights.sum() / draws.weights.sum())
+            by_data = float(there.by_data.sum() / draws.by_data.sum())
+            quantiles = {name: weighted_quantiles(there[name], there.weights) for name in amounts}
+            possible.append(Finding(places[number], share, quantiles, by_data=by_data))
     return tuple(sorted(possible, key=lambda place: -place.probability))
 
 
 def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | None:
     """Motions at the means of the parameters of the most probable hypothesis on a baseline."""
     name, model_class = hypothesis.key.baseline, hypothesis.model_class
-    mean_values = hypothesis.screened.weights @ model_class.values(hypothesis.screened.z)
-    means = dict(zip(model_class.parameter_names, mean_values, strict=True))
+    of_parameters = hypothesis.screened.weights @ model_class.values(hypothesis.screened.z)
+    values = dict(zip(model_class.parameter_names, of_parameters, strict=True))
     test = baselines.tests(baselines[name])[0]
     structure, places = test.structure, baselines.appendages(name)
-    at = np.array([[means[parameter.name] for parameter in structure.parameters]])
+    at = np.array([[values[parameter.name] for parameter in structure.parameters]])
     moved = structure.place_shapes([end for place in places for end in place.candidate.ends], at)
     if moved is None:
         return None
@@ -350,12 +331,10 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
     seen = np.flatnonzero(largest >= VISIBLE_SHARE * largest.max())
     if not len(seen) or not largest.any():
         return None
-    of_places, begin = {}, 0
-    for place in places:
-        n = len(place.candidate.ends)
-        # What hangs between two places is driven by the mean of their motions.
-        of_places[place] = moved[begin : begin + n, seen].mean(axis=0)
-        begin += n
+    # What hangs between two places is driven by the mean of their motions.
+    first_ends = np.cumsum([len(place.candidate.ends) for place in places])[:-1]
+    means = (own.mean(axis=0) for own in np.split(moved[:, seen], first_ends))
+    of_places = dict(zip(places, means, strict=True))
     return Motions(seen + 1, modes.frequencies_hz[0, seen], of_places, largest[seen])
 
 

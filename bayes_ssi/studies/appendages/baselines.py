@@ -15,14 +15,11 @@ from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.priors import LogUniform, Prior, Uniform
 from bayes_ssi.structures.changed_structure import FurtherMode
-from bayes_ssi.structures.geometry import Geometry, SinglePlace, motion_of
+from bayes_ssi.structures.geometry import Candidate, Geometry, SinglePlace, motion_of
 from bayes_ssi.structures.modal import seen_shapes
 from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.candidates import (
-    HEAVIEST,
-    LEAST_IN_BAND,
     AppendagePlace,
-    Candidate,
     FurtherMotion,
     SearchSettings,
     appendages_among,
@@ -39,6 +36,10 @@ from bayes_ssi.studies.ranking.study import Study
 from bayes_ssi.studies.search.family import Family
 
 Feature = AppendagePlace | FurtherMotion
+# A place has mass enough for an appendage to have been in it: no less than this share of the prior
+# of its mass. One that is heavier than the place is refused, as its mass matrix is.
+HEAVIEST = 0.9
+LEAST_IN_BAND = 0.01  # share of the prior of an appendage's frequency
 
 
 @dataclass(frozen=True)
@@ -338,18 +339,14 @@ def choose_baselines(
         and is_cheap(each)
         and not each.error.is_correlated
     ]
-    return Baselines(
-        chosen,
-        {
-            each.name: (*_places(each, candidates, present_in, options), *_motions_of(each))
-            for each in classes
-        },
-        options,
-        None if present_in is None else tuple(present_in),
-        tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else (),
-        left_out,
-        classes[0].name if len(classes) == 1 else study.name,
-    )
+    features: dict[str, tuple[Feature, ...]] = {
+        each.name: (*_places(each, candidates, present_in, options), *_motions_of(each))
+        for each in classes
+    }
+    present = None if present_in is None else tuple(present_in)
+    compared = tuple(study.only(rivals).with_any_pairing().model_classes) if rivals else ()
+    name = classes[0].name if len(classes) == 1 else study.name
+    return Baselines(chosen, features, options, present, compared, left_out, name)
 
 
 def _places(

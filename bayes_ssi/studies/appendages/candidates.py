@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_ssi.foundations.argument_types import checked
+from bayes_ssi.foundations.argument_types import checked, repeated
 from bayes_ssi.foundations.text_files import read_table
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import Value
@@ -65,22 +65,13 @@ class SearchSettings(SearchLimits):
         return LogUniform(self.mass[0] / scale, self.mass[1] / scale)
 
 
-# What a search takes for seen, near or apart, and for too many.
+# What a search takes for seen.
 # A mode moves the sensors by at least this share of the one that moves them most, at unit modal
 # mass.
 VISIBLE_SHARE = 0.05
 # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
 # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
 LEAST_PART = 0.01
-# A place has mass enough for an appendage to have been in it: no less than this share of the prior
-# of its mass. One that is heavier than the place is refused, as its mass matrix is.
-HEAVIEST = 0.9
-LEAST_IN_BAND = 0.01  # share of the prior of an appendage's frequency
-FREQUENCIES_APART = 1.1  # frequencies with nothing between them over this factor are two answers,
-LEAST_SHARE_OF_A_GROUP = 0.05  # if each has this share of the probability
-# Modes closer than this, relative to their frequencies, may be one that is split.
-FREQUENCIES_NEAR = 0.1
-MOST_PLACES_FOR_A_WARNING = 30  # more are not screened in a few seconds, for a warning
 
 
 def are_observed(
@@ -119,17 +110,13 @@ def require_distinct(candidates: Sequence[Candidate]) -> None:
     """Refuse an empty list, and one that holds a name or a place twice."""
     if not candidates:
         raise ValueError("candidates: the list is empty; give one or more, or none for the default")
-    by_name: dict[str, Candidate] = {}
-    by_place: dict[frozenset[Any], Candidate] = {}
+    if twice := repeated(each.name for each in candidates):
+        raise ValueError(f"candidates: two are named {twice[0]!r}")
+    by_place: dict[frozenset[Any], str] = {}
     for each in candidates:
-        if each.name in by_name:
-            raise ValueError(f"candidates: two are named {each.name!r}")
-        by_name[each.name] = each
         ends = frozenset(frozenset(motion_of(end)) for end in each.ends)
-        if ends in by_place:
-            other = by_place[ends].name
+        if (other := by_place.setdefault(ends, each.name)) != each.name:
             raise ValueError(f"candidates: {other!r} and {each.name!r} are one place")
-        by_place[ends] = each
 
 
 def require_on_structure(candidates: Sequence[Candidate], structure: Structure) -> None:
@@ -174,13 +161,13 @@ def read_candidates(path: str | Path) -> tuple[Candidate, ...]:
     names, rows = read_table(path)
     if not rows:
         raise ValueError(f"{path}: no candidate below the column names {','.join(REQUIRED)}")
-    columns = _columns(names, path)
+    _check_columns(names, path)
     candidates = []
     for where, row in rows:
-        if len(row) > len(columns):
-            raise ValueError(f"{where}: {len(row)} cells for {len(columns)} columns")
+        if len(row) > len(names):
+            raise ValueError(f"{where}: {len(row)} cells for {len(names)} columns")
         try:
-            candidates.append(_candidate(dict(zip(columns, row, strict=False))))
+            candidates.append(_candidate(dict(zip(names, row, strict=False))))
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from None
     try:
@@ -190,18 +177,18 @@ def read_candidates(path: str | Path) -> tuple[Candidate, ...]:
     return tuple(candidates)
 
 
-def _columns(names: list[str], path: Path) -> list[str]:
-    missing = [name for name in REQUIRED if name not in names]
-    unknown = [name for name in names if name not in COLUMNS]
-    repeated = [name for name in names if names.count(name) > 1]
-    for wrong, what in ((missing, "no column"), (unknown, "unknown column"),
-                        (repeated, "two columns")):  # fmt: skip
+def _check_columns(names: list[str], path: Path) -> None:
+    all_wrong = {
+        "no column": [name for name in REQUIRED if name not in names],
+        "unknown column": [name for name in names if name not in COLUMNS],
+        "two columns": repeated(names),
+    }
+    for what, wrong in all_wrong.items():
         if wrong:
             raise ValueError(
                 f"{path}: {what} {wrong[0]!r}; the columns are {', '.join(REQUIRED)} and, if "
                 f"needed, {', '.join(COLUMNS[len(REQUIRED) :])}"
             )
-    return names
 
 
 def _candidate(cells: Mapping[str, str]) -> Candidate:
@@ -217,14 +204,9 @@ def _candidate(cells: Mapping[str, str]) -> Candidate:
         place = tuple((f"{place} {axis}", cosine) for axis, cosine in axes if cosine != 0.0)
     if coordinates is not None and any(not cells.get(name) for name in COORDINATES):
         raise ValueError("x_coord, y_coord, z_coord: give all three, or none")
-    to: Place | None = cells.get("to") or None
-    return Candidate(
-        cells.get("name", ""),
-        place,
-        to=0 if to == "0" else to,
-        coordinates=coordinates,
-        direction=direction,
-    )
+    to: Place | None = 0 if cells.get("to") == "0" else cells.get("to") or None
+    name = cells.get("name", "")
+    return Candidate(name, place, to=to, coordinates=coordinates, direction=direction)
 
 
 def _numbers(cells: Mapping[str, str], names: tuple[str, str, str]) -> Point | None:

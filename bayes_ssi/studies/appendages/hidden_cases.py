@@ -7,10 +7,11 @@ failed check or a remark. The table has every mode in the band that the sensors 
 the two that the appendage makes of one.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, product
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,13 +142,9 @@ def blind_spots(
     cases = list(_cases(baselines, test, others, own, n_frequencies))
 
     def all_judged(what: str, some: Sequence[_Case], test: _Test) -> list[HiddenCase]:
-        numbers = count(1)
-
-        def done(_: int) -> None:
-            run.report(what, f"{len(some)} tables", next(numbers) / len(some))
-
         with run.working():
-            return each_in_workers(partial(_judged, best, test), some, run, done)
+            judge = partial(_judged, best, test)
+            return each_in_workers(judge, some, run, (what, f"{len(some)} tables"))
 
     judged = all_judged(best.name, cases, test)
     blind = [case for case, each in zip(cases, judged, strict=True) if each.is_blind]
@@ -157,7 +154,7 @@ def blind_spots(
         for name, other in test.improved(others)
         if tried
     }
-    ordered = dict(sorted(remedies.items(), key=lambda each: -each[1]))
+    ordered = dict(Counter(remedies).most_common())
     return BlindSpots(best.name, tuple(judged), tuple(own.tolist()), len(tried), ordered)
 
 
@@ -199,18 +196,11 @@ class _Real(NamedTuple):
 
     def table(self, test: _Test, missed: int, errors: Mapping[str, float | None]) -> ModalData:
         """What is identified of them, without errors."""
-        shapes = self.shapes(test)
-        modes = tuple(
-            IdentifiedMode(
-                str(number),
-                float(self.frequencies_hz[number - 1]),
-                shapes[:, number - 1] if test.sensors else None,
-                **errors,
-            )
-            for number in self.seen(test)
-            if number != missed
-        )
-        return ModalData(modes, test.band_hz, test.sensors)
+        hz = self.frequencies_hz.tolist()
+        shapes: Any = self.shapes(test).T if test.sensors else [None] * len(hz)
+        numbers = [number for number in self.seen(test) if number != missed]
+        modes = [IdentifiedMode(str(n), hz[n - 1], shapes[n - 1], **errors) for n in numbers]
+        return ModalData(tuple(modes), test.band_hz, test.sensors)
 
 
 _Case = tuple[HiddenCase, _Real]
@@ -251,10 +241,8 @@ def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
     made = replace(best, configurations=(replace(configuration, data=data, pairing="any"),))
     quick = screen((made, None), 0, QUICK)
     values = made.values(quick.z)
-    medians = {
-        name: weighted_quantiles(column, quick.weights)[1]
-        for name, column in zip(made.parameter_names, values.T, strict=True)
-    }
+    columns_of = zip(made.parameter_names, values.T, strict=True)
+    medians = {name: weighted_quantiles(x, quick.weights)[1] for name, x in columns_of}
     name, error = _most_wrong(made, medians)
     if abs(error) > NOT_NEAR_WRONG:
         study = Study(best.name, [made])
@@ -269,8 +257,6 @@ def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
 
 def _most_wrong(model_class: ModelClass, medians: Mapping[str, float]) -> tuple[str, float]:
     """The structure's parameter that is furthest from its true value, the median of its prior."""
-    errors = {
-        each.name: medians[each.name] / each.prior.quantile(0.5) - 1.0
-        for each in model_class.structural_parameters
-    }
+    own = model_class.structural_parameters
+    errors = {each.name: medians[each.name] / each.prior.quantile(0.5) - 1.0 for each in own}
     return max(errors.items(), key=lambda each: abs(each[1]))

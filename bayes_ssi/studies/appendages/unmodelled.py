@@ -26,11 +26,7 @@ from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.priors import LogUniform
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines, frequency_prior
-from bayes_ssi.studies.appendages.candidates import (
-    FREQUENCIES_NEAR,
-    MOST_PLACES_FOR_A_WARNING,
-    AppendagePlace,
-)
+from bayes_ssi.studies.appendages.candidates import AppendagePlace
 from bayes_ssi.studies.ranking.class_sampling import is_cheap
 from bayes_ssi.studies.ranking.comparison import Check, probability_text
 from bayes_ssi.studies.ranking.study import Ranking, Study
@@ -38,6 +34,9 @@ from bayes_ssi.studies.search.approximate_evidence import QUICK, Screened, scree
 from bayes_ssi.studies.search.family import prior_draws
 
 ASK = "; ask with a search for appendages"
+# Modes closer than this, relative to their frequencies, may be one that is split.
+FREQUENCIES_NEAR = 0.1
+MOST_PLACES_FOR_A_WARNING = 30  # more are not screened in a few seconds, for a warning
 NEAR_A_MODE = 1.15  # an appendage splits a mode within this factor of its own frequency
 PLACES_NEAR_A_MODE = 3  # those that move most in it, which stand for all
 LEAST_PROBABILITY = 0.005  # of a hidden appendage of which something is said
@@ -94,10 +93,8 @@ def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
         log_odds.append(_nats(screened, alone) + math.log(share))
         changed[label] = _changed(posterior, best, classes, screened)
     hidden = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())
-    return sorted(
-        (each for each in hidden if each.changed and each.probability >= LEAST_PROBABILITY),
-        key=lambda each: -max(map(_change, each.changed.values())),
-    )
+    shown = [each for each in hidden if each.changed and each.probability >= LEAST_PROBABILITY]
+    return sorted(shown, key=lambda each: -max(map(_change, each.changed.values())))
 
 
 def _change(of: tuple[float, Quantiles]) -> float:
@@ -189,12 +186,8 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
     if not any(labels for *_, labels in spurious):
         return ""
     pairs = [pair for data, name, labels in spurious for pair in _split(data, name, labels)]
-    looks = (
-        f"modes {'; modes '.join(pairs)} look like one that an appendage splits, which "
-        f"{best.name!r} lacks"
-        if pairs
-        else ""
-    )
+    split = f"modes {'; modes '.join(pairs)} look like one that an appendage splits, which "
+    looks = f"{split}{best.name!r} lacks" if pairs else ""
     try:
         baselines = choose_baselines(Study(best.name, [best]))
     except ValueError:  # nothing can be hung on it

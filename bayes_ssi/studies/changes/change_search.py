@@ -102,12 +102,9 @@ def change_findings(
 
 def change_record(family: Changes, search: FamilySearch[KindOfChange]) -> ChangeRecord:
     """What was found, for a search in which none, some or all hypotheses were sampled."""
-    shared = [
-        (own.column(SHARED), search.probabilities[name] * own.weights)
-        for name, own in search.draws.items()
-        if SHARED in own.names
-    ]
-    of_shared = [np.concatenate(each) for each in zip(*shared, strict=True)]
+    inferring = [(name, own) for name, own in search.draws.items() if SHARED in own.names]
+    columns = [own.column(SHARED) for _, own in inferring]
+    weights = [search.probabilities[name] * own.weights for name, own in inferring]
     common = findings(search, feature_draws(family, search))
     alike, unseen = _alike(common["hypotheses"]), without_influence(family)
     common["places"] = tuple(
@@ -122,7 +119,7 @@ def change_record(family: Changes, search: FamilySearch[KindOfChange]) -> Change
         before=family.before,
         after=family.after,
         settings=family.options,
-        shared=weighted_quantiles(*of_shared) if shared else None,
+        shared=weighted_quantiles(*map(np.concatenate, (columns, weights))) if columns else None,
         geometry=None,
         **common,
     )
@@ -135,7 +132,7 @@ def _kinds_of(changes: Iterable[Finding]) -> list[str]:
 
 def _alike(rows: Sequence[HypothesisRecord]) -> dict[FeaturePlace, tuple[str, ...]]:
     """Place of the most probable change → places with which another explains the data as well."""
-    best = next((each for each in rows if each.claims_any), None)
+    best = next((each for each in rows if each.claimed), None)
     if best is None or best.probability == 0.0:
         return {}
     least = math.exp(-BARE_MENTION) * best.probability

@@ -125,25 +125,26 @@ ToScreen = tuple[ModelClass, Screened | None]
 def screen_all(
     hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
 ) -> list[Screened]:
-    numbers = count(1)
-
-    def done(_: int) -> None:
-        share = next(numbers) / len(hypotheses)
-        run.report("all hypotheses", f"screening {len(hypotheses)}", share)
-
-    return each_in_workers(partial(screen, seed=seed, effort=effort), hypotheses, run, done)
+    to_screened, step = partial(screen, seed=seed, effort=effort), f"screening {len(hypotheses)}"
+    return each_in_workers(to_screened, hypotheses, run, ("all hypotheses", step))
 
 
 def each_in_workers(
     function: Callable[[T], R],
     items: Sequence[T],
     run: Run,
-    done: Callable[[int], None] = lambda _: None,
+    reported: tuple[str, str] | None = None,
 ) -> list[R]:
     """A quick function of each item, side by side in workers; here where there are none, or died.
 
-    ``done`` is called with the number of each item that is done.
+    ``reported`` are what is computed and the step of it that these items are, if progress is.
     """
+    numbers = count(1)
+
+    def done(_: int) -> None:
+        if reported:
+            run.report(*reported, next(numbers) / len(items))
+
     results: dict[int, R] = {}
     if run.workers is not None:
         results = run.workers.try_each(function, items, done)
@@ -283,15 +284,8 @@ def _extended(model_class: ModelClass, simpler: Screened) -> StudentMixture:
     means, factors = np.zeros((k, d)), np.tile(np.eye(d), (k, 1, 1))
     means[:, columns] = own.means
     factors[np.ix_(range(k), columns, columns)] = own.factors
-    weights = own.weights / own.weights.sum()
-    return replace(
-        own,
-        weights=weights,
-        means=means,
-        factors=factors,
-        dof=np.full(k, HEAVY_TAILS),
-        prior_share=0.0,
-    )
+    weights, tails = own.weights / own.weights.sum(), np.full(k, HEAVY_TAILS)
+    return StudentMixture(weights, means, factors, tails, bends=own.bends)
 
 
 def _columns(model_class: ModelClass, simpler: Screened) -> list[int]:

@@ -125,13 +125,11 @@ class SearchLimits:
 
     def __post_init__(self) -> None:
         name = type(self).__name__
-        object.__setattr__(self, "number_weights", tuple(self.number_weights))
-        if len(self.number_weights) < 2 or not all(
-            0.0 < weight < math.inf for weight in self.number_weights
-        ):
+        weights = tuple(self.number_weights)
+        object.__setattr__(self, "number_weights", weights)
+        if len(weights) < 2 or not all(0.0 < weight < math.inf for weight in weights):
             raise ValueError(
-                f"{name}: number_weights must be two or more positive numbers, got "
-                f"{self.number_weights!r}"
+                f"{name}: number_weights must be two or more positive numbers, got {weights!r}"
             )
         if self.branches < 1:
             raise ValueError(f"{name}: branches must be at least 1, got {self.branches!r}")
@@ -211,10 +209,7 @@ class Family(ABC, Generic[Feature]):
 
     def in_reduced_bases(self) -> Self:
         """The same hypotheses, on structures that are quickly solved as often as they take."""
-        quick = [
-            each.with_structures(lambda structure, _: structure.for_many_hypotheses)
-            for each in self.classes
-        ]
+        quick = [each.with_structures(lambda s, _: s.for_many_hypotheses) for each in self.classes]
         return replace(self, study=replace(self.study, model_classes=quick))
 
     def prior_weight(self, baseline: str, number: int, n_common: int = 0) -> float:

@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
@@ -25,10 +25,11 @@ from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
+from bayes_ssi.studies.ranking.comparison import class_probabilities
 from bayes_ssi.studies.ranking.study import AveragedParameter, Ranking, Study, averaged_parameter
 from bayes_ssi.studies.search.approximate_evidence import MOST_FULL, QUICK, Effort, Screened
 from bayes_ssi.studies.search.family import Family, Feature, Hypothesis, Key, prior_draws
-from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
+from bayes_ssi.studies.search.ladder import screen_best, to_sample
 
 LEAST_EXPECTED = 1e-3  # probability of a hypothesis with several features that is tried
 MOST_EXPECTED = 300  # number of these
@@ -81,30 +82,12 @@ class FamilySearch(Generic[Feature]):
 
     @cached_property
     def log_masses(self) -> dict[str, float]:
-        names = [each.model_class.name for each in self.hypotheses]
-        return {
-            name: each.log_mass(self.posteriors.get(name))
-            for name, each in zip(names, self.hypotheses, strict=True)
-        }
+        by_name = {each.model_class.name: each for each in self.hypotheses}
+        return {name: each.log_mass(self.posteriors.get(name)) for name, each in by_name.items()}
 
-    @property
+    @cached_property
     def probabilities(self) -> dict[str, float]:
-        log_total = float(logsumexp(list(self.log_masses.values())))
-        return {name: math.exp(mass - log_total) for name, mass in self.log_masses.items()}
-
-    @property
-    def findings(self) -> dict[str, Any]:
-        """Fields of a record, whatever was searched for."""
-        approximate = {each.model_class.name: each.approximate_log_mass for each in self.hypotheses}
-        sampled = {name: self.log_masses[name] for name in approximate if name in self.posteriors}
-        log_total = float(logsumexp(list(self.log_masses.values())))
-        not_tried = float(logsumexp([log_mass for *_, log_mass in self.levels]))
-        return {
-            "most_probability_unsampled": most_probability_unsampled(approximate, sampled),
-            "averaged_parameters": tuple(self.averaged_parameters()),
-            "n_not_tried": sum(n for _, n, _ in self.levels),
-            "expected_not_tried": float(expit(not_tried - log_total)),
-        }
+        return class_probabilities(self.log_masses, None)
 
     def averaged_parameters(self) -> Iterator[AveragedParameter]:
         """The baselines' parameters averaged over hypotheses that were sampled."""
@@ -157,12 +140,8 @@ def screened_hypotheses(
             family.hypothesis(carriers[key.baseline], key.features, family.full_name(key))
             for key in keys
         ]
-        wanted = [
-            (made, _simpler(key, hypotheses)) for key, made in zip(keys, classes, strict=True)
-        ]
-        weights = [
-            family.prior_weight(key.baseline, len(key.features), n_common(key)) for key in keys
-        ]
+        wanted = [(made, _simpler(k, hypotheses)) for k, made in zip(keys, classes, strict=True)]
+        weights = [family.prior_weight(k.baseline, len(k.features), n_common(k)) for k in keys]
         masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
         fewer = float(np.logaddexp.reduce(masses, initial=-math.inf))
         n_features = len(keys[0].features)
@@ -215,11 +194,8 @@ def _next_level(
         return [], 0, -math.inf
     masses = [each.approximate_log_mass.log_evidence for each in hypotheses.values()]
     known = float(logsumexp(masses))
-    extended = {
-        name: _expected_log_masses(family, name, n, heights, known)
-        for name, features in family.features.items()
-        if len(features) >= n
-    }
+    able = [name for name, features in family.features.items() if len(features) >= n]
+    extended = {name: _expected_log_masses(family, name, n, heights, known) for name in able}
     chosen: dict[Key[Feature], float] = {}
     likely: dict[Key[Feature], float] = {}
     for name, expected in extended.items():
@@ -285,11 +261,8 @@ def _sampled(
     """Classes and posteriors of the hypotheses on which the answer rests, and their baselines."""
     # Screening has searched, too, and has found where posteriors lie.
     settings = replace(settings, searches=math.ceil(settings.searches / 2))
-    known_regions = RefinementSettings(
-        # Full solutions at draws correct the evidence, or enlarge the shared basis once.
-        error_share=0.5,
-        most_rounds=2,
-    )
+    # Full solutions at draws correct the evidence, or enlarge the shared basis once.
+    known_regions = RefinementSettings(error_share=0.5, most_rounds=2)
     approximate = {key: each.approximate_log_mass for key, each in hypotheses.items()}
     sampled: dict[Key[Feature], tuple[ModelClass, Posterior]] = {}
     log_masses: dict[Key[Feature], float] = {}

@@ -11,6 +11,7 @@ from itertools import accumulate
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
+from scipy.special import expit, logsumexp
 
 from bayes_ssi.foundations.displayed import Displayed, InWords, columns, counted
 from bayes_ssi.foundations.summaries import Quantiles
@@ -19,6 +20,7 @@ from bayes_ssi.structures.geometry import Geometry
 from bayes_ssi.studies.ranking.study import AveragedParameter, Ranking, Study
 from bayes_ssi.studies.search.family import Family, Feature, FeaturePlace
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch
+from bayes_ssi.studies.search.ladder import most_probability_unsampled
 
 T = TypeVar("T")
 CREDIBLE = 0.95  # share of the probability of all places that the named ones hold
@@ -67,10 +69,6 @@ class HypothesisRecord:
     def claimed(self) -> tuple[Finding, ...]:
         """Its features besides common ones."""
         return tuple(each for each in self.features if not each.place.is_common)
-
-    @property
-    def claims_any(self) -> bool:
-        return bool(self.claimed)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -125,7 +123,7 @@ class FamilyRecord(Displayed):
     @property
     def best_with_features(self) -> HypothesisRecord | None:
         """The most probable hypothesis that claims any; None if none was tried."""
-        return next((each for each in self.hypotheses if each.claims_any), None)
+        return next((each for each in self.hypotheses if each.claimed), None)
 
     @property
     def n_unsampled(self) -> int:
@@ -202,11 +200,18 @@ def feature_draws(family: Family[Feature], search: FamilySearch[Feature]) -> Fea
 def findings(search: FamilySearch[Feature], draws: FeatureDraws[Feature]) -> dict[str, Any]:
     """Fields of a :class:`FamilyRecord`, whatever was searched for."""
     rows = hypotheses_by_probability(search, draws)
+    approximate = {each.model_class.name: each.approximate_log_mass for each in search.hypotheses}
+    sampled = {name: search.log_masses[name] for name in approximate if name in search.posteriors}
+    log_total = float(logsumexp(list(search.log_masses.values())))
+    not_tried = float(logsumexp([log_mass for *_, log_mass in search.levels]))
     return {
         "hypotheses": rows,
-        "probability_of_any": min(1.0, sum(row.probability for row in rows if row.claims_any)),
+        "probability_of_any": min(1.0, sum(row.probability for row in rows if row.claimed)),
         "places": tuple(averaged_features(draws, search.probabilities)),
-        **search.findings,
+        "most_probability_unsampled": most_probability_unsampled(approximate, sampled),
+        "averaged_parameters": tuple(search.averaged_parameters()),
+        "n_not_tried": sum(n for _, n, _ in search.levels),
+        "expected_not_tried": float(expit(not_tried - log_total)),
     }
 
 
@@ -215,30 +220,26 @@ def hypotheses_by_probability(
 ) -> tuple[HypothesisRecord, ...]:
     """All hypotheses, the most probable first."""
     total_weight = sum(each.prior_weight for each in search.hypotheses)
-    probabilities = search.probabilities
     rows = []
     # By the logarithm, which also ranks hypotheses whose probabilities are rounded to zero.
     for each in sorted(search.hypotheses, key=lambda h: -search.log_masses[h.model_class.name]):
         name, screened = each.model_class.name, each.screened
         posterior = search.posteriors.get(name)
         evidence = screened if posterior is None else posterior.evidence
-        rows.append(
-            HypothesisRecord(
-                name,
-                each.key.baseline,
-                each.prior_weight / total_weight,
-                probabilities[name],
-                evidence.log_evidence,
-                evidence.error,
-                posterior is not None,
-                screened.log_evidence,
-                screened.laplace,
-                tuple(
-                    Finding(feature, probabilities[name], own.quantiles)
-                    for feature, own in draws[name].items()
-                ),
-            )
+        probability, own = search.probabilities[name], draws[name].items()
+        row = HypothesisRecord(
+            name,
+            each.key.baseline,
+            each.prior_weight / total_weight,
+            probability,
+            evidence.log_evidence,
+            evidence.error,
+            posterior is not None,
+            screened.log_evidence,
+            screened.laplace,
+            tuple(Finding(feature, probability, of_one.quantiles) for feature, of_one in own),
         )
+        rows.append(row)
     return tuple(rows)
 
 
@@ -255,9 +256,6 @@ def averaged_features(
         if probability == 0.0:  # too small for a floating-point number
             with_one = [(1.0, each) for _, each in with_one]
         total = sum(share for share, _ in with_one)
-        mixed = Draws(
-            with_one[0][1].names,
-            np.concatenate([each.values for _, each in with_one]),
-            np.concatenate([share / total * each.weights for share, each in with_one]),
-        )
-        yield Finding(feature, probability, mixed.quantiles)
+        values = np.concatenate([each.values for _, each in with_one])
+        weights = np.concatenate([share / total * each.weights for share, each in with_one])
+        yield Finding(feature, probability, Draws(with_one[0][1].names, values, weights).quantiles)

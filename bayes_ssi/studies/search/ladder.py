@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -72,25 +72,13 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, S
     for i, hypothesis in enumerate(hypotheses):
         if (common := _in_common(hypothesis)) is not None:
             groups.setdefault(common, []).append(i)
-    most = LOOKED_AT_TOGETHER
-    parts = [
-        group[start : start + most]
-        for group in groups.values()
-        for start in range(0, len(group), most)
-    ]
+    n = LOOKED_AT_TOGETHER
+    parts = [own[i : i + n] for own in groups.values() for i in range(0, len(own), n)]
     together = [[hypotheses[i] for i in part] for part in parts]
-    numbers, what = count(1), f"a look at {sum(map(len, parts))}"
-
-    def done(_: int) -> None:
-        run.report("all hypotheses", what, next(numbers) / len(parts))
-
-    looks = each_in_workers(partial(_look_together, seed=seed), together, run, done)
-    return {
-        i: look
-        for part, of_part in zip(parts, looks, strict=True)
-        for i, look in zip(part, of_part, strict=True)
-        if look is not None
-    }
+    look, step = partial(_look_together, seed=seed), f"a look at {sum(map(len, parts))}"
+    looks = each_in_workers(look, together, run, ("all hypotheses", step))
+    by_number = zip(chain.from_iterable(parts), chain.from_iterable(looks), strict=True)
+    return {i: look for i, look in by_number if look is not None}
 
 
 def _in_common(hypothesis: ToScreen) -> Hashable:
@@ -114,27 +102,21 @@ def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Screened |
     z, which = ends[:, :-1], _numbers(ends)
     log_likelihoods = log_posteriors - log_standard_normal(z)
     n_evaluations = target.n_evaluations // len(hypotheses)
-    looks: list[Screened | None] = []
-    for i, made in enumerate(classes):
+    unit, tails = np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
+    looks: list[Screened | None] = [None] * len(classes)
+    for i in np.unique(which).tolist():
         own = np.flatnonzero(which == i)
         own = own[np.argsort(-log_posteriors[own], kind="stable")]
-        if not len(own):
-            looks.append(None)
-            continue
-        looks.append(
-            Screened(
-                parameter_names=made.parameter_names,
-                log_evidence=float(log_likelihoods[own].max()),
-                error=0.0,
-                laplace=math.nan,
-                n_evaluations=n_evaluations,
-                maxima=z[own],
-                z=z[own],
-                weights=softmax(log_posteriors[own]),
-                mixture=StudentMixture(
-                    np.ones(1), z[own[:1]], np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
-                ),
-            )
+        looks[i] = Screened(
+            parameter_names=classes[i].parameter_names,
+            log_evidence=float(log_likelihoods[own].max()),
+            error=0.0,
+            laplace=math.nan,
+            n_evaluations=n_evaluations,
+            maxima=z[own],
+            z=z[own],
+            weights=softmax(log_posteriors[own]),
+            mixture=StudentMixture(np.ones(1), z[own[:1]], unit, tails),
         )
     return looks
 
