@@ -137,14 +137,9 @@ def changes(
         ValueError: a configuration or parameter is unknown or named twice, no mode is paired both
             before and after, or a hypothesis cannot be sampled.
     """
+    study = _study(study)
     family = choose_changes(
-        _study(study),
-        before,
-        after,
-        change_settings,
-        joined=joined,
-        places=places,
-        left_out=left_out,
+        study, before, after, change_settings, joined=joined, places=places, left_out=left_out
     )
     # A probability to a twentieth of its odds is as much as anyone asks.
     settings = settings or SamplingSettings(log_evidence_error=0.05)

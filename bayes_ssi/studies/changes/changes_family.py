@@ -30,6 +30,7 @@ from bayes_ssi.studies.changes.kinds_of_change import (
     places_of,
 )
 from bayes_ssi.studies.ranking.study import Study
+from bayes_ssi.studies.ranking.variations import with_priors
 from bayes_ssi.studies.search.family import (
     BASIS_DRAWS,
     Draws,
@@ -343,11 +344,11 @@ def _amounts(
     covariate = options.covariate
     if covariate is None:
         return dict.fromkeys(after, 1.0)
-    for name in (*before, *after):
-        if name not in covariate:
-            raise ValueError(f"covariate: no value of test {name!r}")
+    tests = (*before, *after)
+    if missing := [name for name in tests if name not in covariate]:
+        raise ValueError(f"covariate: no value of test {missing[0]!r}")
     reference = sum(covariate[name] for name in before) / len(before)
-    apart = {name: covariate[name] - reference for name in (*before, *after)}
+    apart = {name: covariate[name] - reference for name in tests}
     largest = max(map(abs, apart.values()))
     if largest == 0.0:
         raise ValueError("covariate: it is the same in all tests, so it explains no change")
@@ -362,16 +363,13 @@ def _of_tests(
     tests = tuple(model_class.configuration(name) for name in (*before, *after))
     error = model_class.error
     if options.shared is not None and not error.repeats_between_tests:
-        for test in tests:
-            if test.pairing == "any":
-                raise ValueError(
-                    f"{where}: configuration {test.name!r} has pairing 'any', for which tests "
-                    "cannot share prediction errors; give its pairing, or make errors independent"
-                )
-        paired = [
-            {label for name in names for label in model_class.configuration(name).pairing}
-            for names in (before, after)
-        ]
+        if inferred := [test.name for test in tests if test.pairing == "any"]:
+            raise ValueError(
+                f"{where}: configuration {inferred[0]!r} has pairing 'any', for which tests cannot "
+                "share prediction errors; give its pairing, or make errors independent"
+            )
+        sides = tests[: len(before)], tests[len(before) :]
+        paired = [{label for test in side for label in test.pairing} for side in sides]
         if not paired[0] & paired[1]:
             labels = ("; ".join(sorted(one)) or "none" for one in paired)
             raise ValueError(
@@ -380,6 +378,4 @@ def _of_tests(
             )
         error = replace(error, between_tests=Parameter(SHARED, options.shared))
     restricted = replace(model_class, configurations=tests, error=error, priors={})
-    names = restricted.parameter_names
-    own = {name: prior for name, prior in model_class.priors.items() if name in names}
-    return replace(restricted, priors=own)
+    return with_priors(model_class.priors, restricted)

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_ssi.foundations.argument_types import require_known
+from bayes_ssi.foundations.argument_types import repeated, require_known
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.parameters.parameters import Parameter
 from bayes_ssi.parameters.priors import LogUniform, Prior, TruncatedNormal, Uniform
@@ -161,9 +161,8 @@ def places_of(
     groups += [(name, (name,), True) for name in parameters if name not in named]
     groups = [group for group in groups if group[1]]
     for all_of, what in ((named, "parameter"), ([name for name, *_ in groups], "place")):
-        for name in all_of:
-            if all_of.count(name) > 1:
-                raise ValueError(f"{where}: {what} {name!r} is named twice")
+        if twice := repeated(all_of):
+            raise ValueError(f"{where}: {what} {twice[0]!r} is named twice")
     if not groups:
         raise ValueError(f"{where}: every parameter is left out; leave one in")
     return tuple(ChangePlace(name, names, is_joined) for name, names, is_joined in groups)
@@ -180,11 +179,8 @@ def element_places(
     """
     if not structure.carries_elements:
         return
-    single = [
-        each.place
-        for each in structure.candidates(sensors)
-        if each.to is None and isinstance(each.place, int | str)
-    ]
+    places = (each.place for each in structure.candidates(sensors) if each.to is None)
+    single = [place for place in places if isinstance(place, int | str)]
     moving = dict(_moving_together(structure, place) for place in single)
     for has_gone in (False, True):
         gone, on = ("gone ", "from") if has_gone else ("", "on")

@@ -142,10 +142,8 @@ def log_bayes_factor(
     tests = simulated_tests(changed, lost, rng)
 
     def log_evidence(model_class: ModelClass, start: FloatArray) -> float:
-        own = tuple(
-            replace(test, structure=each.structure)
-            for test, each in zip(tests, model_class.configurations, strict=True)
-        )
+        pairs = zip(tests, model_class.configurations, strict=True)
+        own = tuple(replace(test, structure=each.structure) for test, each in pairs)
         target = class_target(replace(model_class, configurations=own))
         known = covariances.get(model_class.name)
         maxima = find_maxima(target, start[None], covariances=known)
