@@ -51,11 +51,7 @@ def longest_side(points: ArrayLike) -> float:
 
 
 def axes_in_space(
-    title: str,
-    points: FloatArray,
-    reach: float,
-    geometry: Geometry | None,
-    below: float = 0.0,
+    title: str, points: FloatArray, reach: float, geometry: Geometry | None, below: float = 0.0
 ) -> Any:
     """Axes of one scale around ``points`` (n, 3), with the structure if it is known.
 
@@ -79,16 +75,9 @@ def axes_in_space(
     ax.set_box_aspect(tuple(high - low), zoom=1.08)
     length = 0.16 * float((high - low).max())
     for name, along in zip("xyz", length * np.eye(3), strict=True):
-        ax.plot(*np.stack([low, low + along]).T, color=look.GREY, linewidth=0.8,
-                clip_on=False)  # fmt: skip
-        ax.text(
-            *(low + 1.25 * along),
-            name,
-            fontsize=look.SMALL_TEXT,
-            color=look.GREY,
-            ha="center",
-            va="center",
-        )
+        ax.plot(*np.stack([low, low + along]).T, color=look.GREY, linewidth=0.8, clip_on=False)
+        end = low + 1.25 * along
+        ax.text(*end, name, fontsize=look.SMALL_TEXT, color=look.GREY, ha="center", va="center")
     look.title_of(ax, title)
     if geometry is not None:
         _draw_structure(ax, geometry)
@@ -104,9 +93,8 @@ def _draw_structure(ax: Any, geometry: Geometry) -> None:
     lines, faces = numbered(geometry)
     flat = {"linewidths": 0.0, "edgecolors": "none", "antialiaseds": False, "rasterized": True}
     for corners in by_corners(faces):
-        ax.add_collection3d(
-            Poly3DCollection(nodes[corners], facecolors=look.GREY, alpha=0.08, **flat)
-        )
+        walls = Poly3DCollection(nodes[corners], facecolors=look.GREY, alpha=0.08, **flat)
+        ax.add_collection3d(walls)
     pairs = np.concatenate([outline(nodes, faces), lines])
     if len(pairs):
         drawn = Line3DCollection(nodes[pairs], colors=look.GREY, linewidths=0.5, alpha=0.5)

@@ -104,8 +104,7 @@ def plot_place_bars(search: FamilyRecord) -> Axes:
     limit = 1.25 * highest or 1.0  # with room for the numbers
     ticks = np.asarray(MaxNLocator(5).tick_values(0.0, limit))
     ax.set_xticks(ticks[ticks <= min(limit, 1.0)])
-    ax.set_xlim(0.0, limit)
-    ax.set_xlabel(f"probability of {search.a_feature}")
+    ax.set(xlim=(0.0, limit), xlabel=f"probability of {search.a_feature}")
     return ax
 
 
@@ -136,10 +135,8 @@ def plot_layout(plan: Plan) -> Any:
         colour, label = (look.VERMILION, CHOSEN) if chosen else (look.GREY, OTHER)
         if each.direction and chosen:
             along = np.multiply(length, each.direction)
-            ax.quiver(*at, *along, color=colour, linewidth=1.6,
-                      arrow_length_ratio=0.4)  # fmt: skip
-        ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label,
-                   depthshade=False)  # fmt: skip
+            ax.quiver(*at, *along, color=colour, linewidth=1.6, arrow_length_ratio=0.4)
+        ax.scatter(*at, s=30.0 if chosen else 8.0, color=[colour], label=label, depthshade=False)
         if len(located) <= MOST_BARS:
             ax.text(*at, f"  {each.name}", va="bottom", fontsize=look.SMALL_TEXT)
     look.legend_of_figure(ax.figure, [ax])

@@ -75,10 +75,8 @@ def _draw(
     if reference is not None:
         name, curve = reference
         ax.plot(x, curve, color="black", linewidth=linewidth, label=name)
-    ax.set_xlim(float(x[0]), float(x[-1]))
+    ax.set(xlim=(float(x[0]), float(x[-1])), xlabel=names[0], ylabel=names[1])
     ax.grid(alpha=0.3)
-    ax.set_xlabel(names[0])
-    ax.set_ylabel(names[1])
     if legend:
         look.legend_below(ax, columns=2)
     return ax
@@ -99,11 +97,7 @@ def _figures(responses: Sequence[ResponseBands]) -> Iterator[look.NamedFigure]:
     request = responses[0].request
     places = request.output.labels
     if request.frequencies_hz is not None:
-        bands = {
-            response.name: response.transfer.curves
-            for response in responses
-            if response.transfer is not None
-        }
+        bands = {each.name: each.transfer.curves for each in responses if each.transfer}
         plot = partial(plot_transfer_functions, request.frequencies_hz,
                        quantity=f"amplitude ({request.transfer_unit})")  # fmt: skip
         title = f"{request.transfer_name}, median and 90 % band"

@@ -90,11 +90,8 @@ def plot_whitened_residuals(identified: ModalIdentification, ax: Axes | None = N
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
-    look.title_of(
-        ax,
-        f"Whitened residuals: up to {identified.whiteness:.2f} in a band, "
-        f"{identified.allowed_whiteness:.2f} accepted there",
-    )
+    title = f"Whitened residuals: up to {identified.whiteness:.2f} in a band"
+    look.title_of(ax, f"{title}, {identified.allowed_whiteness:.2f} accepted there")
     look.legend_below(ax, columns=2)
     return ax
 

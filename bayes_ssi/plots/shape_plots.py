@@ -122,8 +122,7 @@ def plot_shape_components(
         other, at, components = reference
         ax.plot(components, [y[place] for place in at], "x", color="black", markersize=6,
                 label=other)  # fmt: skip
-    ax.set_xlim(-reach, reach)
-    ax.set_ylim(-0.5, max(y.values()) + 0.5)
+    ax.set(xlim=(-reach, reach), ylim=(-0.5, max(y.values()) + 0.5))
     ax.set_yticks([*y.values()], order)
     ax.locator_params(axis="x", nbins=2)
     look.without_math(*ax.get_yticklabels())
@@ -190,11 +189,8 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
     ax.axvspan(low, high, color=look.GREY, alpha=0.12, linewidth=0)
     # The label of a mode and the space next to it, on the scale of the axis.
     longest = max(len(mode.label) for mode in data.modes) + 1
-    room = (
-        (high - low)
-        * longest
-        / look.letters_across(look.whole_figure(ax).get_figwidth(), look.SMALL_TEXT)
-    )
+    across = look.letters_across(look.whole_figure(ax).get_figwidth(), look.SMALL_TEXT)
+    room = (high - low) * longest / across
     for height, mode in zip(_levels(data.frequencies_hz, room), data.modes, strict=True):
         if mode.frequency_cov is not None:
             half = look.SDS_OF_90_PERCENT * mode.frequency_cov * mode.frequency_hz
@@ -206,9 +202,8 @@ def _band(ax: Axes, data: ModalData, configuration: str) -> None:
                         fontsize=look.SMALL_TEXT, bbox={"facecolor": "white", "edgecolor": "none",
                                           "alpha": 0.8, "pad": 0.5})  # fmt: skip
         look.without_math(label)
-    ax.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
-    ax.set_ylim(0.0, 1.3)
-    ax.set_yticks([])
+    margin = 0.02 * (high - low)
+    ax.set(xlim=(low - margin, high + margin), ylim=(0.0, 1.3), yticks=[])
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("identified frequency (Hz); grey: the band")
     look.title_of(ax, label_in(configuration, "identified modes"))
