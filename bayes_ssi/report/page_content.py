@@ -89,13 +89,10 @@ def of_numbers(name: str) -> bool:
 
 
 FORMATS: tuple[Callable[..., Any], ...] = (
-    number, interval, percent, error_percent, settings, heading
+    number, interval, percent, error_percent, settings, heading, explains
 )  # fmt: skip
-FILTERS = {form.__name__: form for form in FORMATS} | {
-    "probability": probability_text,
-    "explains": explains,
-    "names": listed,
-}
+FILTERS = {form.__name__: form for form in FORMATS}
+FILTERS |= {"probability": probability_text, "names": listed}
 
 
 def page_content(
@@ -118,7 +115,7 @@ def page_content(
         "tests": stored.tests,
         "auto_macs": {name: auto_mac(data) for name, data in stored.tests.items()},
         "several": len(stored.tests) > 1,
-        "identifications": _identifications(stored.tests, classes),
+        "identifications": list(_identifications(stored.tests, classes)),
         "shortest": SHORTEST_DECAYS,
         "classes": classes,
         "n_more": max(0, len(ranked) - LIMITS.classes),
@@ -130,9 +127,7 @@ def page_content(
         "mass_scales": search_tables.mass_scales(appendages) if appendages else (),
         "baseline_notes": search_tables.baseline_notes(appendages) if appendages else (),
         "unseen": search_tables.unseen_note(stored.search) if stored.search else "",
-        "unsampled": " ".join(search_tables.unsampled_notes(stored.search))
-        if stored.search
-        else "",
+        "unsampled": search_tables.unsampled_notes(stored.search) if stored.search else (),
         "predictions": predictions,
         "plan": [plan_answer(plan), layout_rows(plan)] if plan else None,
         "figures": figures,
@@ -150,32 +145,24 @@ def page_content(
 
 def _class(row: RankedClass, posterior: Posterior, stored: StoredResult) -> dict[str, Any]:
     record = stored.record.model_class(row.name)
-    records = {configuration.name: configuration for configuration in record.configurations}
     comacs = {}
     if posterior.sensor_shapes is not None:
         tests = recorded_class(stored, row.name).configurations
         for test, modes in zip(tests, posterior.configurations, strict=True):
             known: Any = test.structure
             comacs[modes.name] = co_mac(test.data, modes, known.known.shapes)
+    configurations = []
+    for modes, recorded in zip(posterior.configurations, record.configurations, strict=True):
+        content = _of_configuration(modes, stored.tests[modes.name], posterior)
+        by_name = groupby(recorded.structure_lines, key=itemgetter(0))
+        lines = [(name, [text for _, text in group]) for name, group in by_name]
+        configurations.append({**content, "comac": comacs.get(modes.name), "structure": lines})
+    summaries = zip(posterior.summary, posterior.prior_quantiles, record.parameters, strict=True)
     return {
         "row": row,
         "record": record,
-        "parameters": list(
-            zip(posterior.summary, posterior.prior_quantiles, record.parameters, strict=True)
-        ),
-        "configurations": [
-            {
-                **_of_configuration(modes, stored.tests[modes.name], posterior),
-                "comac": comacs.get(modes.name),
-                "structure": [
-                    (name, [text for _, text in lines])
-                    for name, lines in groupby(
-                        records[modes.name].structure_lines, key=itemgetter(0)
-                    )
-                ],
-            }
-            for modes in posterior.configurations
-        ],
+        "parameters": list(summaries),
+        "configurations": configurations,
         "pairings": pairing_notes(posterior),
         "regions": region_notes(posterior),
     }
@@ -220,33 +207,26 @@ def _of_configuration(
 
 def _identifications(
     tests: Mapping[str, ModalData], classes: Sequence[Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+) -> Iterator[dict[str, Any]]:
     """How modes were identified from records, and what classes make of their peaks."""
     shown = classes[: LIMITS.classes_in_frequencies]
-    return [
-        {
-            "test": name,
-            "of": record,
-            "labels": (labels := _labels(record, data)),
-            "class_names": [model_class["row"].name for model_class in shown],
-            "has_phases": any(peak.probability_of_phases is not None for peak in record.peaks),
-            "peaks": [
-                {
-                    "peak": peak,
-                    "explained": [
-                        "; ".join(_explained(peak, record, labels, configuration))
-                        for model_class in shown
-                        for configuration in model_class["configurations"]
-                        if configuration["name"] == name
-                    ],
-                }
-                for peak in record.peaks
-            ],
-            "figures": list(_figures(record)),
-        }
-        for name, data in tests.items()
-        for record in data.identifications
-    ]
+    for name, data in tests.items():
+        own = [part for each in shown for part in each["configurations"] if part["name"] == name]
+        for record in data.identifications:
+            labels = _labels(record, data)
+            peaks = []
+            for peak in record.peaks:
+                explained = ["; ".join(_explained(peak, record, labels, part)) for part in own]
+                peaks.append({"peak": peak, "explained": explained})
+            yield {
+                "test": name,
+                "of": record,
+                "labels": labels,
+                "class_names": [each["row"].name for each in shown],
+                "has_phases": any(peak.probability_of_phases is not None for peak in record.peaks),
+                "peaks": peaks,
+                "figures": list(_figures(record)),
+            }
 
 
 def _labels(record: IdentificationSummary, data: ModalData) -> list[str | None]:

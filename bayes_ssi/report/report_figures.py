@@ -130,12 +130,9 @@ def _drawn_classes(stored: StoredResult) -> Iterator[tuple[str, bool]]:
     """Names of the classes that are drawn, and whether their joint densities are."""
     rows = stored.comparison.classes
     always = 2 if len(stored.tests) == 1 else 1
-    chosen = [
-        row
-        for i, row in enumerate(rows)
-        if i < always or row.probability >= LIMITS.least_probability or not row.distinguishable
-    ]
-    for row in chosen[: LIMITS.classes_with_modes]:
+    least = LIMITS.least_probability
+    chosen = (r for r in rows[always:] if r.probability >= least or not r.distinguishable)
+    for row in [*rows[:always], *chosen][: LIMITS.classes_with_modes]:
         yield row.name, row is rows[0] or not row.distinguishable
 
 
@@ -144,21 +141,16 @@ def _of_test(name: str, data: ModalData, ranked: tuple[Posterior, ...]) -> Itera
     best = ranked[: LIMITS.classes_in_frequencies]
     scale = "; shapes are scaled to a largest component of ±1" if data.sensors else ""
     yield f"{where}Identified modes{scale}", plots.plot_identified_modes(data, configuration=name)
-    yield (
-        f"{where}Model frequencies relative to the identified ones",
-        plots.plot_frequencies(data, best, configuration=name),
-    )
+    frequencies = plots.plot_frequencies(data, best, configuration=name)
+    yield f"{where}Model frequencies relative to the identified ones", frequencies
 
 
 def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> Iterator[Plot]:
     of = f"of model class {posterior.name!r}"
     for modes in posterior.configurations:
         if modes.updated.modes and modes.updated.places:
-            where, data = label_in(modes.name, ""), stored.tests[modes.name]
-            yield (
-                f"{where}Mode shapes {of}, {SHAPE_SCALE}",
-                plots.plot_mode_shapes(modes.updated, data),
-            )
+            shapes = plots.plot_mode_shapes(modes.updated, stored.tests[modes.name])
+            yield f"{label_in(modes.name, '')}Mode shapes {of}, {SHAPE_SCALE}", shapes
     if with_corner:
         parameters = stored.record.model_class(posterior.name).parameters
         units = {each.name: each.unit for each in parameters if each.unit}
@@ -167,10 +159,8 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
         first = stored.search and f"those of the {stored.search.feature}s, and "
         which = f"{first or ''}the best determined ones"
         note = f": {len(names)} parameters, {which}" if few else ""
-        yield (
-            f"Joint posterior densities {of}{note}",
-            plots.plot_corner(posterior, parameters=names, units=units),
-        )
+        corner = plots.plot_corner(posterior, parameters=names, units=units)
+        yield f"Joint posterior densities {of}{note}", corner
 
 
 def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:

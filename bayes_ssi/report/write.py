@@ -56,11 +56,9 @@ def write_report(
     environment.tests["of_numbers"] = of_numbers
     try:
         figures = draw_figures(stored, predictions, plan)
-        page = environment.get_template(f"{PAGE}.j2").render(
-            page_content(stored, predictions, figures, plan),
-            page_versions=versions(),
-            result=str(stored.directory),
-        )
+        template = environment.get_template(f"{PAGE}.j2")
+        content = page_content(stored, predictions, figures, plan)
+        page = template.render(content, page_versions=versions(), result=str(stored.directory))
     except (LookupError, TypeError, AttributeError, jinja2.UndefinedError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"{stored.directory}: incomplete or damaged result: {what}") from error

@@ -33,11 +33,8 @@ class WholeTable(Table):
         if self.title:  # as a paragraph: a table's own would wrap at the width of the table
             yield Text(str(self.title), style="table.title")
         for columns, gap in self._parts(options.max_width):
-            part = Table(
-                box=box.SIMPLE_HEAD,
-                pad_edge=False,
-                padding=(0, 1, 0, gap - 2),  # and one space that the box draws
-            )
+            padding = (0, 1, 0, gap - 2)  # and one space that the box draws
+            part = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=padding)
             part.columns = columns
             part.rows = self.rows
             yield from part.__rich_console__(console, options)

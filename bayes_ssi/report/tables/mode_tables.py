@@ -132,9 +132,8 @@ def standard_errors_table(calibration: Calibration) -> Table | None:
         (name, f"{value:.4g}", "not determined" if math.isinf(error) else f"{error:.2g}")
         for name, (value, error) in zip(calibration.parameter_names, of_each, strict=True)
     ]
-    return new_table(
-        f"Parameters one by one, from {source}", [""], ["value", "standard error"], rows
-    )
+    title = f"Parameters one by one, from {source}"
+    return new_table(title, [""], ["value", "standard error"], rows)
 
 
 def sensitivities_table(sensitivities: ModalSensitivities) -> Table:

@@ -39,10 +39,7 @@ def layout_rows(plan: Plan) -> list[list[str]]:
 def layout_table(plan: Plan) -> Table:
     headings, *rows = layout_rows(plan)
     title = f"Layouts of {counted(len(plan.best.sensors), 'sensor')}"
-    table = new_table(title, headings[:2], headings[2:])
-    for row in rows:
-        add_row(table, *row)
-    return table
+    return new_table(title, headings[:2], headings[2:], rows)
 
 
 def number_table(plan: Plan) -> Table:
@@ -93,18 +90,12 @@ def blind_spot_table(spots: BlindSpots) -> Table:
         cases = [case for case in spots.cases if case.place == place]
         blind = [case for case in cases if case.is_blind]
         said = sum(bool(case.warning) for case in cases)
-        ends = [
-            _range([getattr(case, name) for case in blind]) for name in ("mass", "frequency_hz")
-        ]
-        add_row(table, place, *map(str, (len(cases) - said - len(blind), said, len(blind))), *ends)
+        cells = [str(count) for count in (len(cases) - said - len(blind), said, len(blind))]
+        for values in ([case.mass for case in blind], [case.frequency_hz for case in blind]):
+            ends = dict.fromkeys(f"{end(values):.3g}" for end in (min, max) if values)
+            cells.append(" to ".join(ends) or "-")
+        add_row(table, place, *cells)
     return table
-
-
-def _range(values: list[float]) -> str:
-    if not values:
-        return "-"
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return low if low == high else f"{low} to {high}"
 
 
 def blind_spot_answer(spots: BlindSpots) -> Iterator[str]:

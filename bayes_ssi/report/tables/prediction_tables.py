@@ -84,16 +84,14 @@ def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Ta
 
 def hierarchy_notes(hierarchy: Hierarchy, covariate: float | None = None) -> list[str]:
     notes = [f"Evidence against: scale of {SCALE_NAME}."]
-    scale = hierarchy.covariate
-    if scale is not None:
+    if (scale := hierarchy.covariate) is not None:
         value = scale.mean if covariate is None else covariate
         notes.append(
             f"{scale.name}: {scale.mean:.4g} on average over the tests, standard deviation "
             f"{scale.sd:.3g}; centre at the average, next test at {value:.4g}."
         )
     notes += [f"Remark: {remark}." for remark in hierarchy.remarks]
-    failed = hierarchy.all_failed_checks
-    if failed:
+    if failed := hierarchy.all_failed_checks:
         notes.append("Failed checks; do not trust the ranking until they are understood:")
         notes += [f"  (!) {check}" for check in failed]
     return notes

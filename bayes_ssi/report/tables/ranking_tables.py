@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Table
 
+from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.inference.criticism.adequacy import misfit_text
 from bayes_ssi.inference.criticism.misfit import INADEQUATE_SDS
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
@@ -94,12 +95,9 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
 def parameter_table(posterior: Posterior) -> Table:
     """Posterior mean, standard deviation and 90 % interval of every parameter."""
     headings = ["mean", "sd", "5 %", "median", "95 %", "post./ prior sd"]
+    fields = ("mean", "sd", "quantile_05", "median", "quantile_95")
     rows = [
-        (
-            row.name,
-            *digits(row.mean, row.sd, row.quantile_05, row.median, row.quantile_95),
-            f"{row.relative_spread:.2f}",
-        )
+        [row.name, *digits(*columns(row, fields).values()), f"{row.relative_spread:.2f}"]
         for row in posterior.summary
     ]
     return new_table(f"Parameters of {posterior.name!r}", ["parameter"], headings, rows)
@@ -107,12 +105,9 @@ def parameter_table(posterior: Posterior) -> Table:
 
 def averages_table(averaged: Sequence[AveragedParameter]) -> Table:
     """Parameters that several classes infer, averaged over these, with their total probability."""
+    fields = ("mean", "sd", "quantile_05", "quantile_95")
     rows = [
-        (
-            row.name,
-            probability_text(row.probability),
-            *digits(row.mean, row.sd, row.quantile_05, row.quantile_95),
-        )
+        [row.name, probability_text(row.probability), *digits(*columns(row, fields).values())]
         for row in averaged
     ]
     title = "Parameters averaged over the model classes that infer them"

@@ -107,12 +107,9 @@ def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
     Of one appendage after the other, each over all hypotheses with as many.
     """
     number = counted(len(record.matched), "appendage") if record.matched else "any"
-    table = layout.new_table(
-        f"Appendages by place, averaged over all hypotheses with {number}: medians and 90 % "
-        "intervals",
-        ["place"],
-        ["probability", record.mass_heading, "frequency (Hz)"],
-    )
+    title = f"Appendages by place, averaged over all hypotheses with {number}"
+    headings = ["probability", record.mass_heading, "frequency (Hz)"]
+    table = layout.new_table(f"{title}: medians and 90 % intervals", ["place"], headings)
     for group in record.shown:
         shown = [each for each in group[: layout.MOST_PLACES] if each.probability >= least]
         for each in shown:
@@ -123,10 +120,8 @@ def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
             layout.add_row(table, f"{len(others)} others", probability_text(together), "", "")
     for each in record.motions:
         if each.probability >= PROBABLE:
-            frequency = quantity(*each.amounts["frequency_hz"])
-            layout.add_row(
-                table, each.place.name, probability_text(each.probability), "-", frequency
-            )
+            cells = probability_text(each.probability), "-", quantity(*each.amounts["frequency_hz"])
+            layout.add_row(table, each.place.name, *cells)
     return table
 
 
@@ -215,12 +210,9 @@ def place_table(record: FamilyRecord, least: float = 0.0) -> Table:
     What changes would have been seen is a dash where none would have been.
     """
     what, amount = record.amount
-    table = layout.new_table(
-        f"{record.feature.capitalize()}s by place, averaged over all hypotheses: medians and "
-        "90 % intervals",
-        ["place", what],
-        ["probability", amount, *["smallest visible (%)"] * record.has_visible],
-    )
+    title = f"{record.feature.capitalize()}s by place, averaged over all hypotheses"
+    headings = ["probability", amount, *["smallest visible (%)"] * record.has_visible]
+    table = layout.new_table(f"{title}: medians and 90 % intervals", ["place", what], headings)
     for each in record.places_by_probability[: layout.MOST_PLACES]:
         if each.probability < least:
             continue
