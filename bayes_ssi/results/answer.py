@@ -16,13 +16,7 @@ from bayes_ssi.inference.model_class.class_record import ClassRecord
 from bayes_ssi.inference.model_class.configuration import label_in
 from bayes_ssi.inference.posterior.posterior import ParameterSummary, Posterior
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.results.search_answer import (
-    beaten_baselines,
-    further_sentences,
-    hypothesis_in_words,
-    search_sentences,
-    search_verdict,
-)
+from bayes_ssi.results import search_answer
 from bayes_ssi.results.stored_result import StoredResult, as_stored
 from bayes_ssi.results.wording import (
     MOST_LISTED,
@@ -60,11 +54,12 @@ class Answer:
 
 
 def answer(result: StoredResult) -> Answer:
+    search = result.search
     return Answer(
         tuple(_warnings(result)),
         _verdict(result),
         tuple(_reasons(result)),
-        (*further_sentences(result.search), *_runner_up(result)) if result.search else (),
+        (*search_answer.further_sentences(search), *_runner_up(result)) if search else (),
         tuple(_commands(result)),
     )
 
@@ -83,32 +78,28 @@ for _kind in (StoredResult, Ranking, SearchResult):
 
 
 def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    misfit = result.comparison.misfit
+    comparison, search = result.comparison, result.search
     accepted = result.record.failed_checks_accepted
-    yield from data_warnings(result.comparison.failed_data_checks, accepted)
-    missing = result.comparison.unmodelled_appendage
-    if missing:
+    yield from data_warnings(comparison.failed_data_checks, accepted)
+    if missing := comparison.unmodelled_appendage:
         yield (
             "The data look as if an appendage split a mode that the most probable class has whole. "
             "The answer is among wrong structures.",
             (missing,),
         )
-    if misfit:
+    if misfit := comparison.misfit:
         yield "The most probable class does not explain the data.", (misfit,)
-    search = result.search
-    beaten = beaten_baselines(search) if isinstance(search, SearchRecord) else ()
-    if beaten:
+    if isinstance(search, SearchRecord) and (beaten := search_answer.beaten_baselines(search)):
         yield (
             "The answer rests on a baseline that another class beats by far. An appendage on it "
             "may stand for what the baseline itself lacks.",
             beaten,
         )
-    failed = result.comparison.failed_checks_besides("misfit", "data", "appendage")
-    if failed:
+    if failed := comparison.failed_checks_besides("misfit", "data", "appendage"):
         several = len(failed) > 1
         among = ""  # a search compares what it sampled, and says probabilities of all hypotheses
         if search is not None and search.n_unsampled:
-            n = len(result.comparison.classes)
+            n = len(comparison.classes)
             among = f" Their probabilities are among the {n} hypotheses that were sampled."
         yield (
             f"{len(failed)} check{'s' if several else ''} failed"
@@ -129,15 +120,14 @@ def _commands(result: StoredResult) -> Iterator[str]:
 
 def _verdict(result: StoredResult) -> str:
     if result.search is not None:
-        return search_verdict(result.search)
+        return search_answer.search_verdict(result.search)
     rows, best = result.comparison.classes, result.comparison.best
     if len(rows) == 1:
         return (
             f"Only one model class was sampled: {_title(result, best)}. How probable it is cannot "
             "be said without another."
         )
-    alike = _alike(result)
-    if alike:
+    if alike := _alike(result):
         tied = [best, *alike]
         titles = [_title_and_probability(result, row) for row in tied]
         together = probability_in_words(min(1.0, sum(row.probability for row in tied)))
@@ -159,7 +149,7 @@ def _reasons(result: StoredResult) -> Iterator[str]:
     best, alike = result.comparison.best, _alike(result)
     posterior = result.posterior(best.name)
     if result.search is not None:
-        yield from search_sentences(result.search, result.comparison)
+        yield from search_answer.search_sentences(result.search, result.comparison)
     elif alike:
         yield from _common_claims(result, [best, *alike])
     else:
@@ -240,8 +230,7 @@ def _in_words(result: StoredResult, row: RankedClass, best: Posterior) -> str:
 
 def _alike(result: StoredResult) -> list[RankedClass]:
     """The other classes that are not distinguishable from the best."""
-    rows = result.comparison.classes
-    return [row for row in rows[1:] if not row.distinguishable]
+    return [row for row in result.comparison.classes[1:] if not row.distinguishable]
 
 
 def _title_and_probability(result: StoredResult, row: RankedClass) -> str:
@@ -255,7 +244,8 @@ def _title(result: StoredResult, row: RankedClass, *further: str) -> str:
     if result.search is None:
         name, description = f"class {row.name!r}", result.record.model_class(row.name).description
     else:
-        name, description = repr(row.name), hypothesis_in_words(result.search, row.name)
+        description = search_answer.hypothesis_in_words(result.search, row.name)
+        name = repr(row.name)
     first, *others = (description, name, *further) if description else (name, *further)
     return f"{first} ({', '.join(others)})" if others else first
 
@@ -276,8 +266,8 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
         inferred = [p for product in record.error.correlations for p in product.parameters]
         what = "sizes and correlations" if inferred else "sizes"
         sentences.append(f"Inferred {what} of prediction errors: {quantities(rows, record)}.")
-    vague = [row.name for row in posterior.summary if row.relative_spread >= UNDETERMINED_SPREAD]
-    if vague:
+    spreads = {row.name: row.relative_spread for row in posterior.summary}
+    if vague := [name for name, spread in spreads.items() if spread >= UNDETERMINED_SPREAD]:
         sentences.append(f"The data say next to nothing about {shortened(vague)}.")
     return sentences
 
@@ -303,16 +293,13 @@ def differing(one: Posterior, other: Posterior) -> tuple[list[str], list[str]]:
     They disagree where each median lies outside the other's 90 % interval.
     """
     theirs = {row.name: row for row in other.summary}
-    different: list[str] = []
-    same: list[str] = []
-    for ours in one.summary:
-        if (row := theirs.get(ours.name)) is not None:
-            is_same = (
-                ours.quantile_05 <= row.median <= ours.quantile_95
-                or row.quantile_05 <= ours.median <= row.quantile_95
-            )
-            (same if is_same else different).append(ours.name)
-    return different, same
+    agree = {
+        ours.name: ours.quantile_05 <= row.median <= ours.quantile_95
+        or row.quantile_05 <= ours.median <= row.quantile_95
+        for ours in one.summary
+        if (row := theirs.get(ours.name)) is not None
+    }
+    return [name for name in agree if not agree[name]], [name for name in agree if agree[name]]
 
 
 def explained(posterior: Posterior, tests: Mapping[str, ModalData]) -> str:

@@ -35,7 +35,13 @@ def save_draws(path: Path, posterior: Posterior) -> None:
 def _groups(posterior: Posterior) -> dict[str, Group]:
     draw = ("chain", "draw")
     names = variable_names(posterior.parameter_names)
-    modes = {MODE: ([MODE], _mode_labels(posterior))}
+    numbers = [
+        (each.name, i) for each in posterior.configurations for i in range(1, each.n_modes + 1)
+    ]
+    # After the configuration's name if there are several.
+    one = posterior.configuration_names == ("",)
+    labels_of_modes = [number if one else label_in(name, str(number)) for name, number in numbers]
+    modes = {MODE: ([MODE], labels_of_modes)}
     groups: dict[str, Group] = {
         "posterior": {name: (draw, posterior.draws[..., i]) for i, name in enumerate(names)},
         "sample_stats": {LOG_LIKELIHOODS: (draw, posterior.log_likelihoods)},
@@ -60,17 +66,6 @@ def _groups(posterior: Posterior) -> dict[str, Group]:
             WITH_SHAPES: ([WITH_SHAPES], draws_with_shapes(len(posterior.values))),
         }
     return groups
-
-
-def _mode_labels(posterior: Posterior) -> list[int] | list[str]:
-    """Labels of the model modes: numbers from 1, after the configuration's name if several."""
-    if posterior.configuration_names == ("",):
-        return list(range(1, posterior.configurations[0].n_modes + 1))
-    return [
-        label_in(modes.name, str(number))
-        for modes in posterior.configurations
-        for number in range(1, modes.n_modes + 1)
-    ]
 
 
 def _varying_terms(terms: DatumTerms) -> FloatArray:

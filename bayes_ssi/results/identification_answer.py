@@ -18,13 +18,12 @@ def identification_answer(identified: ModalIdentification) -> str:
     where = f"at {low} Hz" if len(frequencies) == 1 else f"from {low} to {high} Hz"
     minutes = identified.record.duration_s / 60.0
     precisely = f"{least} %" if least == most else f"{least} to {most} %"
-    sentences = [
+    found = (
         f"{counted(len(frequencies), 'mode')} {where}, from {minutes:.3g} minutes of "
         f"{counted(len(identified.quoted.sensors), 'sensor')}, with standard deviations of "
-        f"{precisely} of frequency.",
-        *_peaks(identified),
-    ]
-    return " ".join(sentences)
+        f"{precisely} of frequency."
+    )
+    return " ".join([found, *_peaks(identified)])
 
 
 def _peaks(identified: ModalIdentification) -> Iterator[str]:

@@ -43,17 +43,15 @@ def search_verdict(record: FamilyRecord) -> str:
 def search_sentences(record: FamilyRecord, comparison: Comparison) -> Iterator[str]:
     """Where the features are, and how much of each; what else follows from the hypotheses."""
     if isinstance(record, SearchRecord):
-        yield from _appendage_sentences(record, comparison)
-    elif isinstance(record, ChangeRecord):
-        yield from _change_sentences(record)
+        return _appendage_sentences(record, comparison)
+    return _change_sentences(record) if isinstance(record, ChangeRecord) else iter(())
 
 
 def further_sentences(record: FamilyRecord) -> Iterator[str]:
     """What a report and all tables say besides: what was tried, and what else follows from it."""
     if isinstance(record, SearchRecord):
-        yield from _of_appendages_besides(record)
-    elif isinstance(record, ChangeRecord):
-        yield from _of_changes_besides(record)
+        return _of_appendages_besides(record)
+    return _of_changes_besides(record) if isinstance(record, ChangeRecord) else iter(())
 
 
 def beaten_baselines(search: SearchRecord) -> tuple[str, ...]:
@@ -74,17 +72,15 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
     yield from _motions(search)
     yield from unsampled(search)
     best = search.best_with_features
-    alike = [n for n in comparison.not_distinguishable if best is None or n != best.name]
+    alike = [
+        f"{hypothesis_in_words(search, name)} ({name!r}, probability "
+        f"{probability_in_words(search.hypothesis(name).probability)})"
+        for name in comparison.not_distinguishable
+        if best is None or name != best.name
+    ]
     if alike:
-        shown = [
-            f"{hypothesis_in_words(search, name)} ({name!r}, probability "
-            f"{probability_in_words(search.hypothesis(name).probability)})"
-            for name in alike
-        ]
-        others = shortened(shown)
-        yield f"The data do not distinguish {comparison.best.name!r} from {others}."
-    averages = search.averaged_parameters
-    if averages:
+        yield f"The data do not distinguish {comparison.best.name!r} from {shortened(alike)}."
+    if averages := search.averaged_parameters:
         averaged = "; ".join(
             f"{row.name} = {quantity(row.quantile_05, row.median, row.quantile_95)}, without "
             f"appendages {row.naive_mean:.3g}"
@@ -102,7 +98,7 @@ def _of_appendages_besides(search: SearchRecord) -> Iterator[str]:
     if not search.is_more_likely:
         yield from _appendages(search)
     if search.present_in is not None:
-        tests = f"test{'s' if len(search.present_in) > 1 else ''}"
+        tests = "tests" if len(search.present_in) > 1 else "test"
         yield f"Appendages were tried in the {tests} {listed(map(repr, search.present_in))} only."
     best = search.best_with_features
     kinds = {type(each.place) for each in (best.features if best else ())}
@@ -147,11 +143,10 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
         if_any = "" if search.is_more_likely else "if there is any, "
         words = f"{if_any}{whose} vibrates at {' or '.join(shown)}"
         if each.effective_mass is not None and each.effective_ratio is not None:
-            low, middle, high = (100.0 * one for one in each.effective_ratio)
             words += (
                 f", {'at the first ' * (len(at) > 1)}with an effective mass of "
                 f"{quantity(*each.effective_mass, unit=search.mass_unit)}, or "
-                f"{quantity(low, middle, high, '%')} of the modal mass, in mode {each.mode} of the "
+                f"{_percent(each.effective_ratio)} of the modal mass, in mode {each.mode} of the "
                 "main structure"
             )
             if ordinal == ORDINALS[0]:
@@ -170,16 +165,12 @@ def _appendages(search: SearchRecord) -> Iterator[str]:
 def _where(search: SearchRecord, each: MatchedAppendage, whose: str) -> str:
     first, *others = each.places
     mass = quantity(*first.amounts["mass"], unit=search.mass_unit)
-    share = first.amounts["in_model"]
-    already = (
-        f", of which a share of {quantity(*share)} is in the model already"
-        if share[0] < 1.0
-        else ""
-    )
+    share, already = first.amounts["in_model"], ""
+    if share[0] < 1.0 and share[2] > 0.0:
+        already = f", of which a share of {quantity(*share)} is in the model already"
     words = (
         f"It is most probably {first.place.description} (probability "
-        f"{probability_in_words(first.probability)}), where {mass} vibrates"
-        f"{already * (share[2] > 0.0)}."
+        f"{probability_in_words(first.probability)}), where {mass} vibrates{already}."
     )
     left = {place.place.name: place.by_data or 0.0 for place in each.places_by_data}
     if others and (len(left) > 1 or each.against_by_prior):
@@ -314,8 +305,8 @@ def _places(record: ChangeRecord) -> Iterator[str]:
 def _visible(record: ChangeRecord) -> Iterator[str]:
     if not record.has_visible:
         return
-    losses = [each for each in record.places if isinstance(each.place, ChangePlace)]
-    places = [each for each in losses if each.is_observed and not each.place.is_common]
+    observed = [each for each in record.places if each.is_observed and not each.place.is_common]
+    places = [each for each in observed if isinstance(each.place, ChangePlace)]
     shown = [
         f"{100.0 * each.smallest_visible:.2g} % in {each.place.name}"
         for each in places

@@ -26,27 +26,20 @@ def recorded_class(stored: StoredResult, name: str) -> ModelClass:
     # A parameter of an error may also be one of a structure: the same object ties them.
     own = {p.name: Parameter(p.name, p.prior, p.unit) for p in record.parameters}
     own.update({p.name: p for p in record.error.parameters})
-    tests: list[tuple[ModalData, Pairing, list[Parameter]]] = [
-        (
-            stored.tests[configuration.name],
-            "any" if configuration.pairing is None else configuration.pairing,
-            [own[parameter] for parameter in configuration.parameters],
-        )
-        for configuration in record.configurations
-    ]
-    structures = known_structures(posterior, tests)
+    tests: list[tuple[ModalData, Pairing, list[Parameter]]] = []
+    for each in record.configurations:
+        pairing: Pairing = "any" if each.pairing is None else each.pairing
+        tests.append((stored.tests[each.name], pairing, [own[name] for name in each.parameters]))
+    known = zip(record.configurations, known_structures(posterior, tests), tests, strict=True)
+    modes = IdentificationModel(record.detection_probability, record.expected_spurious_modes)
     return ModelClass(
         name,
         error=record.error,
         configurations=[
             Configuration(each.name, structure, data, pairing=pairing)
-            for each, structure, (data, pairing, _) in zip(
-                record.configurations, structures, tests, strict=True
-            )
+            for each, structure, (data, pairing, _) in known
         ],
-        identification=IdentificationModel(
-            record.detection_probability, record.expected_spurious_modes
-        ),
+        identification=modes,
         description=record.description,
         priors={p.name: p.prior for p in record.parameters},
     )
