@@ -176,10 +176,7 @@ def _roots(forms: FloatArray) -> FloatArray:
     """Upper triangular R (K, d, d), R'·R the part of a form without its negative eigenvalues."""
     eigenvalues, vectors = np.linalg.eigh(forms[:, :-1, :-1])
     kept = np.sqrt(np.maximum(eigenvalues, 0.0))
-    roots: FloatArray = np.asarray(
-        np.linalg.qr(kept[:, :, None] * vectors.swapaxes(1, 2), mode="r")
-    )
-    return roots
+    return np.asarray(np.linalg.qr(kept[:, :, None] * vectors.swapaxes(1, 2), mode="r"))
 
 
 def numbers_of(forms: FloatArray) -> FloatArray:

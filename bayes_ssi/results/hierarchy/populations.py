@@ -226,11 +226,7 @@ def sample_population(
     error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n_draws))
     # Of the sum over the tests, averaged over the points.
     draws_error = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
-    return RankedPopulation(
-        population,
-        result.evidence.log_evidence + float(log_weights.max() + np.log(weights.mean())),
-        math.hypot(result.evidence.error, error, draws_error),
-        draws_error,
-        values[rng.permutation(systematic_indices(weights, n_draws, rng))],
-        tuple(failed),
-    )
+    log_evidence = result.evidence.log_evidence + float(log_weights.max() + np.log(weights.mean()))
+    error = math.hypot(result.evidence.error, error, draws_error)
+    draws = values[rng.permutation(systematic_indices(weights, n_draws, rng))]
+    return RankedPopulation(population, log_evidence, error, draws_error, draws, tuple(failed))

@@ -113,22 +113,18 @@ def hierarchy(
     if scale is not None:
         follows = f"varies with {scale.name}"
         kinds += [(follows, False, True), (f"{follows} and from test to test", True, True)]
-    sampled = [
-        sample_population(
-            Population(kind, names, varies, follows, priors or PopulationPriors()),
-            fits,
-            x,
-            seed,
-            settings or SamplingSettings(),
-            partial(report, kind),
-        )
-        for kind, varies, follows in kinds
-    ]
-    failed_in_tests = (
+    priors, settings, sampled = priors or PopulationPriors(), settings or SamplingSettings(), []
+    for kind, varies, of_covariate in kinds:
+        population = Population(kind, names, varies, of_covariate, priors)
+        progress = partial(report, kind)
+        sampled.append(sample_population(population, fits, x, seed, settings, progress))
+    failed = [
         f"test {name!r}: {check}"
         for name, test in tests.items()
         for check in (*test.comparison.failed_data_checks, *posteriors[name].failed_checks)
-    )
+    ]
+    failed += [*unexplained_tests(class_name, posteriors)]
+    failed += [*repeated_errors(class_name, posteriors)]
     return Hierarchy(
         model_class=class_name,
         parameters=everything,
@@ -137,11 +133,7 @@ def hierarchy(
         covariate=scale,
         populations=ranked(sampled),
         seed=seed,
-        failed_checks=(
-            *failed_in_tests,
-            *unexplained_tests(class_name, posteriors),
-            *repeated_errors(class_name, posteriors),
-        ),
+        failed_checks=tuple(failed),
         remarks=tuple(different_structures(records)),
     )
 
@@ -185,27 +177,19 @@ def ranked(sampled: Sequence[RankedPopulation]) -> tuple[RankedPopulation, ...]:
     for each in ordered:
         difference = each.log_evidence - best.log_evidence
         error = 0.0 if each is best else math.hypot(each.error, best.error)
-        failed = each.failed_checks
+        against = "best" if each is best else comparison.evidence_against(difference, error)
+        row = replace(each, log_bayes_factor=difference, log_bayes_factor_error=error)
+        row = replace(row, probability=probabilities[each.name], against=against)
         # Where a population has no chance, it does not matter how little.
         has_chance = difference + comparison.STANDARD_ERRORS * error > math.log(comparison.PROBABLE)
         if has_chance and each.draws_error > LARGEST_ERROR:
-            failed = (
-                *failed,
+            check = (
                 f"the draws of the tests leave an error of {each.draws_error:.2f} nats, more "
                 f"than {LARGEST_ERROR}: they hardly reach where the population has the "
-                "tests' parameters",
+                "tests' parameters"
             )
-        against = "best" if each is best else comparison.evidence_against(difference, error)
-        rows.append(
-            replace(
-                each,
-                probability=probabilities[each.name],
-                log_bayes_factor=difference,
-                log_bayes_factor_error=error,
-                against=against,
-                failed_checks=failed,
-            )
-        )
+            row = replace(row, failed_checks=(*each.failed_checks, check))
+        rows.append(row)
     return tuple(rows)
 
 

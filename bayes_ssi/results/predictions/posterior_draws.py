@@ -165,15 +165,13 @@ def thinned_draws(
     tolerance = max(1e-6, STORED_ERROR * posterior.frequency_error)
     if structure.is_approximate:
         tolerance = FREQUENCY_ERROR
-        required = Requirement(values, tolerance, SHAPE_ERROR)
-        structure = structure.accurate_at(required)
+        structure = structure.accurate_at(Requirement(values, tolerance, SHAPE_ERROR))
     modes, stored_hz = posterior.configuration(test.name)
     some = slice(0, 8)  # enough to notice another structure, few enough to cost nothing
     stored_hz = stored_hz.reshape(len(posterior.values), -1)[rows[some]]
     frequencies_hz = structure.modes(values[some]).frequencies_hz
-    if frequencies_hz.shape != stored_hz.shape or not np.allclose(
-        frequencies_hz, stored_hz, rtol=tolerance, atol=0
-    ):
+    is_alike = frequencies_hz.shape == stored_hz.shape
+    if not (is_alike and np.allclose(frequencies_hz, stored_hz, rtol=tolerance, atol=0)):
         now, stored = (
             ", ".join([f"{f:.4g}" for f in hz[0, :6]] + ["..."] * (hz.shape[1] > 6))
             for hz in (frequencies_hz, stored_hz)

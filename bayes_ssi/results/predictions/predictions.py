@@ -171,7 +171,6 @@ class Predictions:
         return None
 
     def _classes_with(self, mode: str | int) -> list[tuple[PosteriorDraws, int]]:
-        """The classes that have a mode, with its number."""
         if isinstance(mode, str):
             known = dict.fromkeys(label for each in self.classes for label in each.pairing)
             what = f"{self.name}: no model mode is paired with an identified mode"
@@ -215,14 +214,11 @@ def predicted_modes(data: ModalData, predictions: Predictions) -> Iterator[Predi
     Before updating, they are those at the prior medians of each draw's class, in the median.
     """
     for mode in data.modes:
-        before = [
-            np.full(
-                len(each.values),
-                each.structure.modes(each.structure.prior_medians()).frequencies_hz[0, number - 1],
-            )
-            for each in predictions.classes
-            if (number := each.pairing.get(mode.label)) is not None
-        ]
+        before = []
+        for each in predictions.classes:
+            if (number := each.pairing.get(mode.label)) is not None:
+                at_medians = each.structure.modes(each.structure.prior_medians())
+                before.append(np.full(len(each.values), at_medians.frequencies_hz[0, number - 1]))
         if before:
             after = predictions.frequencies_hz(mode.label)
             median = float(Prediction(np.concatenate(before)).band().median)
@@ -242,18 +238,15 @@ def stored_classes(stored: StoredResult, study: Study, study_file: Path) -> dict
     names = [posterior.name for posterior in stored.posteriors]
     search, stands_for = stored.search, stored.record.stands_for
 
-    def only(name: str) -> ModelClass:
-        return study.only([name]).model_classes[0]
+    def rebuilt(name: str) -> ModelClass:
+        if search is not None:
+            return search.model_class(study, name)
+        first, *_ = stands_for.get(name, [name])
+        found = study.only([first]).model_classes[0]
+        return found.with_any_pairing(name) if name in stands_for else found
 
     try:
-        if search is not None:
-            return {name: search.model_class(study, name) for name in names}
-        return {
-            name: only(stands_for[name][0]).with_any_pairing(name)
-            if name in stands_for
-            else only(name)
-            for name in names
-        }
+        return {name: rebuilt(name) for name in names}
     except ValueError as error:
         raise ValueError(f"{study_file}: not the study of {stored.directory}: {error}") from error
 
