@@ -52,32 +52,30 @@ def export(
     likeliest = dict(zip(posterior.parameter_names, posterior.maxima[0].tolist(), strict=True))
     own = np.array([likeliest[p.name] for p in structure.parameters])
     modes = nodal_modes.nodal_modes(structure, own)
+    further = ""
     notes = [
         "(!) No modes at nodes are written: no degree of freedom is labelled 'node direction', "
         f"such as '12 x'; labels are {', '.join(map(repr, structure.degrees_of_freedom[:3]))}, …."
     ]
     with new_directory(directory, marker=PARAMETERS, overwrite=overwrite) as partial:
         summaries = zip(posterior.summary, likeliest.values(), strict=True)
-        rows = ([row.name, x, *columns(row, SUMMARY_COLUMNS).values()] for row, x in summaries)
-        write_csv(partial / PARAMETERS, ["name", "most_probable", *SUMMARY_COLUMNS], rows)
+        rows = [[row.name, x, *columns(row, SUMMARY_COLUMNS).values()] for row, x in summaries]
+        write_csv(partial / PARAMETERS, [["name", "most_probable", *SUMMARY_COLUMNS], *rows])
         if modes is not None:
+            further = f", and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes,"
             nodal_modes.write_modes_csv(partial / "modes.csv", modes)
             try:
                 nodal_modes.write_universal_file(partial / "modes.uff", modes, f"{chosen}, updated")
             except ValueError as error:
                 notes = [f"(!) modes.uff is not written: {error}."]
             else:
-                named = list(map(str, nodal_modes.node_numbers(modes))) == list(modes.nodes)
-                number = (
-                    "(!) Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
-                )
-                notes = [] if named else [number]
+                notes = []
+                if [*map(str, nodal_modes.node_numbers(modes))] != [*modes.nodes]:
+                    said = "Nodes are not numbered: modes.uff numbers them as in modes.csv, from 1."
+                    notes.append(f"(!) {said}")
     terminal.say(
         f"Class {chosen!r}, at its most probable parameters:",
         *(f"  {key} = {value:.4g}" for key, value in likeliest.items()),
-        f"Wrote parameters, and {len(modes.frequencies_hz)} modes at {len(modes.nodes)} nodes, to "
-        f"{directory}."
-        if modes is not None
-        else f"Wrote parameters to {directory}.",
+        f"Wrote parameters{further} to {directory}.",
         *notes,
     )

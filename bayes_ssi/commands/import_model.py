@@ -5,11 +5,9 @@ Its sensors are found by label, by the data's names, or by coordinates.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,12 +76,7 @@ def import_model(
     by differences of the exports; without --changed, the whole stiffness has one factor. Nothing is
     overwritten.
     """
-    from bayes_ssi.measurements.modes.modal_files import read_modal_data
-    from bayes_ssi.structures.solver_files.model_files import read_model
-    from bayes_ssi.structures.solver_files.parameter_matrices import (
-        AlteredModel,
-        parameter_matrices,
-    )
+    from bayes_ssi import api
 
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
@@ -92,7 +85,7 @@ def import_model(
         return
     if nominal is None or properties or design:
         raise ValueError("give --nominal, an export, or --runs, where there are no matrices")
-    tests = [read_modal_data(path, band_hz=band) for path in data.values()]
+    tests = [api.read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
@@ -101,8 +94,10 @@ def import_model(
     names = None if keys is None else _keys(keys)
 
     def exported(text: str) -> ExportedModel:
-        path, mass = _model_files(text)
-        return read_model(path, mass, keys=names, labels=labels, units=units, numbered=number_rows)
+        """The model of a file, or of that of its stiffness and, after a plus, that of its mass."""
+        path, plus, mass = (text, "", "") if Path(text).exists() else text.partition("+")
+        files = Path(path), Path(mass) if plus else None
+        return api.read_model(*files, keys=names, labels=labels, units=units, numbered=number_rows)
 
     to_alter = [_factors_and_file(text, "--changed") for text in changed]
     to_check = [_factors_and_file(text, "--check") for text in checks]
@@ -113,13 +108,13 @@ def import_model(
     model = model.with_rows(tied, spring)
 
     altered, checked = (
-        [AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
+        [api.AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
         for given in (to_alter, to_check)
     )
     if not altered:  # all of the stiffness has one factor
         doubled = replace(model, stiffness=2.0 * model.stiffness)
-        altered = [AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
-    matrices = parameter_matrices(model, altered, checked)
+        altered = [api.AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
+    matrices = api.parameter_matrices(model, altered, checked)
     places, said = _sensors(model, tests, of_sensors, points)
     to_come = "" if data else f" Put the modes into {study.with_suffix('.csv')}."
     data = data or {"": study.with_suffix(".csv")}
@@ -141,6 +136,7 @@ def _from_runs(
 ) -> list[str]:  # fmt: skip
     """Write the design of runs, or the study of those that were made; what is to be said."""
     from bayes_ssi.measurements.modes.run_tables import DESIGN, read_runs
+    from bayes_ssi.results.result_files import write_csv
     from bayes_ssi.structures.emulation.emulated_runs import first_runs
 
     if properties is not None:
@@ -150,7 +146,7 @@ def _from_runs(
         factors = first_runs(len(names), design).tolist()
         rows = [["run", *names], *([str(i), *map(repr, row)] for i, row in enumerate(factors, 1))]
         runs.mkdir(parents=True, exist_ok=True)
-        _write_csv(file, rows)
+        write_csv(file, rows)
         return [
             *map(", ".join, rows),
             f"Wrote {file}. Run the program at these factors, and keep the modes of run 1 as "
@@ -179,14 +175,6 @@ def _keys(text: str) -> tuple[str, str]:
     if len(names) != 2 or not all(names):
         raise ValueError(f"--keys: expected STIFFNESS,MASS, got {text!r}")
     return names[0], names[1]
-
-
-def _model_files(text: str) -> tuple[Path, Path | None]:
-    """The file of the model or of its stiffness, and that of its mass if it is named."""
-    stiffness, plus, mass = text.partition("+")
-    if not plus or Path(text).exists():
-        return Path(text), None
-    return Path(stiffness), Path(mass)
 
 
 def _data(files: tuple[str, ...]) -> dict[str, Path]:
@@ -284,20 +272,16 @@ def _write_study(
     """Write a study and a folder of its matrices; ``tests`` are how it reads the data of each."""
     import scipy.sparse as sp
 
-    from bayes_ssi.results.result_files import new_directory
+    from bayes_ssi.results.result_files import new_directory, write_csv
     from bayes_ssi.structures.modal import BATCHED_UP_TO
 
     def name(symbol: str, term: MatrixTerm) -> str:
         power = [] if term.exponent in (0, 1) else [str(term.exponent)]
         return "_".join([symbol, *([term.name] if term.name else []), *power])
 
-    of_symbols = {"K": matrices.stiffness, "M": matrices.mass}
-    terms = {name(symbol, t): t for symbol, of in of_symbols.items() for t in of}
+    terms = {name("K", term): term for term in matrices.stiffness}
+    terms |= {name("M", term): term for term in matrices.mass}
     files = file_names(terms, "npz")
-    stated = {
-        symbol: [(term, files[name(symbol, term)]) for term in of]
-        for symbol, of in of_symbols.items()
-    }
     model = matrices.nominal
     in_si = model.units == "N, m, kg"
     text = _rendered(
@@ -307,8 +291,8 @@ def _write_study(
         tests=tests,
         sensors={name: label for name, label in places.items() if name != label},
         properties=list(dict.fromkeys(term.name for term in terms.values() if term.name)),
-        stiffness=stated["K"],
-        mass=stated["M"],
+        stiffness=[(term, files[name("K", term)]) for term in matrices.stiffness],
+        mass=[(term, files[name("M", term)]) for term in matrices.mass],
         unit="m" if in_si else "",
         mass_unit="kg" if in_si else "",
         is_large=model.size > BATCHED_UP_TO,
@@ -320,17 +304,11 @@ def _write_study(
         (partial / LABELS).write_text(labels, encoding="utf-8")
         if (geometry := model.geometry) is not None:
             nodes = ([node, *map(repr, at)] for node, at in geometry.nodes.items())
-            _write_csv(partial / "nodes.csv", nodes)
-            _write_csv(partial / "lines.csv", geometry.lines)
-            _write_csv(partial / "faces.csv", geometry.faces)
+            write_csv(partial / "nodes.csv", nodes)
+            write_csv(partial / "lines.csv", geometry.lines)
+            write_csv(partial / "faces.csv", geometry.faces)
         with study.open("x", encoding="utf-8") as file:
             file.write(text)
-
-
-def _write_csv(path: Path, rows: Iterable[Iterable[str]]) -> None:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def _rendered(template: str, **values: Any) -> str:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -50,11 +50,9 @@ def read_current(kind: type[T], path: Path, *, what: str, again: str) -> T:
     return read_stored(kind, path)
 
 
-def write_csv(path: Path, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def write_csv(path: Path, rows: Iterable[Iterable[object]]) -> None:
     with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(heading)
-        writer.writerows(rows)
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -77,10 +75,8 @@ DIGESTS = "digests.json"
 def write_digests(directory: Path) -> None:
     """Write the digests of all files that are in a directory now."""
     files = sorted(path for path in directory.rglob("*") if path.is_file())
-    write_json(
-        directory / DIGESTS,
-        {path.relative_to(directory).as_posix(): _digest(path) for path in files},
-    )
+    digests = {path.relative_to(directory).as_posix(): _digest(path) for path in files}
+    write_json(directory / DIGESTS, digests)
 
 
 def check_digests(directory: Path, *names: str) -> None:
@@ -110,14 +106,13 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
     _require_name(path)
     if not os.path.lexists(path):
         _require_parent(path)
-    elif overwrite:
-        if not (path / marker).is_file():
-            raise FileExistsError(
-                f"{directory}: holds no result of this package and is not overwritten"
-            )
-    else:
+    elif not overwrite:
         raise ResultExistsError(
             f"{directory}: exists already and is not overwritten; name another, or overwrite it"
+        )
+    elif not (path / marker).is_file():
+        raise FileExistsError(
+            f"{directory}: holds no result of this package and is not overwritten"
         )
 
 

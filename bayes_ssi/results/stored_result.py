@@ -18,6 +18,7 @@ import numpy as np
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.codec import from_record
+from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.foundations.text_files import file_names
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.settings import SamplingSettings
@@ -159,14 +160,8 @@ def save_result(
             save_draws(path, posterior)
             if posterior.importance_draws is not None:
                 np.savez(path.with_suffix(".npz"), **posterior.importance_draws)
-        record = replace(
-            ranking.record,
-            study_file=study_file,
-            command=command,
-            failed_checks_accepted=accept_failed_checks,
-            draws=draws,
-            data=data,
-        )
+        record = replace(ranking.record, study_file=study_file, command=command, draws=draws)
+        record = replace(record, data=data, failed_checks_accepted=accept_failed_checks)
         result_files.write_json(partial / MARKER, record)
         result_files.write_json(partial / COMPARISON, ranking.comparison)
         for name, record_of_file in further.items():
@@ -193,26 +188,20 @@ def _save_tests(tests: Mapping[str, ModalData], directory: Path) -> dict[str, st
 
 def _with_own_figures(data: ModalData, path: Path) -> ModalData:
     """The modes, the figures of their identification copied to a directory next to their file."""
-    own = path.with_suffix(".figures")
-    identifications = []
+    own, identifications = path.with_suffix(".figures"), []
     for i, each in enumerate(data.identifications, 1):
-        copies = []
-        for file in filter(Path.is_file, map(Path, each.figures)):
+        files = [file for file in map(Path, each.figures) if file.is_file()]
+        if files:
             own.mkdir(exist_ok=True)
-            copies.append(str(shutil.copyfile(file, own / f"{i}_{file.name}")))
+        copies = (str(shutil.copyfile(file, own / f"{i}_{file.name}")) for file in files)
         identifications.append(replace(each, figures=tuple(copies)))
     return replace(data, identifications=tuple(identifications))
 
 
 def _write_comparison_csv(path: Path, comparison: Comparison) -> None:
     names = [item.name for item in fields(RankedClass) if item.name != "checks"]
-    rows = (
-        (
-            *(getattr(row, name) for name in names),
-            row.misfit,
-            "; ".join(row.failed_checks),
-            "; ".join(row.remarks),
-        )
-        for row in comparison.classes
-    )
-    result_files.write_csv(path, [*names, "misfit", "failed_checks", "remarks"], rows)
+    rows: list[list[object]] = [[*names, "misfit", "failed_checks", "remarks"]]
+    for row in comparison.classes:
+        own = columns(row, names).values()
+        rows.append([*own, row.misfit, "; ".join(row.failed_checks), "; ".join(row.remarks)])
+    result_files.write_csv(path, rows)

@@ -138,9 +138,8 @@ class Hierarchy(Displayed):
             raise ValueError(f"hierarchy: the number of draws must be positive, got {n_draws!r}")
         rng = np.random.default_rng(0)
         probabilities = np.array([each.probability for each in self.populations])
-        counts = np.bincount(
-            systematic_indices(probabilities, n_draws, rng), minlength=len(probabilities)
-        )
+        chosen = systematic_indices(probabilities, n_draws, rng)
+        counts = np.bincount(chosen, minlength=len(probabilities))
         drawn = []
         for ranked, count in zip(self.populations, counts, strict=True):
             values = ranked.draws[rng.integers(len(ranked.draws), size=count)]
@@ -219,8 +218,8 @@ def save_hierarchy(
     with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
         write_json(partial / MARKER, HierarchyRecord(hierarchy, command))
         names = [parameter.name for parameter in hierarchy.parameters]
-        rows = ([f"{value:.7g}" for value in row] for row in draws)
-        write_csv(partial / "next_test.csv", names, rows)
+        rows = [[f"{value:.7g}" for value in row] for row in draws]
+        write_csv(partial / "next_test.csv", [names, *rows])
 
 
 @checked

@@ -45,13 +45,9 @@ def nodal_modes(structure: Structure, values: FloatArray) -> NodalModes | None:
         if place is not None:
             displacements[:, number[place[0]], place[1]] = shapes[row]
     largest = abs(displacements[:, :, :3]).max(axis=(1, 2))
-    return NodalModes(
-        nodes,
-        np.array([known.get(node, (np.nan,) * 3) for node in nodes]),
-        geometry,
-        frequencies,
-        displacements / np.where(largest > 0.0, largest, 1.0)[:, None, None],
-    )
+    displacements /= np.where(largest > 0.0, largest, 1.0)[:, None, None]
+    positions = np.array([known.get(node, (np.nan,) * 3) for node in nodes])
+    return NodalModes(nodes, positions, geometry, frequencies, displacements)
 
 
 def _place(label: str) -> tuple[str, int] | None:
@@ -71,12 +67,15 @@ def write_modes_csv(path: Path, modes: NodalModes) -> None:
     moving = np.flatnonzero(modes.displacements.any(axis=(0, 1)))
     numbers = range(1, len(modes.frequencies_hz) + 1)
     columns = [f"mode {mode} {DIRECTIONS[i]}" for mode in numbers for i in moving]
-    rows = [["node", "x_coord", "y_coord", "z_coord", *columns]]
+    rows = [
+        ["# frequencies_hz", *map(repr, modes.frequencies_hz.tolist())],
+        ["node", "x_coord", "y_coord", "z_coord", *columns],
+    ]
     for i, node in enumerate(modes.nodes):
         at = ["" if np.isnan(x) else repr(x) for x in modes.positions[i].tolist()]
         shown = modes.displacements[:, i, moving].ravel().tolist()
         rows.append([node, *at, *(f"{component:.9g}" for component in shown)])
-    write_csv(path, ["# frequencies_hz", *map(repr, modes.frequencies_hz.tolist())], rows)
+    write_csv(path, rows)
 
 
 def node_numbers(modes: NodalModes) -> list[int]:
@@ -100,13 +99,9 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
     known = ~np.isnan(modes.positions).any(axis=1)
     sets = []
     if known.any():
-        none = np.zeros(known.sum(), dtype=int)
+        systems = dict.fromkeys(("def_cs", "disp_cs", "color"), np.zeros(known.sum(), dtype=int))
         positions = dict(zip("xyz", modes.positions[known].T, strict=True))
-        sets.append(
-            pyuff.prepare_15(
-                node_nums=numbers[known], def_cs=none, disp_cs=none, color=none, **positions
-            )
-        )
+        sets.append(pyuff.prepare_15(node_nums=numbers[known], **systems, **positions))
     number = dict(zip(modes.nodes, numbers.tolist(), strict=True))
     edges = modes.geometry.edges if modes.geometry is not None else ()
     most = 250 // 3  # a data set 82 holds 250 entries, of which a line takes two and a zero
@@ -114,15 +109,11 @@ def write_universal_file(path: Path, modes: NodalModes, title: str) -> None:
         # Zero moves to the next node without drawing.
         lines = edges[start : start + most]
         entries = np.array([n for a, b in lines for n in (number[a], number[b], 0)][:-1])
-        sets.append(
-            pyuff.prepare_82(
-                trace_num=trace, n_nodes=len(entries), color=1, id=f"lines {trace}", nodes=entries
-            )
-        )
+        named = {"trace_num": trace, "id": f"lines {trace}", "color": 1}
+        sets.append(pyuff.prepare_82(n_nodes=len(entries), nodes=entries, **named))
     head = title.encode("ascii", "replace").decode()[:80] or "NONE"
-    for mode, (frequency, shape) in enumerate(
-        zip(modes.frequencies_hz.tolist(), modes.displacements, strict=True), 1
-    ):
+    pairs = zip(modes.frequencies_hz.tolist(), modes.displacements, strict=True)
+    for mode, (frequency, shape) in enumerate(pairs, 1):
         sets.append(
             pyuff.prepare_55(
                 # Structural model, normal modes, six components, displacements, real.

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -167,16 +168,10 @@ def predict_responses(
 
     transfer = None
     if frequencies_hz is not None:
-        compute = partial(
-            predictions.transfer_functions, frequencies_hz, damping=damping, force_at=force_at
-        )
-        transfer = response(compute, len(frequencies_hz))
-    histories = {
-        motion.name: response(
-            partial(predictions.time_histories, motion, damping=damping), len(motion)
-        )
-        for motion in request.motions
-    }
+        amplitudes = partial(predictions.transfer_functions, damping=damping, force_at=force_at)
+        transfer = response(partial(amplitudes, frequencies_hz), len(frequencies_hz))
+    history = partial(predictions.time_histories, damping=damping)
+    histories = {each.name: response(partial(history, each), len(each)) for each in request.motions}
     modes = tuple(predicted_modes(predicted.data, predictions))
     places = shown_places(predictions, predicted.data)
     shapes = {m.label: predictions.shapes(m.label, places).band() for m in modes if places}
@@ -352,9 +347,10 @@ def save_predictions(directory: str | Path, responses: Sequence[ResponseBands]) 
     """
     for name, columns, rows in _tables(responses):
         rounded = (
-            [f"{c:.7g}" if isinstance(c, (float, np.floating)) else c for c in row] for row in rows
+            [f"{c:.7g}" if isinstance(c, (float, np.floating)) else c for c in row]
+            for row in chain([columns], rows)
         )
-        write_csv(Path(directory) / name, columns, rounded)
+        write_csv(Path(directory) / name, rounded)
 
 
 def _tables(responses: Sequence[ResponseBands]) -> Iterator[CsvTable]:
