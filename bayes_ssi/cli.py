@@ -30,25 +30,9 @@ from bayes_ssi.commands.what_if import what_if
 
 # In the order of work.
 COMMANDS = (
-    new,
-    import_model,
-    identify,
-    merge,
-    check,
-    calibrate,
-    sensitivities,
-    rank,
-    search,
-    changes,
-    plan,
-    blind_spots,
-    what_if,
-    hierarchy,
-    predict,
-    export,
-    report,
-    guide,
-)
+    new, import_model, identify, merge, check, calibrate, sensitivities, rank, search, changes,
+    plan, blind_spots, what_if, hierarchy, predict, export, report, guide,
+)  # fmt: skip
 
 for command in COMMANDS:
     command.params.append(QUIET_OPTION)

@@ -10,24 +10,17 @@ from bayes_ssi.commands import options, terminal
 @click.command(name="blind-spots")
 @options.study_argument
 @options.classes_option("The analyst's model class; needed where STUDY has several.")
-@options.path_option(
-    "--candidates",
-    "candidates_file",
-    metavar="FILE",
-    text="CSV file of the places where appendages may hang, as for search.",
-)
+@options.path_option("--candidates", "candidates_file", metavar="FILE",
+    text="CSV file of the places where appendages may hang, as for search.")  # fmt: skip
 @options.default_option(
     "--frequencies", 12, "Number of frequencies that are tried.", click.IntRange(min=2)
 )
 @options.path_option("--out", text="Directory for the map and its figure, a new one.")
 @terminal.json_option
 def blind_spots(
-    study: Path,
-    names: tuple[str, ...],
-    candidates_file: Path | None,
-    frequencies: int,
+    study: Path, names: tuple[str, ...], candidates_file: Path | None, frequencies: int,
     out: Path | None,
-) -> None:
+) -> None:  # fmt: skip
     """Map which appendage, if nobody knew of it, would make the answer of STUDY wrong, unsaid.
 
     The structure carries one appendage, of every place, mass and frequency in turn; its modes are

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -20,13 +20,6 @@ if TYPE_CHECKING:
     from bayes_ssi.inference.model_class.model_class import ModelClass
 
 T = TypeVar("T")
-
-
-# Of the columns and titles of the tables.
-LEGEND = (
-    "f_ob: root mean square of the residuals of frequencies{shapes}, which is minimised; d: root "
-    "mean square change of the parameters from their prior medians."
-)
 
 
 @click.command()
@@ -61,51 +54,49 @@ def calibrate(
             report = partial(progress, candidate.name)
             return calibrate_class(candidate, shape_weight, starts, seed, report, with_prior)
 
-    calibrations = _of_each(candidates, calibrated)
+    calibrations = list(_of_each(candidates, calibrated))
     for calibration in calibrations:
         _show(calibration)
     if calibrations:
-        shapes = any(calibration.has_shapes for calibration in calibrations)
-        terminal.say(LEGEND.format(shapes=" and, times λ, of shapes" * shapes))
+        any_shapes = any(calibration.has_shapes for calibration in calibrations)
+        shapes = " and, times λ, of shapes" if any_shapes else ""
+        terminal.say(
+            f"f_ob: root mean square of the residuals of frequencies{shapes}, which is minimised; "
+            "d: root mean square change of the parameters from their prior medians."
+        )
         terminal.say_in_paragraphs(*map(_conclusion, calibrations))
     terminal.say_warnings(data_warnings(failed))
     terminal.conclude({"calibrations": calibrations, "failed_checks": failed}, failed)
 
 
-def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], T]) -> list[T]:
+def _of_each(candidates: Sequence[ModelClass], function: Callable[[ModelClass], T]) -> Iterator[T]:
     """A function of each class; those of several that have nothing to calibrate are named."""
     from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 
-    results = []
     for candidate in candidates:
         try:
-            results.append(function(candidate))
+            yield function(candidate)
         except NothingToCalibrateError as error:
             if len(candidates) == 1:
                 raise
             terminal.say(f"(!) {error}")
-    return results
 
 
 def _show(calibration: Calibration) -> None:
     from bayes_ssi.report.tables import mode_tables
 
-    terminal.show(mode_tables.calibration_table(calibration))
-    terminal.show(mode_tables.calibration_modes_table(calibration))
-    table = mode_tables.standard_errors_table(calibration)
-    if table is not None:
-        terminal.show(table)
-    if calibration.errors_are_correlated and table:
+    tables = mode_tables.calibration_table, mode_tables.calibration_modes_table
+    errors = mode_tables.standard_errors_table(calibration)
+    terminal.show(*(table(calibration) for table in tables), *([errors] if errors else []))
+    if calibration.errors_are_correlated and errors:
         terminal.show(
             "(!) The model class has correlated prediction errors, but a calibration takes them "
             "for independent: standard errors differ from those of a ranking."
         )
-    open_ = calibration.undetermined_directions
-    if open_:
+    if open_ := calibration.undetermined_directions:
         terminal.show(
-            f"(!) The data leave {open_} direction(s) of the "
-            "parameters undetermined: minimum 1 is, among equally good points, the one "
-            "closest to the prior median."
+            f"(!) The data leave {open_} direction(s) of the parameters undetermined: minimum 1 "
+            "is, among equally good points, the one closest to the prior median."
         )
     elif not calibration.determines_all and not calibration.with_prior:
         terminal.show(
@@ -151,7 +142,7 @@ def sensitivities(study: Path, names: tuple[str, ...]) -> None:
     from bayes_ssi.report.tables.mode_tables import sensitivities_table
     from bayes_ssi.results.wording import listed
 
-    of_classes = _of_each(options.load(study, names).model_classes, modal_sensitivities)
+    of_classes = list(_of_each(options.load(study, names).model_classes, modal_sensitivities))
     for each in of_classes:
         terminal.show(sensitivities_table(each))
         signals = [

@@ -1,17 +1,12 @@
 """``bayes-ssi check``: show a file of identified modes, or a vibration record, as it is read."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from bayes_ssi.commands import options, terminal
 from bayes_ssi.foundations.displayed import columns
-
-if TYPE_CHECKING:
-    from bayes_ssi.measurements.records.record import Record
 
 MODE_FIELDS = (
     "label", "frequency_hz", "frequency_cov", "shape_sd", "damping", "damping_sd", "n_measured",
@@ -49,7 +44,15 @@ def check(data: tuple[Path, ...], band: tuple[float, float] | None, stated: dict
     if len(data) > 1 or is_record(data[0]):
         if band:
             raise ValueError(f"--band: applies to modes, but {data[0]} holds a record")
-        _check_record(read_record(data, **stated))
+        record = read_record(data, **stated)
+        remarks = record.warnings()
+        terminal.say(
+            f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
+            f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
+            f"Sensors: {', '.join(record.sensors)}.",
+            *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
+        )
+        terminal.conclude(columns(record, RECORD_FIELDS) | {"remarks": remarks})
         return
     for option in click.get_current_context().command.params:
         if stated.get(str(option.name)):
@@ -57,17 +60,6 @@ def check(data: tuple[Path, ...], band: tuple[float, float] | None, stated: dict
                 f"{option.opts[0]}: applies to vibration records, but {data[0]} holds modes"
             )
     _check_modes(data[0], band)
-
-
-def _check_record(record: Record) -> None:
-    remarks = record.warnings()
-    terminal.say(
-        f"{record.source}: {record.quantity} in {record.unit}, {record.n_samples:,} samples at "
-        f"{record.rate_hz:g} Hz ({record.duration_s:g} s), up to {record.nyquist_hz:g} Hz. "
-        f"Sensors: {', '.join(record.sensors)}.",
-        *([f"(!) {remark}" for remark in remarks] or ["No warnings."]),
-    )
-    terminal.conclude(columns(record, RECORD_FIELDS) | {"remarks": remarks})
 
 
 def _check_modes(path: Path, band: tuple[float, float] | None) -> None:

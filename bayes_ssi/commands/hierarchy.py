@@ -43,47 +43,39 @@ def hierarchy(
     The parameters of one model class are the same in all tests, vary from test to test, follow a
     covariate, or both. Nothing is sampled again: the posteriors are those stored.
     """
-    from bayes_ssi.inference.workers.run import Run
-    from bayes_ssi.parameters.priors import HalfNormal, Normal
+    from bayes_ssi import api
     from bayes_ssi.plots.class_plots import plot_population
     from bayes_ssi.plots.figure_style import figures_for_files, save_figure
-    from bayes_ssi.report.tables.prediction_tables import (
-        hierarchy_notes,
-        population_table,
-        populations_table,
-    )
-    from bayes_ssi.results.hierarchy.hierarchy_record import MARKER, save_hierarchy
-    from bayes_ssi.results.hierarchy.populations import PopulationPriors
-    from bayes_ssi.results.hierarchy.ranked_populations import hierarchy as rank_populations
+    from bayes_ssi.report.tables import prediction_tables as tables
+    from bayes_ssi.results.hierarchy.hierarchy_record import MARKER
     from bayes_ssi.results.result_files import require_new
 
     directory = out or RESULTS / "hierarchy"
     require_new(directory, marker=MARKER, overwrite=overwrite)
-    name, covariate = (
-        ("", None) if covariate_file is None else options.read_covariate(covariate_file)
-    )
-    if at is not None and covariate is None:
+    name, covariate = "", None
+    if covariate_file is not None:
+        name, covariate = options.read_covariate(covariate_file)
+    elif at is not None:
         raise ValueError("--next: there is no covariate; give one with --covariate FILE")
     tests = options.named_paths(results)
     with terminal.progress_bars() as progress:
-        ranked = rank_populations(
+        ranked = api.hierarchy(
             tests,
             covariate,
             covariate_name=name,
             class_name=class_name,
             parameters=None if parameters is None else [p.strip() for p in parameters.split(",")],
-            priors=PopulationPriors(HalfNormal(spread), Normal(0.0, slope)),
+            priors=api.PopulationPriors(api.HalfNormal(spread), api.Normal(0.0, slope)),
             seed=seed,
-            run=Run(progress=progress),
+            run=api.Run(progress=progress),
         )
-    save_hierarchy(
-        ranked, directory, covariate=at, overwrite=overwrite, command=terminal.command_line()
-    )
+    command = terminal.command_line()
+    api.save_hierarchy(ranked, directory, covariate=at, overwrite=overwrite, command=command)
     with figures_for_files():
         save_figure(plot_population(ranked), directory / "population.png")
 
-    terminal.show(populations_table(ranked), population_table(ranked, at))
-    terminal.say(*hierarchy_notes(ranked, at), f"Saved in {directory}.")
+    terminal.show(tables.populations_table(ranked), tables.population_table(ranked, at))
+    terminal.say(*tables.hierarchy_notes(ranked, at), f"Saved in {directory}.")
     failed = ranked.all_failed_checks
     fields = ("name", "log_evidence", "error", "probability", "against")
     record = {

@@ -13,7 +13,6 @@ from bayes_ssi.foundations.displayed import columns
 from bayes_ssi.measurements.modes.identification_summary import BAYESIAN_FFT, METHOD_NAMES
 
 if TYPE_CHECKING:
-    from bayes_ssi.measurements.modes.modal_data import ModalData
     from bayes_ssi.measurements.records.modal_identification import ModalIdentification
 
 MODE_FIELDS = (
@@ -24,7 +23,6 @@ WHAT_HELPS = (
     "are not explained; what helps is another --band, --mode for a mode that was missed, a longer "
     "record, or one without strong motion."
 )
-COMPLEXITY = ("mpc", "mean_phase_deg")
 
 
 @click.command()
@@ -72,9 +70,7 @@ def identify(
     identified = modal_identification.identify(record, band, at=at, ground=ground)
     # Floors lag behind the ground that shakes them.
     warnings = [*identified.said_of_sensors, *record.selected(identified.quoted.sensors).warnings()]
-    by_others: dict[str, ModalData | str] = {}
-    if compare:
-        by_others = other_methods.compared(record, identified.quoted)
+    by_others = other_methods.compared(record, identified.quoted) if compare else {}
     chosen = other_methods.modes_by(method, record, identified.quoted)
     drawn: list[Path] = []
     said: list[str] = []  # after all is written, however the output ends
@@ -127,7 +123,7 @@ def _record(identified: ModalIdentification, warnings: list[str]) -> dict[str, A
         "sensors": identified.quoted.sensors,
         "sensors_left_out": dict(identified.left_out),
         "modes": [
-            columns(mode, MODE_FIELDS) | columns(estimated, COMPLEXITY)
+            columns(mode, MODE_FIELDS) | columns(estimated, ("mpc", "mean_phase_deg"))
             for mode, estimated in zip(identified.quoted.modes, identified.modes, strict=True)
         ],
         "covariance_of_log_frequencies_and_unit_shapes": identified.quoted.covariance,

@@ -51,11 +51,8 @@ files_argument = click.argument("files", type=PATH, nargs=-1, required=True)
 study_option = path_option(
     "--study", text="Study file, if it has moved since the result was saved."
 )
-configuration_option = click.option(
-    "--configuration",
-    metavar="NAME",
-    help="Configuration of the structure, if several were tested.",
-)
+configuration_option = click.option("--configuration", metavar="NAME",
+    help="Configuration of the structure, if several were tested.")  # fmt: skip
 modes_option = path_option("--out", text="CSV file for the modes, a new one.")
 
 

@@ -54,18 +54,11 @@ def plan(
     class holds, or about parameters. The study's data give the band and the errors alone. The exit
     code is 3 where the computation is too rough.
     """
+    from bayes_ssi import api
     from bayes_ssi.inference.workers.packing import STUDY_MODULE
-    from bayes_ssi.inference.workers.run import Run
-    from bayes_ssi.report.tables.plan_tables import (
-        layout_table,
-        number_table,
-        plan_notes,
-    )
+    from bayes_ssi.report.tables import plan_tables
     from bayes_ssi.results.plan_answer import plan_answer
     from bayes_ssi.results.result_files import require_new_files, write_json
-    from bayes_ssi.results.stored_result import load_result
-    from bayes_ssi.studies.appendages.candidates import read_candidates
-    from bayes_ssi.studies.planning.layout_plans import plan as plan_study
     from bayes_ssi.studies.planning.plan_record import SAVED
 
     loaded = options.load(study, names)
@@ -73,18 +66,18 @@ def plan(
     if out is not None:
         require_new_files(out)
     with terminal.progress_bars() as progress:
-        planned = plan_study(
+        planned = api.plan(
             loaded,
             n_sensors,
             aim=prediction if inspect.isfunction(prediction) else aim,
-            candidates=None if candidates_file is None else read_candidates(candidates_file),
+            candidates=None if candidates_file is None else api.read_candidates(candidates_file),
             added_masses=options.named_values(
                 "--added-mass", masses, "PLACE=MASS", r"(.+)=([^=]*)", float
             ),
-            after=None if after is None else load_result(after),
+            after=None if after is None else api.load_result(after),
             n_tests=tests,
             n_draws=draws,
-            run=Run(progress=progress),
+            run=api.Run(progress=progress),
             **further,
         )
     if out is not None:
@@ -97,8 +90,8 @@ def plan(
         save_figures(out, (("layout", plot_layout(planned)),))
     terminal.say_warnings([(f"{check}.", ()) for check in planned.failed_checks])
     terminal.say_in_paragraphs(plan_answer(planned), "")
-    terminal.show(layout_table(planned), number_table(planned))
-    terminal.say_in_paragraphs("\n".join(plan_notes(planned)))
+    terminal.show(plan_tables.layout_table(planned), plan_tables.number_table(planned))
+    terminal.say_in_paragraphs("\n".join(plan_tables.plan_notes(planned)))
     if out is not None:
         terminal.say("", f"Wrote {out}: the plan, a figure, and modes.csv, to be filled in.")
     terminal.conclude({"plan": planned}, planned.failed_checks)

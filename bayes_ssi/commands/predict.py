@@ -59,14 +59,9 @@ def predict(
     from bayes_ssi.foundations.displayed import counted
     from bayes_ssi.plots.prediction_plots import save_prediction_figures
     from bayes_ssi.results.answer import answer
+    from bayes_ssi.results.predictions import requested_predictions as requested
     from bayes_ssi.results.predictions.posterior_draws import ARRAY_SIZE
     from bayes_ssi.results.predictions.predictions import AVERAGE, load_predictions
-    from bayes_ssi.results.predictions.requested_predictions import (
-        MARKER,
-        predict_responses,
-        predictions_record,
-        save_predictions,
-    )
     from bayes_ssi.results.result_files import new_directory, require_new, write_json
 
     predicted = load_predictions(result, study, draws, configuration)
@@ -74,8 +69,8 @@ def predict(
     names = dict.fromkeys(classes or (list(predicted.model_classes) if of_one else [AVERAGE]))
     request, remarks = _requested(predicted, predicted.of(next(iter(names))), **options)
     directory = out or result / "predictions"
-    require_new(directory, marker=MARKER, overwrite=overwrite)
-    record = predictions_record(predicted, tuple(names), request)
+    require_new(directory, marker=requested.MARKER, overwrite=overwrite)
+    record = requested.predictions_record(predicted, tuple(names), request)
     longest = max(map(len, request.motions), default=0)
     if predicted.n_draws * longest > ARRAY_SIZE and not terminal.is_quiet():
         click.echo(
@@ -87,11 +82,11 @@ def predict(
     with terminal.progress_bars() as report:
         for name in names:
             report(name, "predictions", 0.0)
-            responses.append(predict_responses(predicted, name, request))
+            responses.append(requested.predict_responses(predicted, name, request))
             report(name, "predictions", 1.0)
-    with new_directory(directory, marker=MARKER, overwrite=overwrite) as partial:
-        write_json(partial / MARKER, record)
-        save_predictions(partial, responses)
+    with new_directory(directory, marker=requested.MARKER, overwrite=overwrite) as partial:
+        write_json(partial / requested.MARKER, record)
+        requested.save_predictions(partial, responses)
         save_prediction_figures(partial / "figures", responses)
 
     from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table
@@ -105,10 +100,8 @@ def predict(
     terminal.show(frequency_table(responses))
     if request.frequencies_hz is not None or request.motions:
         terminal.show(peak_table(responses))
-    tables, figures = (
-        counted(len(list(directory.glob(f"**/*.{kind}"))), what)
-        for kind, what in (("csv", "table"), ("png", "figure"))
-    )
+    tables = counted(len(list(directory.glob("**/*.csv"))), "table")
+    figures = counted(len(list(directory.glob("**/*.png"))), "figure")
     terminal.say(f"Saved in {directory}: {tables} and {figures}.")
     terminal.say_warnings(answer(predicted.stored).warnings)
     failed = predicted.stored.comparison.failed_checks
@@ -116,10 +109,8 @@ def predict(
         each.name: {mode.label: list(mode.after_hz) for mode in each.modes} for each in responses
     }
     accepted = predicted.stored.record.failed_checks_accepted
-    terminal.conclude(
-        {"directory": str(directory), **record, "modes": modes, "failed_checks": failed},
-        () if accepted else failed,
-    )
+    said = {"directory": str(directory), **record, "modes": modes, "failed_checks": failed}
+    terminal.conclude(said, () if accepted else failed)
 
 
 def _requested(
@@ -127,7 +118,6 @@ def _requested(
     damping: str | None, transfer: str | None, frequencies: tuple[float, float] | None,
     records: tuple[Path, ...], unit: str | None, dt: float | None,
 ) -> tuple[ResponseRequest, list[str]]:  # fmt: skip
-    """The request from the options, and remarks on it."""
     from bayes_ssi.measurements.records.record_files import read_ground_motion
     from bayes_ssi.results.predictions.requested_predictions import completed_request
 

@@ -33,6 +33,8 @@ RESULTS = Path("runs") / "results"
 
 # What is sampled within a run: its ranking, and further records by the names of their files.
 Sample = Callable[["Run"], tuple["Ranking", Mapping[str, Any]]]
+# Those of a result, and notes, in the order in which they are read.
+Tables = Callable[["StoredResult"], Iterable["RenderableType"]]
 
 
 @dataclass(frozen=True)
@@ -57,22 +59,15 @@ class RunOptions:
         )
 
     def answer(
-        self,
-        study: Study,
-        study_file: Path,
-        name: str,
-        sample: Sample,
-        first: Callable[[StoredResult], Iterable[RenderableType]],
-        others: Callable[[StoredResult], Iterable[RenderableType]],
-        n_classes: int | None = None,
-    ) -> None:
+        self, study: Study, study_file: Path, name: str, sample: Sample, first: Tables,
+        others: Tables, n_classes: int | None = None,
+    ) -> None:  # fmt: skip
         """Sample a study or resume its run, save what was found, print it and exit.
 
         Printed are failed checks, the answer and the first tables; the others if wanted.
 
         Args:
             name: of the result directory.
-            first, others: tables and notes, in the order in which they are read.
             n_classes: number of classes that are sampled, at least; the study's by default.
 
         The exit code says whether a check failed that was not accepted.
@@ -91,7 +86,9 @@ class RunOptions:
         terminal.say_in_paragraphs(*answered.paragraphs)
         terminal.say(*(line for command in answered.commands for line in ("", command)), "")
         terminal.show(*first(result))
-        terminal.say(*_said_of_data(result))
+        # Sensors that measured nothing, by each test.
+        identifications = (one for data in result.tests.values() for one in data.identifications)
+        terminal.say(*(f"(!) {text}." for one in identifications for text in one.said_of_sensors))
         if self.verbose:
             terminal.say_in_paragraphs(*answered.further)
             for each in (*others(result), *_notes(result)):
@@ -134,12 +131,13 @@ class RunOptions:
             _print_performance_hints(study)
         try:
             # Workers begin first: the progress bars have a thread of their own.
-            with (
-                workers or nullcontext(),
-                terminal.progress_bars() as progress,
-                _reminder_of_checkpoint(),
-            ):
+            with workers or nullcontext(), terminal.progress_bars() as progress:
                 yield Run(workers, checkpoint, progress)
+        except OSError as error:  # of a file, such as one on a full disk
+            if error.errno is None:
+                raise
+            advice = f"{error.strerror}; no evaluation is lost, the same command resumes the run"
+            raise OSError(error.errno, advice, error.filename) from error
         except KeyboardInterrupt:  # below the progress bars, which have ended
             click.echo(f"Interrupted; resume with: {terminal.command_line()}", err=True)
             sys.exit(terminal.INTERRUPTED)
@@ -198,9 +196,7 @@ class RunOptions:
             return result.ranking, {SEARCH: result.record}
 
         name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
-        self.answer(
-            study, study_file, name, sample, first_tables, further_tables, n_classes,
-        )  # fmt: skip
+        self.answer(study, study_file, name, sample, first_tables, further_tables, n_classes)
 
 
 def run_options(command: options.Command, error: float = 0.01) -> options.Command:
@@ -230,18 +226,6 @@ def run_options(command: options.Command, error: float = 0.01) -> options.Comman
             "and saved all the same."),
     }  # fmt: skip
     return terminal.json_option(options.gathered(command, "sampling", RunOptions, own))
-
-
-@contextmanager
-def _reminder_of_checkpoint() -> Iterator[None]:
-    """Add to an error of a file, such as one on a full disk, that the checkpoint is still there."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno is None:
-            raise
-        advice = f"{error.strerror}; no evaluation is lost, the same command resumes the run"
-        raise OSError(error.errno, advice, error.filename) from error
 
 
 def _print_performance_hints(study: Study) -> None:
@@ -279,12 +263,6 @@ def _json_record(
         },
         **{Path(file).stem: record for file, record in records.items()},
     }
-
-
-def _said_of_data(result: StoredResult) -> list[str]:
-    """Sensors that measured nothing, by each test."""
-    identifications = (each for data in result.tests.values() for each in data.identifications)
-    return [f"(!) {text}." for each in identifications for text in each.said_of_sensors]
 
 
 def _notes(result: StoredResult) -> list[str]:

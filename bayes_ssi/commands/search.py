@@ -26,13 +26,9 @@ from bayes_ssi.commands.saved_run import RunOptions, run_options
 @click.option("--frequency", type=(float, float), metavar="LOW HIGH",
     help="Log-uniform prior of an appendage's frequency in Hz; from half the lowest "
     "identified frequency to the band's upper limit if not given.")  # fmt: skip
-@options.default_option(
-    "--most",
-    2,
-    "Largest number of appendages at once.",
+@options.default_option("--most", 2, "Largest number of appendages at once.",
     # The prior weight of twenty is 0.2^19, 1e-13: more are as good as excluded.
-    click.IntRange(min=1, max=20),
-)
+    click.IntRange(min=1, max=20))  # fmt: skip
 @run_options
 def search(
     study: Path, names: tuple[str, ...], candidates_file: Path | None, present_in: tuple[str, ...],
@@ -46,18 +42,17 @@ def search(
     get approximate evidences; those on which the answer rests are sampled. Workers take whole
     hypotheses.
     """
-    from bayes_ssi.parameters.priors import LogUniform
+    from bayes_ssi import api
     from bayes_ssi.studies.appendages.appendage_search import appendage_findings
     from bayes_ssi.studies.appendages.baselines import choose_baselines
-    from bayes_ssi.studies.appendages.candidates import SearchSettings, read_candidates
 
     loaded = options.load(study)
-    settings = SearchSettings(
+    settings = api.SearchSettings(
         mass=mass,
-        frequency=None if frequency is None else LogUniform(*frequency),
+        frequency=None if frequency is None else api.LogUniform(*frequency),
         number_weights=(1.0, 1.0, *(0.2**number for number in range(1, most))),
     )
-    candidates = None if candidates_file is None else read_candidates(candidates_file)
+    candidates = None if candidates_file is None else api.read_candidates(candidates_file)
     baselines = options.listed_names(loaded, names)
     chosen = choose_baselines(loaded, baselines or None, candidates, present_in or None, settings)
     sampling.search(loaded, study, "search", chosen, appendage_findings)

@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from time import monotonic
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -75,9 +75,14 @@ class OneLineErrors(click.Group):
             click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
         except click.ClickException as error:
+            line = " ".join(error.format_message().split())
+            if len(line) > 2000:  # whatever it repeats, it fits on a screen; choices are at its end
+                line = f"{line[:1000]} … {line[-1000:]}"
+            click.echo(f"Error: {line}", err=True)
             # Options may not have been parsed.
-            as_json = "--json" in (sys.argv[1:] if args is None else args)
-            _fail(error.format_message(), as_json)
+            if "--json" in (sys.argv[1:] if args is None else args):
+                click.echo(json_text({"error": line}))
+            sys.exit(BAD_INPUT)
         except click.Abort:
             click.echo("Interrupted.", err=True)
             sys.exit(INTERRUPTED)
@@ -129,17 +134,6 @@ def _one_line_errors() -> Iterator[None]:
         raise click.ClickException(text) from error
 
 
-def _fail(text: str, as_json: bool) -> NoReturn:
-    """Report an error in one line on standard error, and as a record if one is wanted; exit."""
-    line = " ".join(text.split())
-    if len(line) > 2000:  # whatever it repeats, it fits on a screen; choices are at its end
-        line = f"{line[:1000]} … {line[-1000:]}"
-    click.echo(f"Error: {line}", err=True)
-    if as_json:
-        click.echo(json_text({"error": line}))
-    sys.exit(BAD_INPUT)
-
-
 def command_line() -> str:
     """The command as it was given, quoted for a shell."""
     return str(_meta().get(COMMAND_LINE, "bayes-ssi"))
@@ -158,14 +152,9 @@ def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
     context.meta[f"{META}.{option.name}"] = value
 
 
-# For any command.
-QUIET_OPTION = click.Option(
-    ["--quiet"],
-    is_flag=True,
-    expose_value=False,
-    callback=_keep,
-    help="Print nothing but errors, and the record of --json; the exit code says the rest.",
-)
+KEPT: dict[str, Any] = {"is_flag": True, "expose_value": False, "callback": _keep}
+QUIET_HELP = "Print nothing but errors, and the record of --json; the exit code says the rest."
+QUIET_OPTION = click.Option(["--quiet"], help=QUIET_HELP, **KEPT)  # for any command
 
 
 def json_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -183,13 +172,7 @@ def json_option(command: Callable[..., None]) -> Callable[..., None]:
             if RECORD in _meta():
                 click.echo(_meta()[RECORD])
 
-    return click.option(
-        "--json",
-        is_flag=True,
-        expose_value=False,
-        callback=_keep,
-        help="Print one JSON record instead of tables.",
-    )(wrapped)
+    return click.option("--json", help="Print one JSON record instead of tables.", **KEPT)(wrapped)
 
 
 def _console() -> Console:

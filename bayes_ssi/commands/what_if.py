@@ -1,18 +1,10 @@
 """``bayes-ssi what-if``: a stored result under changed settings, from its draws."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from bayes_ssi.commands import options, terminal
-
-if TYPE_CHECKING:
-    from bayes_ssi.results.stored_result import StoredResult
-
-PRIOR_FORM = "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)"
 
 
 @click.command(name="what-if")
@@ -40,19 +32,22 @@ def what_if(
     again. It is also 3 where the most probable class does not explain the data after the change,
     and where a failed check of the data was not accepted when RESULT was saved.
     """
+    from bayes_ssi import api
     from bayes_ssi.parameters.priors import prior_from_text
     from bayes_ssi.report.tables import ranking_tables
-    from bayes_ssi.results.stored_result import load_result
-    from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.results.wording import data_warnings
-    from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
     from bayes_ssi.studies.ranking.comparison import probability_text
 
-    stored = load_result(result)
-    settings = ChangedSettings(
+    stored = api.load_result(result)
+    record = stored.record
+    settings = api.ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
         priors=options.named_values(
-            "--prior", priors, PRIOR_FORM, r"(.+?)=\s*(\w+\s*\(.*)", prior_from_text
+            "--prior",
+            priors,
+            "NAME=DISTRIBUTION(...), such as k1=LogNormal(1, 0.5)",
+            r"(.+?)=\s*(\w+\s*\(.*)",
+            prior_from_text,
         ),
         frequency_cov=frequency_cov,
         shape_sd=shape_sd,
@@ -62,9 +57,9 @@ def what_if(
             "--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number
         ),
     )
-    answer = ask(stored, settings)
-    terminal.say(f"{stored.record.study}: draws of {result} reweighted; nothing was sampled.")
-    accepted = stored.record.failed_checks_accepted
+    answer = api.what_if(stored, settings)
+    terminal.say(f"{record.study}: draws of {result} reweighted; nothing was sampled.")
+    accepted = record.failed_checks_accepted
     terminal.say_warnings(data_warnings(answer.failed_data_checks, accepted))
     if answer.misfit:
         terminal.say_in_paragraphs(f"(!) {answer.misfit}.")
@@ -78,7 +73,13 @@ def what_if(
     for row in dict.fromkeys((answer.best_before, answer.best_after)):
         if row is not None:
             terminal.show(ranking_tables.changed_parameters_table(row))
-    terminal.say(*ranking_tables.what_if_notes(answer, _how_to_sample_again(stored)))
+    again = "Sample again: make the change in the study, and rank its classes."
+    if record.study_file and record.command:
+        again = (
+            f"Sample again: make the change in {record.study_file}, and run, with another --out: "
+            f"{record.command}"
+        )
+    terminal.say(*ranking_tables.what_if_notes(answer, again))
     of_data = () if accepted else answer.failed_data_checks
     failed = [text for text in (*of_data, answer.misfit, *answer.problems) if text]
     terminal.conclude({"directory": str(result), "answer": answer}, failed)
@@ -89,13 +90,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         raise ValueError(f"{text!r} is not a number") from None
-
-
-def _how_to_sample_again(stored: StoredResult) -> str:
-    record = stored.record
-    if not (record.study_file and record.command):
-        return "Sample again: make the change in the study, and rank its classes."
-    return (
-        f"Sample again: make the change in {record.study_file}, and run, with another --out: "
-        f"{record.command}"
-    )
