@@ -38,6 +38,7 @@ from bayes_ssi.structures.solver_files.solver_text import (
     matrix_of_entries,
     matrix_of_lines,
     numbered_label,
+    numbered_lines,
     read_labels,
     read_number_lines,
     whole_numbers,
@@ -251,18 +252,17 @@ def data_lines(
     path: Path, keyword: str = "", options: Mapping[str, str] = MappingProxyType({})
 ) -> Iterator[tuple[str, str, Mapping[str, str], list[str]]]:
     """File and line, keyword, its options and the fields of each line of data."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.strip().rstrip(",")
-            if not text or text.startswith("**"):
-                continue
-            first, *others = (each.strip() for each in text.split(","))
-            if not text.startswith("*"):
-                yield f"{path}: line {number}", keyword, options, [first, *others]
-                continue
-            keyword = first.upper()
-            pairs = (each.partition("=") for each in others)
-            options = {name.strip().upper(): value.strip() for name, _, value in pairs}
-            if keyword in WITH_INPUT and "INPUT" in options:
-                inside = "" if keyword == "*INCLUDE" else keyword
-                yield from data_lines(path.parent / options["INPUT"], inside, options)
+    for number, line in numbered_lines(path):
+        text = line.strip().rstrip(",")
+        if not text or text.startswith("**"):
+            continue
+        first, *others = (each.strip() for each in text.split(","))
+        if not text.startswith("*"):
+            yield f"{path}: line {number}", keyword, options, [first, *others]
+            continue
+        keyword = first.upper()
+        pairs = (each.partition("=") for each in others)
+        options = {name.strip().upper(): value.strip() for name, _, value in pairs}
+        if keyword in WITH_INPUT and "INPUT" in options:
+            inside = "" if keyword == "*INCLUDE" else keyword
+            yield from data_lines(path.parent / options["INPUT"], inside, options)

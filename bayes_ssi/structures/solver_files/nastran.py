@@ -23,6 +23,7 @@ from bayes_ssi.structures.solver_files.solver_text import (
     DIRECTIONS,
     label,
     matrix_of_entries,
+    numbered_lines,
     require_whole_lines,
 )
 
@@ -107,19 +108,18 @@ def _cards(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line and fields of each DMIG and GRID entry, with its continuations."""
     start = 0
     card: list[str] = []
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.rstrip("\r\n").partition("$")[0].rstrip()
-            if not text:
-                continue
-            fields = _fields(text)
-            if fields[0] in ("", "*", "+"):
-                if card:
-                    card += fields[1:]
-                continue
+    for number, line in numbered_lines(path):
+        text = line.partition("$")[0].rstrip()
+        if not text:
+            continue
+        fields = _fields(text)
+        if fields[0] in ("", "*", "+"):
             if card:
-                yield start, card
-            start, card = number, fields if fields[0] in ("DMIG", "GRID") else []
+                card += fields[1:]
+            continue
+        if card:
+            yield start, card
+        start, card = number, fields if fields[0] in ("DMIG", "GRID") else []
     if card:
         yield start, card
 

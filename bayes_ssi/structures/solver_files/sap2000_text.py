@@ -20,6 +20,7 @@ from bayes_ssi.structures.solver_files.exported_model import Matrices, Source
 from bayes_ssi.structures.solver_files.solver_text import (
     DIRECTIONS,
     matrix_of_lines,
+    numbered_lines,
     read_number_lines,
     require_whole_lines,
     rows_from_one,
@@ -79,16 +80,15 @@ def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
     require_whole_lines(path)
     record: list[str] = []
     start = 0
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            if number == 1 or not line.strip():
-                continue
-            fields = [field.strip() for field in line.rstrip("\n").split("\t")]
-            if len(fields) > 1 and record:
-                yield start, record
-                record = []
-            start = start if record else number
-            record += fields
+    for number, line in numbered_lines(path):
+        if number == 1:
+            continue
+        fields = [field.strip() for field in line.split("\t")]
+        if len(fields) > 1 and record:
+            yield start, record
+            record = []
+        start = start if record else number
+        record += fields
     if record:
         yield start, record
 

@@ -6,6 +6,7 @@ and names that programs give directions.
 
 import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -59,22 +60,26 @@ def numbered_label(node: object, number: int) -> str:
     return label(node, number) if known else f"{node} dof{number}"
 
 
+def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number, from 1, and text of each line of a file that is not blank."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            if line.strip():
+                yield number, line.rstrip("\n")
+
+
 def read_labels(path: Path) -> list[str]:
     """Labels of lines such as ``12 x``, ``12 UX``, ``12 1`` or ``12.1``."""
     require_whole_lines(path)
     labels = []
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.strip()
-            if not text:
-                continue
-            match = _LABEL.fullmatch(text)
-            try:
-                if match is None:
-                    raise ValueError(f"expected a node and a direction, got {text!r}")
-                labels.append(label(match[1], match[2]))
-            except ValueError as error:
-                raise ValueError(f"{path}: line {number}: {error}") from None
+    for number, line in numbered_lines(path):
+        match = _LABEL.fullmatch(line.strip())
+        try:
+            if match is None:
+                raise ValueError(f"expected a node and a direction, got {line.strip()!r}")
+            labels.append(label(match[1], match[2]))
+        except ValueError as error:
+            raise ValueError(f"{path}: line {number}: {error}") from None
     return labels
 
 
@@ -110,20 +115,18 @@ def read_number_lines(
         return numbers
     # Fortran's exponents, as in 1.0D+06, or a line that is none of numbers.
     rows = []
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            text = line.strip()
-            if number <= skip or not text or (comment and text.startswith(comment)):
-                continue
-            fields = text.split(delimiter)
-            try:
-                row = [float(field.replace("D", "E").replace("d", "e")) for field in fields]
-            except ValueError:
-                row = []
-            if len(row) != width or not np.isfinite(row).all():
-                shown = " ".join(" ".join(fields).split())
-                raise ValueError(f"{path}: line {number}: expected {columns}, got {shown:.60}")
-            rows.append(row)
+    for number, line in numbered_lines(path):
+        if number <= skip or (comment and line.strip().startswith(comment)):
+            continue
+        fields = line.strip().split(delimiter)
+        try:
+            row = [float(field.replace("D", "E").replace("d", "e")) for field in fields]
+        except ValueError:
+            row = []
+        if len(row) != width or not np.isfinite(row).all():
+            shown = " ".join(" ".join(fields).split())
+            raise ValueError(f"{path}: line {number}: expected {columns}, got {shown:.60}")
+        rows.append(row)
     if not rows:
         raise ValueError(f"{path}: no line of numbers ({columns}); truncated?")
     return np.array(rows)
