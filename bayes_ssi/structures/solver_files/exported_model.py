@@ -168,14 +168,12 @@ class ExportedModel:
         if unknown or self.labels is None:
             raise ValueError(f"no constraint moves {(unknown or labels)[0]!r}")
         row = {label: i for i, label in enumerate(self.labels)}
-        for label in labels:
-            missing = [other for other in self.dependent[label] if other not in row]
-            if missing:
-                raise ValueError(f"{label!r} is moved by {missing[0]!r}, which has no stiffness")
         by_entry = sp.lil_array((len(labels), self.size + len(labels)))
         for i, label in enumerate(labels):
             by_entry[i, self.size + i] = 1.0
             for other, factor in self.dependent[label].items():
+                if other not in row:
+                    raise ValueError(f"{label!r} is moved by {other!r}, which has no stiffness")
                 by_entry[i, row[other]] = -factor
         ties = sp.csc_array(by_entry)
         k = float(self.stiffness.diagonal().mean()) if spring is None else spring

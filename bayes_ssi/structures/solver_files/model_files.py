@@ -152,12 +152,14 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
             f"units {units!r}: labels are needed to say which rows are rotations, whose units "
             "are not those of displacements"
         )
-    scale = np.ones(model.size)
-    if model.labels is not None:
-        scale = np.array([1.0 / _unit(name, length) for name in model.labels])
+
+    def unit(label: str) -> float:
+        """Of a degree of freedom, in m or in radians."""
+        return length if direction_of(label) in TRANSLATIONS else 1.0
+
     # Energies are in units of force times length, of displacements in m and rotations in radians.
     energy = force * length
-    by_row = sp.diags_array(scale)
+    by_row = sp.diags_array(1.0 / np.array(list(map(unit, model.labels or [""] * model.size))))
     stiffness, mass = (
         sp.csc_array(energy * (by_row @ each @ by_row)) for each in (model.stiffness, model.mass)
     )
@@ -168,10 +170,7 @@ def in_si(model: ExportedModel, units: str) -> ExportedModel:
         }
         geometry = replace(geometry, nodes=nodes, unit="m")
     dependent = {
-        name: {
-            other: factor * _unit(name, length) / _unit(other, length)
-            for other, factor in of.items()
-        }
+        name: {other: factor * unit(name) / unit(other) for other, factor in of.items()}
         for name, of in model.dependent.items()
     }
     return replace(
@@ -197,11 +196,6 @@ def mass_note(model: ExportedModel) -> str | None:
     usual = [(name, *SYSTEMS[name]) for name in ("N, m", "N, mm", "kN, m")]
     kg = ", ".join(f"{largest * f / length:.4g} kg in {name}" for name, f, length in usual)
     return f"mass that moves: {shown} (that is {kg}; state units= to have N, m, kg)"
-
-
-def _unit(label: str, length: float) -> float:
-    """The unit of a degree of freedom in m, or in radians."""
-    return length if direction_of(label) in TRANSLATIONS else 1.0
 
 
 def _system(units: str) -> tuple[float, float]:
