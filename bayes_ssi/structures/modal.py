@@ -230,13 +230,22 @@ def lowest_eigenpairs(
     require_supported(stiffness, vectors[:, 0])
     if inverses[0] < 0.0 or mass.diagonal().min() < 0.0:
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > ROUNDING * inverses[0]).sum())
+    return eigenpairs_of_inverses(inverses, vectors, n_modes, wanted)
+
+
+def eigenpairs_of_inverses(
+    inverses: FloatArray, vectors: FloatArray, n_modes: int, at_most: int
+) -> Eigenpairs:
+    """The lowest modes, from (2πf)⁻² (k,) descending and shapes (n, k) with φᵀ K φ = 1."""
+    n_available = int((inverses > ROUNDING * inverses.max(initial=0.0)).sum())
     if n_available < n_modes:
-        raise too_few_modes(n_available, n_modes)
+        raise NoModesError(
+            f"the mass matrix gives {n_available} modes, fewer than the {n_modes} asked for"
+        )
     inverses, vectors = inverses[:n_available], vectors[:, :n_available]
     eigenvalues, vectors = 1.0 / inverses, vectors / np.sqrt(inverses)
     settle(eigenvalues[None], vectors[None])
-    return Eigenpairs(eigenvalues[:wanted], vectors[:, :wanted])
+    return Eigenpairs(eigenvalues[:at_most], vectors[:, :at_most])
 
 
 def require_supported(stiffness: Any, shape: FloatArray) -> None:
@@ -244,12 +253,6 @@ def require_supported(stiffness: Any, shape: FloatArray) -> None:
     size = np.abs(shape)
     if not shape @ (stiffness @ shape) > ROUNDING * (size @ (abs(stiffness) @ size)):
         raise NoModesError(NOT_SUPPORTED)
-
-
-def too_few_modes(n_available: int, n_modes: int) -> NoModesError:
-    return NoModesError(
-        f"the mass matrix gives {n_available} modes, fewer than the {n_modes} asked for"
-    )
 
 
 def inverse_cholesky(matrices: FloatArray) -> FloatArray:

@@ -261,13 +261,7 @@ def _modes_under(
     inverses, mixed = inverses[::-1], mixed[:, ::-1]
     if len(inverses) and inverses[-1] < -modal.ROUNDING * max(inverses[0], -inverses[-1]):
         raise NoModesError("the mass matrix is not positive semi-definite")
-    n_available = int((inverses > modal.ROUNDING * inverses.max(initial=0.0)).sum())
-    if n_available < n_modes:
-        raise modal.too_few_modes(n_available, n_modes)
-    inverses, mixed = inverses[:n_available], mixed[:, :n_available]
-    eigenvalues, vectors = 1.0 / inverses, unit @ (mixed / np.sqrt(inverses))
-    modal.settle(eigenvalues[None], vectors[None])
-    return Eigenpairs(eigenvalues[:at_most], vectors[:, :at_most])
+    return modal.eigenpairs_of_inverses(inverses, unit @ mixed, n_modes, at_most)
 
 
 def _last_before_a_gap(eigenvalues: FloatArray, n_modes: int) -> int | None:
