@@ -169,6 +169,11 @@ def collect_parameters(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]
     return tuple(by_name.values())
 
 
+def parameters_of(products: Iterable[Product]) -> tuple[Parameter, ...]:
+    """Those of all products, each once, in the order of first appearance."""
+    return collect_parameters(p for product in products for p in product.parameters)
+
+
 def checked_values(values: ArrayLike, parameters: Sequence[Parameter], name: str) -> FloatArray:
     """``values`` as an array (B, n_parameters); ``name`` is what messages call it.
 

@@ -300,11 +300,9 @@ class OutOfPlaneInfill(_Infill, _InSeries):
         return [Contribution(stiffness, direction)]
 
     def masses(self) -> Sequence[Contribution]:
-        low, high = self.between
         mass = as_product(self.mass)
         return [
-            Contribution.on(low, mass * 0.25),
-            Contribution.on(high, mass * 0.25),
+            *(Contribution.on(end, mass * 0.25) for end in self.between),
             Contribution.on(self.label, mass * 0.5),
             *self._less_in_model(),
         ]

@@ -20,7 +20,7 @@ from bayes_ssi.parameters.parameters import (
     Parameter,
     Value,
     as_product,
-    collect_parameters,
+    parameters_of,
     positive_product,
 )
 from bayes_ssi.structures.elements import AddedMass, Contribution, Element
@@ -41,8 +41,8 @@ from bayes_ssi.structures.matrix_terms import (
     AddedTerm,
     AffineArray,
     CarriedElements,
+    coefficients_of,
     own_labels,
-    parameters_of,
 )
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
 from bayes_ssi.structures.structure import Structure
@@ -104,14 +104,9 @@ class LumpedStructure(Structure):
 
     def mean_floor_mass(self) -> float:
         """The main structure's mass that moves with the ground, over the number of floors."""
-        moved: dict[SinglePlace, float] = {}
-        main = zip(self.main_degrees_of_freedom(), self.main_influence(), strict=True)
-        for i, (label, motion) in enumerate(main, 1):
-            moved[i] = moved[label] = motion
-        total = 0.0
-        for mass in self.main_masses():
-            moves = sum(share * moved[place] for place, share in mass.direction)
-            total += mass.coefficient.median * moves**2
+        influence, total = self.main_influence(), 0.0
+        for mass, vector, _ in self._terms[1][: len(self.main_masses())]:
+            total += mass.median * sum(c * influence[row] for row, c in vector.items()) ** 2
         return total / self.n_floors
 
     def __post_init__(self) -> None:
@@ -147,7 +142,7 @@ class LumpedStructure(Structure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        return collect_parameters(parameters_of(chain(*self._terms)))
+        return parameters_of(coefficients_of(chain(*self._terms)))
 
     @property
     def n_modes(self) -> int:

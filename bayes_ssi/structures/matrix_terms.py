@@ -100,6 +100,10 @@ class AddedTerm(NamedTuple):
         return cls(term.coefficient, moving, on_ground)
 
 
+def coefficients_of(terms: Iterable[AddedTerm]) -> tuple[Product, ...]:
+    return tuple(term.coefficient for term in terms)
+
+
 @dataclass(frozen=True)
 class CarriedElements:
     """Springs and masses on a structure of ``size`` rows."""
@@ -120,14 +124,13 @@ class CarriedElements:
         taken: Iterable[str] = (),
     ) -> "CarriedElements":
         """Find the rows of elements; ``shift`` is that of a free body, for the springs."""
-        labels, known = own_labels(elements), set(taken)
+        labels, taken = own_labels(elements), set(taken)
         for label in labels:
-            if label in known:
+            if label in taken or labels.count(label) > 1:
                 raise ValueError(
                     f"element {label!r}: the structure has a degree of freedom of that label "
                     "already; give the element a label of its own"
                 )
-            known.add(label)
         added = {label: size + i for i, label in enumerate(labels)}
 
         def rows(place: SinglePlace, label: str) -> Iterable[tuple[int, float]]:
@@ -164,13 +167,10 @@ class CarriedElements:
 
     def components(self, terms: Sequence[AddedTerm]) -> tuple[FloatArray, FloatArray]:
         """Of motions: by the rows acted on (n, r), and by own degrees of freedom (n, p)."""
-        acted_on, own = self.acted_on.tolist(), range(self.size, self.whole_size)
-        by_rows, by_own = (
-            np.array([[term.vector.get(row, 0.0) for row in rows] for term in terms])
-            for rows in (acted_on, own)
-        )
-        n = len(terms)
-        return by_rows.reshape(n, len(acted_on)), by_own.reshape(n, len(own))
+        rows = [*self.acted_on.tolist(), *range(self.size, self.whole_size)]
+        components = np.array([[term.vector.get(row, 0.0) for row in rows] for term in terms])
+        whole = components.reshape(len(terms), len(rows))
+        return whole[:, : len(self.acted_on)], whole[:, len(self.acted_on) :]
 
     @property
     def own_springs(self) -> tuple[AddedTerm, ...]:
@@ -197,7 +197,3 @@ def own_labels(elements: Iterable[Element]) -> tuple[str, ...]:
     """Labels of the degrees of freedom that elements add."""
     own = (element.own_degree_of_freedom for element in elements)
     return tuple(label for label in own if label is not None)
-
-
-def parameters_of(terms: Iterable[AddedTerm]) -> list[Parameter]:
-    return [p for term in terms for p in term.coefficient.parameters]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 from bayes_ssi.foundations.argument_types import checked, require_known
@@ -57,15 +58,12 @@ class RigidFloors(LumpedStructure):
         return [float(d == self.ground_motion) for d in DIRECTIONS] * self.n_floors
 
     def candidates(self, sensors: Sequence[str]) -> tuple[Candidate, ...]:  # noqa: ARG002
-        axes = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)))
-        each = [(floor, *axis) for floor in range(1, self.n_floors + 1) for axis in axes]
-        on_floors: list[Candidate] = []
-        in_storeys: list[Candidate] = []
-        for floor, direction, axis in each:
-            label = floor_label(floor, direction)
-            below: SinglePlace = floor_label(floor - 1, direction) if floor > 1 else 0
+        axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
+        on_floors, in_storeys = [], []
+        for floor, (direction, axis) in product(range(1, self.n_floors + 1), axes.items()):
+            label, storey = floor_label(floor, direction), f"{floor - 1}-{floor} {direction}"
+            below = floor_label(floor - 1, direction) if floor > 1 else 0
             on_floors.append(Candidate(label, label, direction=axis))
-            storey = f"{floor - 1}-{floor} {direction}"
             in_storeys.append(Candidate(storey, below, to=label, direction=axis))
         return (*on_floors, *in_storeys)
 

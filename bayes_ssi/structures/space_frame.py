@@ -20,11 +20,11 @@ from bayes_ssi.parameters.parameters import (
     Product,
     Value,
     as_product,
-    collect_parameters,
+    parameters_of,
     positive_product,
 )
 from bayes_ssi.structures.elements import Contribution
-from bayes_ssi.structures.matrix_terms import AffineArray, parameters_of
+from bayes_ssi.structures.matrix_terms import AffineArray, coefficients_of
 from bayes_ssi.structures.rigid_floors import RigidFloors, rigid_masses
 
 # Per E I over the span: rotations of the two ends, which do not move up or down.
@@ -103,9 +103,8 @@ class SpaceFrame(RigidFloors):
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters of the frame, then of the elements, in the order of first appearance."""
         of_storeys = (value for name in self._storey_fields for value in getattr(self, name))
-        values = (self.elastic_modulus, *of_storeys)
-        own = (p for value in values for p in as_product(value).parameters)
-        return collect_parameters((*own, *parameters_of(chain(*self._terms))))
+        own = map(as_product, (self.elastic_modulus, *of_storeys))
+        return parameters_of((*own, *coefficients_of(chain(*self._terms))))
 
     def main_springs(self) -> Sequence[Contribution]:
         return ()  # the frame's stiffness, condensed, is not a sum of springs

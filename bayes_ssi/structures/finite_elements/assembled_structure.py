@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_ssi.foundations.argument_types import checked, listed_choices
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.parameters.parameters import Parameter, collect_parameters
+from bayes_ssi.parameters.parameters import Parameter, parameters_of
 from bayes_ssi.structures import modal
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.function_structure import PointwiseStructure
@@ -30,7 +30,7 @@ from bayes_ssi.structures.finite_elements.model_arguments import (
 )
 from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowest_modes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
-from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
+from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, coefficients_of
 from bayes_ssi.structures.modal import Eigenpairs, ModalModel, Modes
 
 # Modes are computed up to this share above the highest frequency of interest, since frequencies
@@ -100,10 +100,8 @@ class AssembledStructure(PointwiseStructure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        springs, masses = map(parameters_of, (self._carried.springs, self._carried.masses))
-        return collect_parameters(
-            [*self._stiffness.parameters, *springs, *self._mass.parameters, *masses]
-        )
+        springs, masses = map(coefficients_of, (self._carried.springs, self._carried.masses))
+        return parameters_of([*self._stiffness.products, *springs, *self._mass.products, *masses])
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from bayes_ssi.parameters.parameters import (
     ProductTable,
     Value,
     as_product,
-    collect_parameters,
+    parameters_of,
 )
 from bayes_ssi.structures.finite_elements import sparse_modes
 from bayes_ssi.structures.finite_elements.model_arguments import (
@@ -162,7 +162,7 @@ class FunctionStructure(PointwiseStructure):
             for name, value in arguments.items()
         }
         products = tuple(self._arguments.values())
-        self.parameters = collect_parameters(p for each in products for p in each.parameters)
+        self.parameters = parameters_of(products)
         self._table = ProductTable(products, self.parameters)
         if not isinstance(n_modes, Integral) or isinstance(n_modes, bool) or n_modes < 1:
             raise ValueError(f"{where}: n_modes must be a positive whole number, got {n_modes!r}")

@@ -178,10 +178,8 @@ class ReducedStructure(ApproximateStructure):
             basis.bounds(each, n + rigid, reference)
             for each in self.full.system.coefficients(values)
         ]
-        frequency, shape = (
-            np.array([getattr(row, name) for row in rows]).reshape(-1, n + rigid)[:, rigid:]
-            for name in ("frequency", "shape")
-        )
+        both = np.array(rows).reshape(-1, 2, n + rigid)[:, :, rigid:]
+        frequency, shape = both.transpose(1, 0, 2)
         # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
         return Bounds(1.5 * frequency if rigid else frequency, shape)
 
@@ -278,8 +276,8 @@ class ReducedStructure(ApproximateStructure):
     def _in_basis(self) -> tuple[AffineArray, AffineArray]:
         system, basis = self.full.system, self.basis
         return (
-            system.stiffness.projected(basis.stiffness, self.parameters),
-            system.mass.projected(basis.mass, self.parameters),
+            system.stiffness.projected(basis.stiffness.matrices, self.parameters),
+            system.mass.projected(basis.mass.matrices, self.parameters),
         )
 
     @cached_property

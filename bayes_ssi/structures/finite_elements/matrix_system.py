@@ -62,10 +62,6 @@ class AffineMatrix:
     def size(self) -> int:
         return int(self.matrices[0].shape[0])
 
-    @property
-    def parameters(self) -> list[Parameter]:
-        return [p for product in self.products for p in product.parameters]
-
     def coefficients(self, values: FloatArray, parameters: tuple[Parameter, ...]) -> FloatArray:
         """c_t (B, T) at ``values`` (B, n_parameters), whose columns are ``parameters``."""
         return ProductTable(self.products, parameters).evaluate(values)

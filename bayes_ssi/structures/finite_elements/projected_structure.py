@@ -24,16 +24,17 @@ from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
 from bayes_ssi.foundations.arrays import FloatArray, joined
-from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, collect_parameters
+from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, parameters_of
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
 from bayes_ssi.structures.geometry import Place, Sensor, SinglePlace, motion_of
-from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, parameters_of
+from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, coefficients_of
 from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
 from bayes_ssi.structures.structure import Structure
 
@@ -90,8 +91,8 @@ class ProjectedStructure(Structure):
         flexibilities, moved = np.split(
             reference.sketch[at] - motions @ lacking, [SKETCH_SIZE], axis=1
         )
-        stiffness = tuple(zip(system.stiffness.products, basis.stiffness, strict=True))
-        mass = tuple(zip(system.mass.products, basis.mass, strict=True))
+        stiffness = tuple(zip(system.stiffness.products, basis.stiffness.matrices, strict=True))
+        mass = tuple(zip(system.mass.products, basis.mass.matrices, strict=True))
         at_sensors = basis.at_sensors
         if not any(coefficient.powers for coefficient, _ in mass):
             # Then only the elements' masses change it, and modes take a third less time.
@@ -146,10 +147,9 @@ class ProjectedStructure(Structure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        of_stiffness = [p for coefficient, _ in self.stiffness for p in coefficient.parameters]
-        of_stiffness += parameters_of(self._carried.springs)
-        of_mass = [p for coefficient, _ in self.mass for p in coefficient.parameters]
-        return collect_parameters([*of_stiffness, *of_mass, *parameters_of(self._carried.masses)])
+        springs, masses = map(coefficients_of, (self._carried.springs, self._carried.masses))
+        of_stiffness, of_mass = ([c for c, _ in terms] for terms in (self.stiffness, self.mass))
+        return parameters_of([*of_stiffness, *springs, *of_mass, *masses])
 
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
@@ -207,11 +207,8 @@ class ProjectedStructure(Structure):
 
     @cached_property
     def _tables(self) -> tuple[ProductTable, ProductTable]:
-        springs, masses = (
-            ProductTable(tuple(term.coefficient for term in terms), self.parameters)
-            for terms in (self._carried.springs, self._carried.masses)
-        )
-        return springs, masses
+        springs, masses = map(coefficients_of, (self._carried.springs, self._carried.masses))
+        return ProductTable(springs, self.parameters), ProductTable(masses, self.parameters)
 
     @cached_property
     def _main_matrices(self) -> tuple[AffineArray, AffineArray]:
@@ -227,10 +224,7 @@ class ProjectedStructure(Structure):
     @cached_property
     def _at_sensors(self) -> FloatArray:
         """(d + p, N + p), of sensors and own degrees of freedom."""
-        p = len(self.appendages)
-        whole = np.pad(self.at_sensors, (0, p))
-        whole[whole.shape[0] - p :, whole.shape[1] - p :] = np.eye(p)
-        return whole
+        return scipy.linalg.block_diag(self.at_sensors, np.eye(len(self.appendages)))
 
 
 def _sum_of_squares(coefficients: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures import modal
 from bayes_ssi.structures.finite_elements.matrix_system import Coefficients, System
+from bayes_ssi.structures.finite_elements.model_arguments import Matrix
 from bayes_ssi.structures.finite_elements.sparse_modes import Factor, is_semidefinite
 from bayes_ssi.structures.matrix_terms import AddedTerm, CarriedElements
 from bayes_ssi.structures.modal import Eigenpairs
@@ -75,6 +76,7 @@ class Reference:
         self, system: System, sensor_rows: NDArray[np.intp], coefficients: Coefficients
     ) -> None:
         self.stiffness, self.mass, self.sensors = system.stiffness, system.mass, sensor_rows
+        self.n_terms = len(self.stiffness.matrices), len(self.mass.matrices)
         self.coefficients = coefficients
         self.matrix = self.stiffness.at(coefficients.stiffness)
         # Not kept: with its pivots it is large.
@@ -120,6 +122,28 @@ class Elongations(NamedTuple):
         return [remaining, by_q @ self.inverse]
 
 
+class TermsInBasis(NamedTuple):
+    """The terms of the stiffness, or those of the mass, in N coordinates."""
+
+    matrices: FloatArray  # (T, N, N)
+    residuals: FloatArray  # (T, sketch_size + d, N), the reference's sketch of each term times them
+
+    def first(self, n_terms: int, n: int) -> "TermsInBasis":
+        return TermsInBasis(self.matrices[:n_terms, :n, :n], self.residuals[:n_terms, :, :n])
+
+    def spanning(
+        self, given: Sequence[Matrix], vectors: FloatArray, n_new: int, sketch: FloatArray
+    ) -> "TermsInBasis":
+        """The terms ``given`` in the basis whose last vectors (n, N) are new."""
+        n_before = vectors.shape[1] - n_new
+        by_new = np.array([matrix @ vectors[:, n_before:] for matrix in given])
+        columns = vectors.T @ by_new
+        rows = np.hstack([self.matrices, columns[:, :n_before].transpose(0, 2, 1)])
+        whole = np.dstack([rows, columns])
+        residuals = np.dstack([self.residuals, sketch.T @ by_new])
+        return TermsInBasis(0.5 * (whole + whole.transpose(0, 2, 1)), residuals)
+
+
 @dataclass(frozen=True, eq=False)
 class ReducedBasis:
     """A basis of the model's displacements, and the matrices of small problems in it.
@@ -128,11 +152,8 @@ class ReducedBasis:
     elements' forces, and elongations.
     """
 
-    stiffness: FloatArray  # (T, N, N), of each term of the stiffness
-    mass: FloatArray  # (U, N, N)
-    # (T, sketch_size + d, N), the reference's sketch of each term times the coordinates.
-    residual_stiffness: FloatArray
-    residual_mass: FloatArray  # (U, sketch_size + d, N)
+    stiffness: TermsInBasis
+    mass: TermsInBasis
     at_sensors: FloatArray  # (d, N), motions of the sensors
     vectors: FloatArray  # (n, N), or fewer columns by those elongations
     n_before: int | None = None  # number of vectors without elements; None where there are none
@@ -141,32 +162,25 @@ class ReducedBasis:
     @classmethod
     def empty(cls, reference: Reference) -> "ReducedBasis":
         n, n_sketch = reference.sketch.shape
-        n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
-        return cls(
-            np.zeros((n_k, 0, 0)),
-            np.zeros((n_m, 0, 0)),
-            np.zeros((n_k, n_sketch, 0)),
-            np.zeros((n_m, n_sketch, 0)),
-            np.zeros((len(reference.sensors), 0)),
-            np.zeros((n, 0)),
+        stiffness, mass = (
+            TermsInBasis(np.zeros((n_terms, 0, 0)), np.zeros((n_terms, n_sketch, 0)))
+            for n_terms in reference.n_terms
         )
+        return cls(stiffness, mass, np.zeros((len(reference.sensors), 0)), np.zeros((n, 0)))
 
     @property
     def size(self) -> int:
-        return int(self.stiffness.shape[1])
+        return int(self.stiffness.matrices.shape[1])
 
     def without_elements(self, reference: Reference) -> "ReducedBasis":
         if self.n_before is None:
             return self
-        n_k, n_m = len(reference.stiffness.matrices), len(reference.mass.matrices)
-        n = slice(self.n_before)
+        n, (n_k, n_m) = self.n_before, reference.n_terms
         return ReducedBasis(
-            self.stiffness[:n_k, n, n],
-            self.mass[:n_m, n, n],
-            self.residual_stiffness[:n_k, :, n],
-            self.residual_mass[:n_m, :, n],
-            self.at_sensors[: len(reference.sensors), n],
-            self.vectors[:, n],
+            self.stiffness.first(n_k, n),
+            self.mass.first(n_m, n),
+            self.at_sensors[: len(reference.sensors), :n],
+            self.vectors[:, :n],
         )
 
     def carrying(
@@ -176,42 +190,33 @@ class ReducedBasis:
         if not carried.springs and not carried.masses:
             return self
         elongations = Elongations.of(carried)
-        rows = elongations.rows
+        rows, p = elongations.rows, len(carried.labels)
         springs, masses = (
-            (terms, elongations.directions(carried, terms))
-            for terms in (carried.springs, carried.masses)
+            elongations.directions(carried, terms) for terms in (carried.springs, carried.masses)
         )
-        loads = np.vstack([springs[1][0], masses[1][0]])
+        loads = np.vstack([springs[0], masses[0]])
         loads = loads[np.abs(loads).max(axis=1, initial=0.0) > 0.0]
         forces = np.zeros((len(self.vectors), len(loads)))
         forces[rows] = loads.T
         wide = self.spanning(reference.factor.solve(forces), negligible, reference)
-        p = len(carried.labels)
 
-        def terms_of(
-            terms: Sequence[AddedTerm], directions: list[FloatArray]
-        ) -> tuple[FloatArray, FloatArray]:
-            """Matrices of terms c w wᵀ in the coordinates (n, N, N), and of residuals."""
-            by_u, by_s = directions
+        def with_terms(
+            main: TermsInBasis, terms: Sequence[AddedTerm], by_u: FloatArray, by_s: FloatArray
+        ) -> TermsInBasis:
+            """Those of the model, and terms c w wᵀ."""
             scales = np.array([term.coefficient.scale for term in terms]).reshape(-1, 1, 1)
             small = np.hstack([by_u @ wide.vectors[rows], by_s])
-            sketched = by_u @ reference.sketch[rows]
-            return (
-                scales * small[:, :, None] * small[:, None, :],
-                scales * sketched[:, :, None] * small[:, None, :],
+            matrices = scales * small[:, :, None] * small[:, None, :]
+            residuals = scales * (by_u @ reference.sketch[rows])[:, :, None] * small[:, None, :]
+            return TermsInBasis(
+                np.concatenate([np.pad(main.matrices, ((0, 0), (0, p), (0, p))), matrices]),
+                np.concatenate([np.pad(main.residuals, ((0, 0), (0, 0), (0, p))), residuals]),
             )
 
-        def widened(matrices: FloatArray, n_rows: int) -> FloatArray:
-            return np.pad(matrices, ((0, 0), (0, n_rows), (0, p)))
-
-        k, residual_k = terms_of(*springs)
-        m, residual_m = terms_of(*masses)
         own = np.hstack([-elongations.follow @ wide.vectors[rows], elongations.inverse])
         return ReducedBasis(
-            np.concatenate([widened(wide.stiffness, p), k]),
-            np.concatenate([widened(wide.mass, p), m]),
-            np.concatenate([widened(wide.residual_stiffness, 0), residual_k]),
-            np.concatenate([widened(wide.residual_mass, 0), residual_m]),
+            with_terms(wide.stiffness, carried.springs, *springs),
+            with_terms(wide.mass, carried.masses, *masses),
             np.vstack([np.pad(wide.at_sensors, ((0, 0), (0, p))), own]),
             wide.vectors,
             self.size,
@@ -229,14 +234,12 @@ class ReducedBasis:
 
     def combined(self, directions: FloatArray) -> "ReducedBasis":
         """A basis of some combinations of these vectors, orthonormal columns (N, n)."""
-        return ReducedBasis(
-            directions.T @ self.stiffness @ directions,
-            directions.T @ self.mass @ directions,
-            self.residual_stiffness @ directions,
-            self.residual_mass @ directions,
-            self.at_sensors @ directions,
-            self.vectors @ directions,
+        stiffness, mass = (
+            TermsInBasis(directions.T @ terms.matrices @ directions, terms.residuals @ directions)
+            for terms in (self.stiffness, self.mass)
         )
+        at_sensors, vectors = self.at_sensors @ directions, self.vectors @ directions
+        return ReducedBasis(stiffness, mass, at_sensors, vectors)
 
     def enriched(
         self, modes: Eigenpairs, negligible: float, reference: Reference
@@ -262,18 +265,12 @@ class ReducedBasis:
         new = new @ (directions[:, kept] / np.sqrt(energies[kept]))
         new = new - self.vectors @ (self.vectors.T @ (reference.matrix @ new))
         new = new @ np.linalg.inv(np.linalg.cholesky(new.T @ (reference.matrix @ new))).T
-        vectors = np.hstack([self.vectors, new])
-        by_stiffness = np.array([matrix @ new for matrix in reference.stiffness.matrices])
-        by_mass = np.array([matrix @ new for matrix in reference.mass.matrices])
+        vectors, n_new, sketch = np.hstack([self.vectors, new]), new.shape[1], reference.sketch
         return ReducedBasis(
-            vectors=vectors,
-            stiffness=_bordered(self.stiffness, vectors.T @ by_stiffness),
-            mass=_bordered(self.mass, vectors.T @ by_mass),
-            residual_stiffness=np.dstack(
-                [self.residual_stiffness, reference.sketch.T @ by_stiffness]
-            ),
-            residual_mass=np.dstack([self.residual_mass, reference.sketch.T @ by_mass]),
-            at_sensors=vectors[reference.sensors],
+            self.stiffness.spanning(reference.stiffness.matrices, vectors, n_new, sketch),
+            self.mass.spanning(reference.mass.matrices, vectors, n_new, sketch),
+            vectors[reference.sensors],
+            vectors,
         )
 
     def corrections(
@@ -284,8 +281,7 @@ class ReducedBasis:
         One step of Davidson's method, with no other factor than that of the reference. Forces of
         elements count as answered by the static solutions that the basis has of them.
         """
-        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
-        squares, y = modal.lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+        squares, y = modal.lowest_eigenpairs(*self._matrices(at), n_modes, extra=1)
         u = self.vectors @ (y[: self.vectors.shape[1]] / np.sqrt(squares))
         residuals = np.zeros_like(u)
         for c, matrix in zip(at.stiffness, reference.stiffness.matrices, strict=False):
@@ -304,17 +300,16 @@ class ReducedBasis:
             return Bounds(np.zeros(n_modes), np.zeros(n_modes))
         if self.size < n_modes:
             return unknown
-        stiffness, mass = _sum(at.stiffness, self.stiffness), _sum(at.mass, self.mass)
         alpha = self._least_ratio(at, reference)
         if not alpha > 0.0:
             return unknown
         try:
-            eigenvalues, y = modal.lowest_eigenpairs(stiffness, mass, n_modes, extra=1)
+            eigenvalues, y = modal.lowest_eigenpairs(*self._matrices(at), n_modes, extra=1)
         except modal.NoModesError:
             return unknown
         y = y / np.sqrt(eigenvalues)  # at unit energy, not unit mass
-        residuals = _sum(at.stiffness, self.residual_stiffness) @ y
-        residuals -= (_sum(at.mass, self.residual_mass) @ y) * eigenvalues
+        residuals = _sum(at.stiffness, self.stiffness.residuals) @ y
+        residuals -= (_sum(at.mass, self.mass.residuals) @ y) * eigenvalues
         random, at_sensors = np.split(residuals, [SKETCH_SIZE])
         eta = np.linalg.norm(random, axis=0) * math.sqrt(SKETCH_MARGIN / alpha)
         moved = np.linalg.norm(at_sensors, axis=0) / alpha
@@ -324,13 +319,16 @@ class ReducedBasis:
             _shape_errors(eigenvalues, eta, moves, moved, n_modes),
         )
 
+    def _matrices(self, at: Coefficients) -> tuple[FloatArray, FloatArray]:
+        return _sum(at.stiffness, self.stiffness.matrices), _sum(at.mass, self.mass.matrices)
+
     def _least_ratio(self, at: Coefficients, reference: Reference) -> float:
         """α with K - α K_r positive semi-definite, for the model without elements."""
-        of_main = at.stiffness[: len(reference.stiffness.matrices)]
+        of_main = at.stiffness[: reference.n_terms[0]]
         if reference.definite:
             return float((of_main / reference.coefficients.stiffness).min())
         # Otherwise the ratio of energies in the basis, where K_r is the identity, is an estimate.
-        whole = _sum(of_main, self.stiffness[: len(of_main)])
+        whole = _sum(of_main, self.stiffness.matrices[: len(of_main)])
         main = slice(self.vectors.shape[1])
         return float(np.linalg.eigvalsh(whole[main, main])[0])
 
@@ -379,11 +377,3 @@ def _shape_errors(
 
 def _sum(coefficients: FloatArray, matrices: FloatArray) -> FloatArray:
     return np.tensordot(coefficients, matrices, axes=1)
-
-
-def _bordered(matrices: FloatArray, columns: FloatArray) -> FloatArray:
-    """Symmetric matrices (T, N, N), from their leading blocks and last columns (T, N, k)."""
-    before = matrices.shape[1]
-    rows = np.concatenate([matrices, columns[:, :before].transpose(0, 2, 1)], axis=1)
-    whole = np.concatenate([rows, columns], axis=2)
-    return 0.5 * (whole + whole.transpose(0, 2, 1))
