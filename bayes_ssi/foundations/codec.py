@@ -26,9 +26,10 @@ _hints = cache(get_type_hints)
 def to_record(value: Any, without: Collection[str] = ()) -> Any:
     """As JSON can hold the value; for a dataclass, without the fields in ``without``."""
     if is_dataclass(value) or (isinstance(value, tuple) and hasattr(value, "_fields")):
+        kind: Any = type(value)
         tag = getattr(value, "record_tag", None)
-        head = {tag: type(value).__name__} if tag else {}
-        names = [name for name in _field_names(type(value)) if name not in without]
+        head = {tag: kind.__name__} if tag else {}
+        names = [name for name in _fields_of(kind) if name not in without]
         return head | {name: to_record(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): to_record(item) for key, item in value.items()}
@@ -141,10 +142,10 @@ def _subclasses(base: type[Any]) -> Iterator[type[Any]]:
 def _read_fields(kind: type, record: Any, path: str, given: Mapping[str, Any]) -> Any:
     _require(isinstance(record, dict), "a record", record, path)
     hints, values = _hints(kind), dict(given)
-    for name in _field_names(kind):
+    for name, has_default in _fields_of(kind).items():
         if name in record and name not in values:
             values[name] = _read(hints[name], record[name], _join(path, name))
-        if name not in values and name not in _with_default(kind):
+        if name not in values and not has_default:
             raise ValueError(f"{_join(path, name)}: missing")
     try:
         return kind(**values)
@@ -152,15 +153,12 @@ def _read_fields(kind: type, record: Any, path: str, given: Mapping[str, Any]) -
         raise ValueError(f"{path}: {error}" if path else str(error)) from error
 
 
-def _field_names(kind: Any) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(kind)) if is_dataclass(kind) else kind._fields
-
-
 @cache
-def _with_default(kind: Any) -> frozenset[str]:
-    if not is_dataclass(kind):
-        return frozenset(kind._field_defaults)
-    return frozenset(each.name for each in fields(kind) if each.default is not MISSING)
+def _fields_of(kind: Any) -> dict[str, bool]:
+    """Name of each field → whether it has a default."""
+    if is_dataclass(kind):
+        return {each.name: each.default is not MISSING for each in fields(kind)}
+    return {name: name in kind._field_defaults for name in kind._fields}
 
 
 def _join(path: str, name: str) -> str:

@@ -23,6 +23,7 @@ def read_arrays(
         attributes: of HDF5, of the file and of its arrays, that count as arrays where they are.
     """
     from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
 
     require_regular_file(path)
     # Opened here: numpy leaves a damaged archive open.
@@ -30,7 +31,7 @@ def read_arrays(
         if path.suffix.lower() == ".npz":
             with np.load(file, allow_pickle=False) as arrays:
                 return {n: arrays[n] for n in arrays.files if names is None or n in names}
-        if _is_hdf5(path):
+        if path.suffix.lower() != ".mat" or matfile_version(path)[0] == 2:
             return _read_hdf5(path, names, attributes)
         wanted = None if names is None else [name.partition(".")[0] for name in names]
         read = loadmat(path, spmatrix=False, variable_names=wanted)
@@ -59,22 +60,6 @@ def _of_cells(value: Any) -> Any:
     return np.array([str(np.ravel(cell)[0]) for cell in cells if np.size(cell)])
 
 
-def _is_hdf5(path: Path) -> bool:
-    from scipy.io.matlab import matfile_version
-
-    return path.suffix.lower() != ".mat" or matfile_version(path)[0] == 2
-
-
-def _items(file: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays in HDF5, in groups too."""
-    items: dict[str, Any] = {}
-    file.visititems(items.__setitem__)
-    for name, item in items.items():
-        # MATLAB keeps what cells hold in groups that begin so.
-        if not name.startswith("#") and hasattr(item, "dtype") and _holds_values(item.dtype):
-            yield name, item
-
-
 def _holds_values(kind: np.dtype[Any]) -> bool:
     """Numbers, texts, or references to what MATLAB's cells hold."""
     import h5py
@@ -92,10 +77,14 @@ def _read_hdf5(
     import h5py
 
     with h5py.File(path, "r") as file:
-        arrays: dict[str, Any] = {}
-        arrays |= {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
-        for name, item in _items(file):
-            if names is not None and name not in names:
+        arrays = {key: np.asarray(file.attrs[key]) for key in attributes if key in file.attrs}
+        items: dict[str, Any] = {}
+        file.visititems(items.__setitem__)  # in groups too
+        for name, item in items.items():
+            # MATLAB keeps what cells hold in groups that begin so.
+            if name.startswith("#") or (names is not None and name not in names):
+                continue
+            if not hasattr(item, "dtype") or not _holds_values(item.dtype):
                 continue
             if h5py.check_ref_dtype(item.dtype):
                 arrays[name] = np.array([_text(file[cell]) for cell in item[()].ravel("F")])
