@@ -123,9 +123,7 @@ class Geometry:
     @cached_property
     def edges(self) -> tuple[tuple[str, str], ...]:
         """The lines, and the sides of all faces, each once."""
-        sides = (
-            side for face in self.faces for side in zip(face, (*face[1:], face[0]), strict=True)
-        )
+        sides = (side for face in self.faces for side in pairwise((*face, face[0])))
         once = {frozenset(side): side for side in (*self.lines, *sides)}
         return tuple(once.values())
 
@@ -280,30 +278,28 @@ class Sensor:
         object.__setattr__(self, "motion", pairs)
 
 
-@dataclass(frozen=True, eq=False)
 class SensorMatrix:
     """The sensor matrix (n_sensors, n_dof) of a structure, by its nonzero terms.
 
     Rows with fewer terms than the longest are padded with terms of weight zero.
+
+    Attributes:
+        rows: (n_sensors, n_terms), degrees of freedom.
+        weights: (n_sensors, n_terms).
     """
 
-    rows: NDArray[np.intp]  # (n_sensors, n_terms), degrees of freedom
-    weights: FloatArray  # (n_sensors, n_terms)
-
-    @classmethod
-    def of(
-        cls, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
-    ) -> "SensorMatrix":
+    def __init__(
+        self, motions: Sequence[Mapping[str, float]], degrees_of_freedom: Sequence[str]
+    ) -> None:
         """From each sensor's motion: degree of freedom → its weight in the measurement."""
         row = {label: i for i, label in enumerate(degrees_of_freedom)}
-        longest = max(map(len, motions), default=1)
-        rows = np.zeros((len(motions), longest), dtype=np.intp)
-        weights = np.zeros((len(motions), longest))
+        shape = (len(motions), max(map(len, motions), default=1))
+        self.rows: NDArray[np.intp] = np.zeros(shape, dtype=np.intp)
+        self.weights = np.zeros(shape)
         for i, motion in enumerate(motions):
-            rows[i, : len(motion)] = [row[label] for label in motion]
-            rows[i, len(motion) :] = rows[i, 0]
-            weights[i, : len(motion)] = list(motion.values())
-        return cls(rows, weights)
+            self.rows[i, : len(motion)] = [row[label] for label in motion]
+            self.rows[i, len(motion) :] = self.rows[i, 0]
+            self.weights[i, : len(motion)] = list(motion.values())
 
     def apply(self, motions: FloatArray, axis: int = 1) -> FloatArray:
         """Motions at the sensors: (B, n_dof, n_modes) along an axis become (B, n_sensors, …).

@@ -45,13 +45,13 @@ from bayes_ssi.structures.matrix_terms import (
     own_labels,
 )
 from bayes_ssi.structures.modal import ModalModel, Modes, modal_model, solve_modes
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import CarryingStructure
 
 MOST_ENTRIES = 2**19  # entries of the matrices that are assembled at once
 
 
 @dataclass(frozen=True)
-class LumpedStructure(Structure):
+class LumpedStructure(CarryingStructure):
     """A main structure of springs and point masses, the elements on it, and sensors."""
 
     # Non-structural elements on the main structure.
@@ -80,10 +80,6 @@ class LumpedStructure(Structure):
     @checked
     def with_element(self, element: Element) -> Self:
         return replace(self, elements=(*self.elements, element))
-
-    def require_place(self, place: Place, label: str) -> None:
-        for single, _ in motion_of(place):
-            self._rows_of(single, label)
 
     def place_shapes(self, places: Sequence[Place], values: FloatArray) -> FloatArray:
         motions = np.array([self._vector(motion_of(place)) for place in places])
@@ -153,10 +149,6 @@ class LumpedStructure(Structure):
         if len(values) > n:
             return joined([self.modes(part) for part in np.split(values, range(n, len(values), n))])
         return solve_modes(*self.matrices(values)).repeated(len(values))
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self._carried.labels
 
     def heights(self) -> dict[str, float]:
         """See :meth:`Structure.heights`; an appendage is drawn between the places that carry it."""
@@ -243,13 +235,13 @@ class LumpedStructure(Structure):
     @cached_property
     def _carried(self) -> CarriedElements:
         main = self.main_degrees_of_freedom()
-        return CarriedElements.of(self.elements, self._rows_of, len(main), taken=main)
+        return CarriedElements.of(self.elements, self.rows_of, len(main), taken=main)
 
     @cached_property
     def _terms(self) -> tuple[list[AddedTerm], list[AddedTerm]]:
         """Springs and masses, of the main structure and then of the elements."""
-        springs = [AddedTerm.of(term, self._rows_of, "spring") for term in self.main_springs()]
-        masses = [AddedTerm.of(term, self._rows_of, "mass") for term in self.main_masses()]
+        springs = [AddedTerm.of(term, self.rows_of, "spring") for term in self.main_springs()]
+        masses = [AddedTerm.of(term, self.rows_of, "mass") for term in self.main_masses()]
         return [*springs, *self._carried.springs], [*masses, *self._carried.masses]
 
     @cached_property
@@ -289,21 +281,18 @@ class LumpedStructure(Structure):
         """v (n,) of the displacement ``v·x = Σ share · x(place)``."""
         vector = np.zeros(len(self.degrees_of_freedom))
         for place, share in motion:
-            for row, component in self._rows_of(place, "element"):
+            for row, component in self.rows_of(place, "element"):
                 vector[row] += share * component
         return vector
 
-    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+    def rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
         """Rows of a floor, degree of freedom or sensor, and their shares."""
         sensors = {sensor.label: sensor.motion for sensor in self.sensors}
         motion: Motion = sensors.get(str(place), ((place, 1.0),))
-        rows = ((self._index(single, label), share) for single, share in motion)
-        return [(row, share) for row, share in rows if row is not None]
+        return [(self._index(one, label), share) for one, share in motion if one != 0]
 
-    def _index(self, place: SinglePlace, label: str = "element") -> int | None:
-        """The degree of freedom at a place; None for the ground, which does not move."""
-        if place == 0:
-            return None
+    def _index(self, place: SinglePlace, label: str) -> int:
+        """The degree of freedom at a place that is not the ground."""
         if isinstance(place, int) and 1 <= place <= len(self.main_degrees_of_freedom()):
             return place - 1
         if place in self.degrees_of_freedom:

@@ -155,15 +155,14 @@ class CarriedElements:
 
     def ordered(self, rows: NDArray[np.intp]) -> "CarriedElements":
         """The same elements where row i of the structure has become ``rows[i]``."""
-        whole = np.append(rows, np.arange(self.size, self.whole_size))
-        springs, masses = (
-            tuple(
-                term._replace(vector={int(whole[i]): c for i, c in term.vector.items()})
-                for term in terms
+        whole = [*rows.tolist(), *range(self.size, self.whole_size)]
+
+        def moved(terms: Iterable[AddedTerm]) -> tuple[AddedTerm, ...]:
+            return tuple(
+                t._replace(vector={whole[i]: c for i, c in t.vector.items()}) for t in terms
             )
-            for terms in (self.springs, self.masses)
-        )
-        return CarriedElements(self.labels, springs, masses, self.size)
+
+        return CarriedElements(self.labels, moved(self.springs), moved(self.masses), self.size)
 
     def components(self, terms: Sequence[AddedTerm]) -> tuple[FloatArray, FloatArray]:
         """Of motions: by the rows acted on (n, r), and by own degrees of freedom (n, p)."""

@@ -185,10 +185,7 @@ class Output:
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for every place."""
-        return tuple(
-            place if isinstance(place, str) else f"{place[0]} to {place[1]}"
-            for place in self.places
-        )
+        return tuple(each if isinstance(each, str) else " to ".join(each) for each in self.places)
 
     def matrix_on(self, structure: Structure) -> SensorMatrix:
         """What gives displacements at the places, or their differences for drift.
@@ -208,7 +205,7 @@ class Output:
             for label, share in motions[lower].items():
                 row[label] = row.get(label, 0.0) - share
             rows.append(row)
-        return SensorMatrix.of(rows, structure.degrees_of_freedom)
+        return SensorMatrix(rows, structure.degrees_of_freedom)
 
 
 def _is_pair(place: object) -> bool:

@@ -67,14 +67,13 @@ class RigidFloors(LumpedStructure):
             in_storeys.append(Candidate(storey, below, to=label, direction=axis))
         return (*on_floors, *in_storeys)
 
-    def _index(self, place: SinglePlace, label: str = "element") -> int | None:
-        if place != 0:
-            require_known(
-                f"{label}: the structure has no degree of freedom",
-                [place],
-                self.degrees_of_freedom,
-                besides=" (a floor moves in three directions here)",
-            )
+    def _index(self, place: SinglePlace, label: str) -> int:
+        require_known(
+            f"{label}: the structure has no degree of freedom",
+            [place],
+            self.degrees_of_freedom,
+            besides=" (a floor moves in three directions here)",
+        )
         return super()._index(place, label)
 
 

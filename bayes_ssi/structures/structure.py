@@ -33,6 +33,7 @@ from bayes_ssi.structures.geometry import (
     motion_of,
     stick,
 )
+from bayes_ssi.structures.matrix_terms import CarriedElements
 from bayes_ssi.structures.modal import ModalModel, Modes
 
 T = TypeVar("T")
@@ -190,7 +191,7 @@ class Structure(ABC):
                 choices = labels if name in combined else (*combined, *labels)
                 missing = f"{what} {name!r}: the structure has no degree of freedom"
                 require_known(missing, motion, choices)
-        return SensorMatrix.of(motions, labels)
+        return SensorMatrix(motions, labels)
 
     def sensor_motions(self, sensors: Iterable[str]) -> list[Mapping[str, float]]:
         """What each of these sensors measures: degree of freedom → share."""
@@ -377,6 +378,31 @@ class Structure(ABC):
     def prior_medians(self) -> FloatArray:
         """Every parameter at its prior median, as one row of ``values`` (1, n_parameters)."""
         return np.array([[p.prior.quantile(0.5) for p in self.parameters]])
+
+
+class CarryingStructure(Structure):
+    """A structure with elements at its own rows and those that they add."""
+
+    @property
+    @abstractmethod
+    def _carried(self) -> CarriedElements: ...
+
+    @abstractmethod
+    def rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+        """Rows of a place, which move with these shares; none of the ground.
+
+        Raises:
+            ValueError: there is no such place; the message begins with ``label``.
+        """
+
+    @property
+    def appendages(self) -> tuple[str, ...]:
+        return self._carried.labels
+
+    def require_place(self, place: Place, label: str) -> None:
+        for single, _ in motion_of(place):
+            if single not in self.appendages:
+                self.rows_of(single, label)
 
 
 def _as_substituted(name: str) -> Any:

@@ -32,17 +32,19 @@ from bayes_ssi.structures.finite_elements.sparse_modes import count_below, lowes
 from bayes_ssi.structures.geometry import Geometry, Location, Place, SinglePlace, motion_of
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, coefficients_of
 from bayes_ssi.structures.modal import Eigenpairs, ModalModel, Modes
+from bayes_ssi.structures.structure import CarryingStructure
 
 # Modes are computed up to this share above the highest frequency of interest, since frequencies
 # fall as parameters change: by a fifth where a stiffness is a third lower than its median.
 FREQUENCY_MARGIN = 0.2
 
 
-class AssembledStructure(PointwiseStructure):
+class AssembledStructure(CarryingStructure, PointwiseStructure):
     """A model whose matrices are sums of fixed ones times products of parameters."""
 
     geometry: Geometry | None = None
     labels: tuple[str, ...] | None = None  # of all degrees of freedom but those of elements
+    _carried: CarriedElements = CarriedElements((), (), (), 0)
 
     def __init__(
         self,
@@ -109,10 +111,6 @@ class AssembledStructure(PointwiseStructure):
         return (*self._names, *self.appendages)
 
     @property
-    def appendages(self) -> tuple[str, ...]:
-        return self._carried.labels
-
-    @property
     def size(self) -> int:
         """Number of degrees of freedom of the matrices."""
         return self._carried.whole_size
@@ -168,23 +166,10 @@ class AssembledStructure(PointwiseStructure):
         state = super().__getstate__()
         if self._main is None:
             return state
-        kind = type(self)
-        return {
-            name: value
-            for name, value in state.items()
-            if not isinstance(getattr(kind, name, None), cached_property)
-        }
-
-    def require_place(self, place: Place, label: str) -> None:
-        for single, _ in motion_of(place):
-            self.rows_of(single, label)
+        kept = (n for n in state if not isinstance(getattr(type(self), n, None), cached_property))
+        return {name: state[name] for name in kept}
 
     def rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
-        """The degree of freedom, from 0, at a place of an element, moved whole; none of the ground.
-
-        Raises:
-            ValueError: there is no such place; the message begins with ``label``.
-        """
         if place == 0:
             return []
         if place not in self._row_of_label:
@@ -229,12 +214,9 @@ class AssembledStructure(PointwiseStructure):
         """See :meth:`Structure.location_of`; a sensor is where its degree of freedom is."""
         if self.geometry is None:
             return None
-        labels = dict(enumerate(self.labels or ()))
-        row_of = self._row_of_label
-        motion = motion_of(place)
-        return self.geometry.location(
-            tuple((labels.get(row_of.get(single, -1), single), share) for single, share in motion)
-        )
+        labels, row_of = dict(enumerate(self.labels or ())), self._row_of_label
+        named = ((labels.get(row_of.get(one, -1), one), share) for one, share in motion_of(place))
+        return self.geometry.location(tuple(named))
 
     # Solutions.
 
@@ -322,10 +304,8 @@ class AssembledStructure(PointwiseStructure):
     def modal_model(self, values: FloatArray) -> ModalModel:
         influence = self.require_influence()
         solutions = [self.solution(row) for row in values]
-        frequencies, shapes, participation = (
-            np.array([solution[i] for solution in solutions]) for i in range(3)
-        )
-        return ModalModel(frequencies, shapes, participation, influence[self.sensor_rows])
+        parts = [np.array([solution[i] for solution in solutions]) for i in range(3)]
+        return ModalModel(parts[0], parts[1], parts[2], influence[self.sensor_rows])
 
     def require_influence(self) -> FloatArray:
         """Influence of ground motion (n,), rows as in :attr:`system`; TypeError if not known."""

@@ -33,10 +33,10 @@ from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, pa
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.reduced_basis import SKETCH_SIZE, ReducedBasis, Reference
-from bayes_ssi.structures.geometry import Place, Sensor, SinglePlace, motion_of
+from bayes_ssi.structures.geometry import Sensor, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray, CarriedElements, coefficients_of
 from bayes_ssi.structures.modal import FreeBody, Modes, settle, solve_modes
-from bayes_ssi.structures.structure import Structure
+from bayes_ssi.structures.structure import CarryingStructure, Structure
 
 
 class ElementVectors(NamedTuple):
@@ -50,7 +50,7 @@ class ElementVectors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectedStructure(Structure):
+class ProjectedStructure(CarryingStructure):
     """The model in a basis of N vectors, its answers to forces at some places, and elements there.
 
     Attributes:
@@ -123,14 +123,9 @@ class ProjectedStructure(Structure):
     @cached_property
     def _carried(self) -> CarriedElements:
         size, shift = len(self.places), self.free_body.shift
-        return CarriedElements.of(self.elements, self._rows_of, size, shift)
+        return CarriedElements.of(self.elements, self.rows_of, size, shift)
 
-    def require_place(self, place: Place, label: str) -> None:
-        for single, _ in motion_of(place):
-            if single not in self.appendages:
-                self._rows_of(single, label)
-
-    def _rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
+    def rows_of(self, place: SinglePlace, label: str) -> list[tuple[int, float]]:
         if place == 0:
             return []
         require_known(f"{label}: no place", [place], self.places)
@@ -154,10 +149,6 @@ class ProjectedStructure(Structure):
     @property
     def degrees_of_freedom(self) -> tuple[str, ...]:
         return (*self.measured, *self.appendages)
-
-    @property
-    def appendages(self) -> tuple[str, ...]:
-        return self._carried.labels
 
     @property
     def n_modes(self) -> int:

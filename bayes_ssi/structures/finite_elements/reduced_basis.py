@@ -99,19 +99,15 @@ class Reference:
         return Factor(self.matrix, modal.NOT_SUPPORTED)
 
 
-class Elongations(NamedTuple):
+class Elongations:
     """Elements' own degrees of freedom q = B⁻¹ (s - A u), of elongations s = A u + B q."""
 
-    # (r,), degrees of freedom of the model at which elements act; A has these columns.
-    rows: NDArray[np.intp]
-    follow: FloatArray  # B⁻¹ A (p, r)
-    inverse: FloatArray  # B⁻¹ (p, p)
-
-    @classmethod
-    def of(cls, carried: CarriedElements) -> "Elongations":
+    def __init__(self, carried: CarriedElements) -> None:
+        # (r,), degrees of freedom of the model at which elements act; A has these columns.
+        self.rows = carried.acted_on
         a, b = carried.components(carried.own_springs)
-        inverse = np.linalg.inv(b).astype(np.float64)
-        return cls(carried.acted_on, inverse @ a, inverse)
+        self.inverse = np.linalg.inv(b).astype(np.float64)  # B⁻¹ (p, p)
+        self.follow = self.inverse @ a  # B⁻¹ A (p, r)
 
     def directions(self, carried: CarriedElements, terms: Sequence[AddedTerm]) -> list[FloatArray]:
         """Components of directions by u (n_terms, r) and by s (n_terms, p)."""
@@ -189,7 +185,7 @@ class ReducedBasis:
         """The basis that carries some elements, from one without any."""
         if not carried.springs and not carried.masses:
             return self
-        elongations = Elongations.of(carried)
+        elongations = Elongations(carried)
         rows, p = elongations.rows, len(carried.labels)
         springs, masses = (
             elongations.directions(carried, terms) for terms in (carried.springs, carried.masses)
