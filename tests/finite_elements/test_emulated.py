@@ -133,7 +133,7 @@ def test_a_half_space_that_fails_is_recognised():
     rng = np.random.default_rng(2)
     x, new = rng.standard_normal((200, 3)), rng.standard_normal((500, 3))
     failed = x[:, 0] + x[:, 1] > 1.0
-    failing = FailingPoints.fitted(x[failed], x[failed], x[~failed])
+    failing = FailingPoints(x[failed], x[failed], x[~failed])
     sums = new[:, 0] + new[:, 1]
     by_odds, by_nearest = failing.votes(new)
     is_open = by_odds != by_nearest

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -39,7 +38,6 @@ MOST_OPEN = 0.05
 FAILING_PRECISION = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
 class FailingPoints:
     """The probability that a model fails, from the points at which it did and did not.
 
@@ -47,18 +45,12 @@ class FailingPoints:
     ellipsoid or a hyperboloid.
     """
 
-    x: FloatArray  # (F, d), coordinates where the model failed
-    values: FloatArray  # (F, d), the parameters' values there
-    coefficients: FloatArray | None  # of the polynomial; None where it never failed
-    succeeded: FloatArray  # (N, d), coordinates where it did not fail
-
-    @classmethod
-    def fitted(
-        cls, failed: FloatArray, values: FloatArray, succeeded: FloatArray
-    ) -> "FailingPoints":
+    def __init__(self, failed: FloatArray, values: FloatArray, succeeded: FloatArray) -> None:
         """Fit to points (F, d), with their values, and (N, d) where the model did not fail."""
+        self.x, self.values, self.succeeded = failed, values, succeeded
+        self.coefficients: FloatArray | None = None  # of the polynomial, unless it never failed
         if not len(failed):
-            return cls(failed, values, None, succeeded)
+            return
         from scipy.optimize import minimize  # takes long to import
 
         terms = quadratic_terms(np.vstack([failed, succeeded]))
@@ -70,8 +62,8 @@ class FailingPoints:
             value = np.logaddexp(0.0, -margins).sum() + 0.5 * precision * c @ c
             return float(value), precision * c - terms.T @ (signs * expit(-margins))
 
-        optimum = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B")
-        return cls(failed, values, optimum.x, succeeded)
+        start = np.zeros(terms.shape[1])
+        self.coefficients = minimize(cost, start, jac=True, method="L-BFGS-B").x
 
     def votes(self, x: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the model fails (B,) at ``x`` (B, d): by the odds, and at the nearest point."""
@@ -205,7 +197,7 @@ class EmulatedStructure(ApproximateStructure):
                 "points of the prior, too few to emulate it"
             )
         n_needed = self.n_modes if fit is None else fit.n_needed
-        failing = FailingPoints.fitted(failed, values_failed, solved)
+        failing = FailingPoints(failed, values_failed, solved)
         return EmulatorFit.best(solved, modes, failing, n_needed, fit)
 
     def _worst(self, fit: "EmulatorFit", x: FloatArray, allowed: float) -> NDArray[np.intp]:

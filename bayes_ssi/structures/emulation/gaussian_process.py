@@ -49,13 +49,11 @@ class GaussianProcess:
         """
         some = slice(max(len(x) - MOST_FITTED, 0), None)
         spread = np.maximum(x.std(axis=0), 1e-12)
-        first = np.log([*(3.0 * spread), 1e-6])
-        if start is not None:
-            first = np.log([*start.lengths, start.noise])
+        first = [*(3.0 * spread), 1e-6] if start is None else [*start.lengths, start.noise]
         low, high = np.log([*np.outer(spread, LENGTHS), NOISE]).T
         optimum = minimize(
             _negative_log_likelihood,
-            np.clip(first, low, high),
+            np.clip(np.log(first), low, high),
             (x[some], weights * y[some]),
             method="L-BFGS-B",
             jac=True,
@@ -107,29 +105,21 @@ class GaussianProcess:
     def _solved(self) -> "_Solved":
         r = self._correlations(self.x)
         r[np.diag_indices_from(r)] = 1.0 + self.noise
-        return _Solved.of(r, trend_terms(self.x, len(self.x)), self.y)
+        return _Solved(r, trend_terms(self.x, len(self.x)), self.y)
 
 
-@dataclass(frozen=True, eq=False)
 class _Solved:
-    """The equations of universal kriging, solved."""
+    """The equations of universal kriging, solved: R = L Lᵀ are the correlations, F the trend."""
 
-    cholesky: FloatArray  # L of the correlations R = L Lᵀ
-    half_trend: FloatArray  # L⁻¹ F, F (N, p) being the trend's terms
-    trend_root: FloatArray  # the root of Fᵀ R⁻¹ F, upper triangular
-    coefficients: FloatArray  # (p, n_outputs), of the trend
-    weights: FloatArray  # (N, n_outputs), R⁻¹ (y - F β)
-
-    @classmethod
-    def of(cls, r: FloatArray, trend: FloatArray, y: FloatArray) -> "_Solved":
-        root = scipy.linalg.cholesky(r, lower=True)
-        half_trend = scipy.linalg.solve_triangular(root, trend, lower=True)
+    def __init__(self, r: FloatArray, trend: FloatArray, y: FloatArray) -> None:
+        self.cholesky = root = scipy.linalg.cholesky(r, lower=True)  # L
+        self.half_trend = scipy.linalg.solve_triangular(root, trend, lower=True)  # L⁻¹ F (N, p)
         half_y = scipy.linalg.solve_triangular(root, y, lower=True)
-        q, trend_root = np.linalg.qr(half_trend)
-        coefficients = scipy.linalg.solve_triangular(trend_root, q.T @ half_y)
-        residual = half_y - half_trend @ coefficients
-        weights = scipy.linalg.solve_triangular(root, residual, lower=True, trans=1)
-        return cls(root, half_trend, trend_root, coefficients, weights)
+        q, self.trend_root = np.linalg.qr(self.half_trend)  # of Fᵀ R⁻¹ F, upper triangular
+        # β (p, n_outputs), and R⁻¹ (y - F β) (N, n_outputs).
+        self.coefficients = scipy.linalg.solve_triangular(self.trend_root, q.T @ half_y)
+        residual = half_y - self.half_trend @ self.coefficients
+        self.weights = scipy.linalg.solve_triangular(root, residual, lower=True, trans=1)
 
     @property
     def projected_inverse(self) -> FloatArray:
@@ -152,7 +142,7 @@ def _negative_log_likelihood(
     with_noise[np.diag_indices_from(r)] = 1.0 + noise
     trend = trend_terms(x, len(x))
     try:
-        solved = _Solved.of(with_noise, trend, y)
+        solved = _Solved(with_noise, trend, y)
     except scipy.linalg.LinAlgError:
         return 1e10, np.zeros(len(logs))
     degrees = len(x) - trend.shape[1]
