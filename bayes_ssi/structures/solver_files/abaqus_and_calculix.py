@@ -78,9 +78,8 @@ def read_abaqus(source: Source) -> Matrices:
             f"{path}: name the file of the stiffness, job_STIFn.mtx, in whose folder job_MASSn.mtx "
             "stands, or both"
         )
-    return (_unlabelled if _is_coordinate(_first_data(first_bytes(path))) else _labelled)(
-        path, mass
-    )
+    read = _unlabelled if _is_coordinate(_first_data(first_bytes(path))) else _labelled
+    return read(path, mass)
 
 
 def _labelled(path: Path, mass: Path) -> Matrices:
@@ -173,20 +172,14 @@ MEMBERS = ("B2", "B3", "T2", "T3", "PIPE")
 # Of solids, and of shells and membranes: their number of nodes.
 SURFACES = re.compile(r"(C3D|S|M3D)(\d+)")
 Faces = tuple[tuple[int, ...], ...]
-TETRAHEDRON = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
+TRIANGLE, QUAD = ((0, 1, 2),), ((0, 1, 2, 3),)
+TETRA = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 WEDGE = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
 BRICK = (
     (0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)
 )  # fmt: skip
-SOLIDS: dict[int, Faces] = {
-    **dict.fromkeys((4, 10), TETRAHEDRON),
-    **dict.fromkeys((6, 15), WEDGE),
-    **dict.fromkeys((8, 20), BRICK),
-}
-SHELLS: dict[int, Faces] = {
-    **dict.fromkeys((3, 6), ((0, 1, 2),)),
-    **dict.fromkeys((4, 8, 9), ((0, 1, 2, 3),)),
-}
+SOLIDS: dict[int, Faces] = {4: TETRA, 10: TETRA, 6: WEDGE, 15: WEDGE, 8: BRICK, 20: BRICK}
+SHELLS: dict[int, Faces] = {3: TRIANGLE, 6: TRIANGLE, 4: QUAD, 8: QUAD, 9: QUAD}
 
 
 def geometry_of_deck(path: Path) -> Geometry | None:

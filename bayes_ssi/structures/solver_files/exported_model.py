@@ -226,9 +226,8 @@ def exported_model(
     if not mass.diagonal().any():
         raise ValueError(f"{of_mass}: there is no mass; does the model state a density?")
     empty = abs(stiffness).sum(axis=0) + abs(mass).sum(axis=0) == 0.0
-    stiffness, mass, names = _without(
-        empty, "without stiffness and mass", (stiffness, mass, names), notes
-    )
+    parts = (stiffness, mass, names)
+    stiffness, mass, names = _without(empty, "without stiffness and mass", parts, notes)
     if names is not None:
         names = _numbered(names, notes)
     return ExportedModel(

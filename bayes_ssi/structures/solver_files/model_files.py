@@ -36,8 +36,6 @@ from bayes_ssi.structures.solver_files.plain_matrices import (
 from bayes_ssi.structures.solver_files.sap2000_text import read_sap2000
 from bayes_ssi.structures.solver_files.solver_text import TRANSLATIONS, direction_of, read_labels
 
-Begins = Callable[[bytes], bool]
-
 
 class Format(NamedTuple):
     """A format of solver files: how it is recognised by ending and first bytes, and read."""
@@ -49,27 +47,22 @@ class Format(NamedTuple):
     has_keys: bool = False
 
 
-def _ends(*endings: str, or_begins: Begins | None = None) -> Callable[[str, bytes], bool]:
-    return lambda ending, head: ending in endings or bool(or_begins and or_begins(head))
-
-
 # In the order in which they are tried.
 FORMATS = (
     Format("SAP2000 or ETABS text", ".TXE, .TXK, .TXM",
-           _ends(".txa", ".txe", ".txk", ".txm", ".txc"), read_sap2000),
-    Format("CalculiX matrix storage", ".sti, .mas, .dof", _ends(".sti", ".mas", ".dof"),
-           read_calculix),
-    Format("ANSYS full file", ".full", _ends(".full"), read_full),
+           lambda end, _: end in (".txa", ".txe", ".txk", ".txm", ".txc"), read_sap2000),
+    Format("CalculiX matrix storage", ".sti, .mas, .dof",
+           lambda end, _: end in (".sti", ".mas", ".dof"), read_calculix),
+    Format("ANSYS full file", ".full", lambda end, _: end == ".full", read_full),
     Format("Nastran punched matrices (DMIG)", ".pch, .dmig",
-           _ends(".pch", ".dmig", or_begins=lambda head: b"\nDMIG" in b"\n" + head),
+           lambda end, head: end in (".pch", ".dmig") or b"\nDMIG" in b"\n" + head,
            read_punch, has_keys=True),
-    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx",
-           recognises_abaqus, read_abaqus),
+    Format("Abaqus matrix output", "job_STIFn.mtx, job_MASSn.mtx", recognises_abaqus, read_abaqus),
     Format("matrices", ".npz, .mat, .npy, Matrix Market .mtx",
-           _ends(".npz", ".mat", ".npy", or_begins=lambda head: head.startswith(b"%%MatrixMarket")),
+           lambda end, head: end in (".npz", ".mat", ".npy") or head.startswith(b"%%MatrixMarket"),
            read_containers, has_keys=True),
     Format("matrices printed as text (OpenSees)", "a file of rows for each matrix",
-           _ends(or_begins=recognises_rows), read_printed),
+           lambda _, head: recognises_rows(head), read_printed),
 )  # fmt: skip
 
 

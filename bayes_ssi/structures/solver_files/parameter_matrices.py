@@ -88,10 +88,7 @@ class ParameterMatrices:
         require_known("parameters: none is given for property", names, parameters)
 
         def pairs(terms: Sequence[MatrixTerm]) -> list[tuple[Value, sp.csc_array]]:
-            return [
-                (parameters[term.name] ** term.exponent if term.name else 1.0, term.matrix)
-                for term in terms
-            ]
+            return [(parameters[t.name] ** t.exponent if t.name else 1.0, t.matrix) for t in terms]
 
         return pairs(self.stiffness), pairs(self.mass)
 
@@ -121,13 +118,20 @@ def parameter_matrices(
             )
         by_property.setdefault(next(iter(export.factors)), []).append(export)
     for name, exports in by_property.items():
-        _require_other_factors(name, exports)
+        for export in exports:
+            if not 0.0 < (factor := export.factors[name]) < np.inf or factor == 1.0:
+                raise ValueError(
+                    f"{export.file}: the factor of {name!r} must be positive and not 1, got "
+                    f"{factor:g}"
+                )
+        if len({export.factors[name] for export in exports}) < len(exports):
+            raise ValueError(f"{exports[-1].file}: another export has the same factor of {name!r}")
     for check in checks:
         require_known(f"{check.file}: no other export alters alone", check.factors, by_property)
     errors = {check.file: 0.0 for check in checks}
     terms = []
     for which in ("stiffness", "mass"):
-        changes = _Changes.of(which, nominal, [*changed, *checks])
+        changes = _Changes(which, nominal, [*changed, *checks])
         chosen = [one for each in by_property.items() for one in changes.fitted(*each)]
         for check in checks:
             errors[check.file] = max(errors[check.file], changes.missed(chosen, check))
@@ -140,17 +144,6 @@ def parameter_matrices(
             "it the nominal export?"
         )
     return ParameterMatrices(nominal, terms[0], terms[1], errors)
-
-
-def _require_other_factors(name: str, exports: Sequence[AlteredModel]) -> None:
-    for export in exports:
-        factor = export.factors[name]
-        if not (np.isfinite(factor) and factor > 0.0 and factor != 1.0):
-            raise ValueError(
-                f"{export.file}: the factor of {name!r} must be positive and not 1, got {factor:g}"
-            )
-    if len({export.factors[name] for export in exports}) < len(exports):
-        raise ValueError(f"{exports[-1].file}: another export has the same factor of {name!r}")
 
 
 def _difference(nominal: ExportedModel, export: AlteredModel, which: str) -> sp.csc_array:
@@ -175,27 +168,19 @@ def _sum(weights: Sequence[float] | FloatArray, matrices: Sequence[sp.csc_array]
     return sp.csc_array(sum(others, start=first))
 
 
-@dataclass(frozen=True, eq=False)
 class _Changes:
-    which: str
-    nominal: sp.csc_array
-    scale: sp.dia_array  # the diagonal that makes entries (i, j) relative to √(K_ii K_jj)
-    differences: Mapping[AlteredModel, sp.csc_array]
-    # Relative parts of a matrix of all entries below which it is rounding of printed digits: those
-    # of a difference of two exports, over that of the factors.
-    rounding: float
-
-    @classmethod
-    def of(cls, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> "_Changes":
-        nominal = getattr(model, which)
-        diagonal = np.sqrt(abs(nominal.diagonal()))
+    def __init__(self, which: str, model: ExportedModel, exports: Sequence[AlteredModel]) -> None:
+        self.which, self.nominal = which, getattr(model, which)
+        diagonal = np.sqrt(abs(self.nominal.diagonal()))
         diagonal[diagonal == 0.0] = diagonal.max()
-        differences = {export: _difference(model, export, which) for export in exports}
+        self.scale = sp.diags_array(1.0 / diagonal)  # makes entries relative to √(K_ii K_jj)
+        self.differences = {export: _difference(model, export, which) for export in exports}
         smallest = min(abs(f - 1.0) for export in exports for f in export.factors.values())
         # Numbers of fewer digits are round ones, rather than rounded.
         last_digit = 10.0 ** (1 - model.digits) if model.digits >= FEWEST_DIGITS else 0.0
-        rounding = max(ROUNDING, 2.0 * last_digit / smallest)
-        return cls(which, nominal, sp.diags_array(1.0 / diagonal), differences, rounding)
+        # Relative parts of a matrix of all entries below which it is rounding of printed digits:
+        # those of a difference of two exports, over that of the factors.
+        self.rounding = max(ROUNDING, 2.0 * last_digit / smallest)
 
     def error(self, difference: sp.csc_array) -> float:
         return float(abs(self.scale @ difference @ self.scale).max())

@@ -31,7 +31,7 @@ def read_sap2000(source: Source) -> Matrices:
     """Stiffness and mass by the labels of joints, and what constraints make depend on others."""
     equations = source.needed(".TXE", "equation numbers of the joints")
     stiffness = source.needed(".TXK", "stiffness")
-    mass = source.mass or source.needed(".TXM", "mass")
+    files = (stiffness, source.mass or source.needed(".TXM", "mass"))
     numbers = list(_equations(equations))
     size = max((n for _, _, n in numbers), default=0)
     if size < 1:
@@ -59,16 +59,13 @@ def read_sap2000(source: Source) -> Matrices:
             f"{len(dependent)} displacements have no row of their own: constraints tie them to "
             "those of others (dependent)"
         )
-    entries = [
-        read_number_lines(path, "row, column, value", delimiter="\t", skip=1)
-        for path in (stiffness, mass)
-    ]
+    entries = [read_number_lines(f, "row, column, value", delimiter="\t", skip=1) for f in files]
     return Matrices(
         (
             matrix_of_lines(stiffness, entries[0], size, first_line=2, to_the_last="row"),
-            matrix_of_lines(mass, entries[1], size, first_line=2),
+            matrix_of_lines(files[1], entries[1], size, first_line=2),
         ),
-        (stiffness, mass),
+        files,
         labels=[labels[i] for i in range(size)],
         dependent=dependent,
         notes=tuple(notes),
