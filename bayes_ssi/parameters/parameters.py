@@ -40,9 +40,8 @@ class _Multiplies:
 
     def __pow__(self, exponent: float) -> Product:
         product = as_product(self)  # type: ignore[arg-type]
-        return Product(
-            product.scale**exponent, tuple((p, power * exponent) for p, power in product.powers)
-        )
+        powers = tuple((p, power * exponent) for p, power in product.powers)
+        return Product(product.scale**exponent, powers)
 
 
 @dataclass(frozen=True)

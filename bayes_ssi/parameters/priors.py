@@ -85,10 +85,8 @@ class Widened(Prior):
         # φ(z/factor) / factor · dz/dx. Outside the support both are zero.
         with np.errstate(invalid="ignore"):
             ratio = 0.5 * (z * z - (z / self.factor) ** 2) - math.log(self.factor)
-        inside = self.prior.log_density(value)
-        return np.where(
-            np.isneginf(inside), -np.inf, inside + np.where(np.isnan(ratio), 0.0, ratio)
-        )
+        own = self.prior.log_density(value)
+        return np.where(np.isneginf(own), own, own + np.where(np.isnan(ratio), 0.0, ratio))
 
 
 def log_standard_normal_density(z: ArrayLike) -> FloatArray:

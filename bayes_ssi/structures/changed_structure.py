@@ -48,9 +48,8 @@ class ChangedStructure(SubstituteStructure):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        return collect_parameters(
-            (*self.structure.parameters, *(e.loss for e in self.losses), *self.falls.values())
-        )
+        losses = (each.loss for each in self.losses)
+        return collect_parameters((*self.structure.parameters, *losses, *self.falls.values()))
 
     def left(self, values: FloatArray) -> FloatArray:
         """The other structure's parameters (B, n) at ``values`` (B, n_parameters) of this one."""

@@ -214,20 +214,20 @@ class _Infill(Element):
     kind: ClassVar[str] = "infill"
 
     def __post_init__(self) -> None:
-        given, where = self.between, f"{self.label or self.kind}: between"
+        given = self.between
+        where = (
+            f"{self.label or self.kind}: between must be two different floors such as (1, 2), 0 "
+            "being the ground, or other places"
+        )
         two = isinstance(given, (tuple, list)) and len(given) == 2
         try:
             ends = tuple(checked_place(place, "one of them") for place in given) if two else ()
         except ValueError as error:
-            raise ValueError(f"{where} {self._expected}: {error}") from None
+            raise ValueError(f"{where}: {error}") from None
         if len(set(ends)) != 2 or any(isinstance(end, int) and end < 0 for end in ends):
-            raise ValueError(f"{where} {self._expected}, got {given!r}")
+            raise ValueError(f"{where}, got {given!r}")
         object.__setattr__(self, "between", ends)
         self._check(f"{self.kind} {place_name(ends[0])}-{place_name(ends[1])}")
-
-    _expected: ClassVar[str] = (
-        "must be two different floors such as (1, 2), 0 being the ground, or other places"
-    )
 
     def _standing(self) -> Sequence[tuple[Place, float]]:
         """Half of the mass on each of the two floors."""

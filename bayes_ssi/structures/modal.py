@@ -39,9 +39,8 @@ def settle(ascending: FloatArray, shapes: FloatArray) -> None:
         ascending: (B, m), eigenvalues or frequencies; NaN in rows without modes.
         shapes: (B, n, m), orthonormal in any mass, at all degrees of freedom or at some.
     """
-    rounding = (
-        EQUAL_WITHIN * ascending[:, 1:] + EQUAL_UNITS * np.finfo(float).eps * ascending[:, -1:]
-    )
+    units = EQUAL_UNITS * np.finfo(float).eps
+    rounding = EQUAL_WITHIN * ascending[:, 1:] + units * ascending[:, -1:]
     equal = np.diff(ascending, axis=1) <= rounding
     if not equal.any():
         return
@@ -91,10 +90,9 @@ class FreeBody(NamedTuple):
         """The modes above the rigid-body ones, at their own frequencies."""
         if not self.number:
             return raised
-        squares = (2.0 * math.pi * raised.frequencies_hz[..., self.number :]) ** 2
-        return Modes(
-            frequencies_hz(np.maximum(squares - self.shift, 0.0)), raised.shapes[..., self.number :]
-        )
+        frequencies, shapes = (each[..., self.number :] for each in raised)
+        squares = (2.0 * math.pi * frequencies) ** 2
+        return Modes(frequencies_hz(np.maximum(squares - self.shift, 0.0)), shapes)
 
 
 class Eigenpairs(NamedTuple):

@@ -174,10 +174,8 @@ class ReducedStructure(ApproximateStructure):
         """The certified errors at ``values`` (B, n_parameters): arrays (B, n_modes)."""
         basis, n, reference = self.basis, n_modes or self.n_modes, self._reference
         rigid = self.full.n_rigid_modes
-        rows = [
-            basis.bounds(each, n + rigid, reference)
-            for each in self.full.system.coefficients(values)
-        ]
+        coefficients = self.full.system.coefficients(values)
+        rows = [basis.bounds(each, n + rigid, reference) for each in coefficients]
         both = np.array(rows).reshape(-1, 2, n + rigid)[:, :, rigid:]
         frequency, shape = both.transpose(1, 0, 2)
         # A shift by half of the lowest (2πf)² raises it by half, and errors are shares of it.
@@ -199,8 +197,7 @@ class ReducedStructure(ApproximateStructure):
 
     def accuracy(self, values: FloatArray, n_modes: int | None = None) -> Accuracy:
         bounds = self.bounds(values, n_modes)
-        frequency = float(bounds.frequency.max(initial=0.0))
-        shape = float(bounds.shape.max(initial=0.0))
+        frequency, shape = (float(each.max(initial=0.0)) for each in bounds)
         solutions = counted(self.n_full_solutions, "full solution")
         if self.n_corrected:
             solutions += f" and {counted(self.n_corrected, 'correction')} by its factors"

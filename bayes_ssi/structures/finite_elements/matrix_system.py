@@ -127,10 +127,8 @@ def _digest(matrix: Matrix) -> str:
     scale = np.maximum(diagonal, 1e-4 * (diagonal.max(initial=0.0) or 1.0))
     rows, columns = matrix.indices, np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     in_shares = matrix.data / (scale[rows] * scale[columns])
-    return (
-        steady_digest(in_shares, rows, columns)[:6]
-        + steady_digest(scale, np.arange(len(scale)))[:6]
-    )
+    of_scale = steady_digest(scale, np.arange(len(scale)))
+    return steady_digest(in_shares, rows, columns)[:6] + of_scale[:6]
 
 
 class Coefficients(NamedTuple):
@@ -214,10 +212,8 @@ class System:
 
     def coefficients(self, values: FloatArray) -> list[Coefficients]:
         """Coefficients of the matrices at every row of ``values`` (B, n_parameters)."""
-        of_stiffness, of_mass = (
-            each.coefficients(values, self.parameters) for each in (self.stiffness, self.mass)
-        )
-        return list(map(Coefficients, of_stiffness, of_mass))
+        both = (each.coefficients(values, self.parameters) for each in (self.stiffness, self.mass))
+        return list(map(Coefficients, *both))
 
     def shifted_matrices(self, values: FloatArray) -> tuple[Matrix, Matrix]:
         """K + shift·M and M at ``values`` (n_parameters,)."""

@@ -73,11 +73,7 @@ def arrays_of(path: Path, key: str | None = None) -> dict[str, Any]:
         arrays = read_arrays(path, None if key is None else [key])
         if key is None and name.endswith(".npz") and "format" in arrays:
             return {"": sp.load_npz(path)}  # the parts of a matrix, as save_npz writes them
-        return {
-            key: array
-            for key, array in arrays.items()
-            if sp.issparse(array) or array.dtype.kind in "biufc"
-        }
+        return {k: a for k, a in arrays.items() if sp.issparse(a) or a.dtype.kind in "biufc"}
     # Programs give Matrix Market files other endings, too.
     if not (is_matrix_market or name.endswith(SINGLE)):
         endings = ", ".join((*SINGLE, *SEVERAL))
@@ -137,15 +133,14 @@ def sensor_rows(
                 f'{n}, must name the measured ones, as in sensors={{"roof x": 1203}}'
             )
         return tuple(labels or (f"dof {i}" for i in range(n))), np.arange(n)
-    if not isinstance(sensors, Mapping):
-        if not all(isinstance(sensor, str) for sensor in sensors):
-            raise TypeError(
-                "sensors: a list holds labels; to give numbers, name them, as in "
-                f'sensors={{"roof x": 1203}}, got {sensors!r}'
-            )
-        _require_names("sensors", list(sensors))
-        sensors = {str(sensor): sensor for sensor in sensors}
+    if not isinstance(sensors, Mapping) and not all(isinstance(each, str) for each in sensors):
+        raise TypeError(
+            "sensors: a list holds labels; to give numbers, name them, as in "
+            f'sensors={{"roof x": 1203}}, got {sensors!r}'
+        )
     _require_names("sensors", list(sensors))
+    if not isinstance(sensors, Mapping):
+        sensors = {str(sensor): sensor for sensor in sensors}
     row_of = {label: i for i, label in enumerate(labels or ())}
     rows = [_row(name, place, n, row_of) for name, place in sensors.items()]
     return tuple(sensors), np.array(rows, dtype=np.intp)
