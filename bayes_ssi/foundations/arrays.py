@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 # What selects along one axis.
-Places = NDArray[np.intp] | slice
+Places = IntArray | slice
 # A named tuple of arrays.
 Arrays = TypeVar("Arrays", bound=tuple[Any, ...])
 # Sizes that differ by this share are equal, where rounding should not choose between them.

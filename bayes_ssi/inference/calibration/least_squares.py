@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, IntArray
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -252,7 +251,7 @@ def difference_quotients(both: FloatArray) -> FloatArray:
 
 # Residuals (B, m) of points (B, d), which are those of the rows (B,) of all starts; NaN where the
 # model has no answer.
-Residuals = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
+Residuals = Callable[[FloatArray, IntArray], FloatArray]
 
 
 # Of a calibration: steps, and the fall of half the sum of squares.
@@ -314,9 +313,7 @@ def _halves(residuals: FloatArray) -> FloatArray:
     return np.where(np.isfinite(halves), halves, np.inf)
 
 
-def _jacobians(
-    residuals: Residuals, z: FloatArray, rows: NDArray[np.intp], at_z: FloatArray
-) -> FloatArray:
+def _jacobians(residuals: Residuals, z: FloatArray, rows: IntArray, at_z: FloatArray) -> FloatArray:
     """Jacobians (n, m, d) by forward differences, all in one batch; 0 where there are none."""
     n, d = z.shape
     ahead = z[:, None, :] + FORWARD_STEP * np.eye(d)

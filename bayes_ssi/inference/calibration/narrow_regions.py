@@ -24,9 +24,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, joined
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray, IntArray, joined
 from bayes_ssi.inference.calibration.least_squares import descend
 from bayes_ssi.inference.likelihood.any_pairing import AnyPairing
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
@@ -105,7 +104,7 @@ class PairedResiduals:
         self.n_identified = len(labels)
 
     def residuals(
-        self, modes: Modes, chosen: NDArray[np.intp], errors: tuple[FloatArray, FloatArray]
+        self, modes: Modes, chosen: IntArray, errors: tuple[FloatArray, FloatArray]
     ) -> FloatArray:
         """Residuals over ``errors``, (B, m), where identified mode j is model mode ``chosen``.
 
@@ -138,9 +137,9 @@ class PairedResiduals:
         values: FloatArray,
         modes: Modes,
         width: float,
-        considered: NDArray[np.bool_],
+        considered: BoolArray,
         rng: np.random.Generator,
-    ) -> NDArray[np.intp]:
+    ) -> IntArray:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
         if self.inferred is None:
             return np.tile(self.given, (len(values), 1))
@@ -152,11 +151,11 @@ class PairedResiduals:
         self,
         values: FloatArray,
         modes: Modes,
-        chosen: NDArray[np.intp],
-        identified: NDArray[np.intp],
+        chosen: IntArray,
+        identified: IntArray,
         width: float,
         rng: np.random.Generator,
-    ) -> NDArray[np.intp]:
+    ) -> IntArray:
         """The pairings ``chosen`` (B, J) with one more mode (B,) of each row, paired at random.
 
         In proportion to the weights of pairs if all errors were of this width.
@@ -239,8 +238,8 @@ class _Descents:
         return np.concatenate(drawn)
 
     def _narrowed(
-        self, z: FloatArray, orders: Sequence[NDArray[np.intp]]
-    ) -> tuple[FloatArray, list[NDArray[np.intp]]]:
+        self, z: FloatArray, orders: Sequence[IntArray]
+    ) -> tuple[FloatArray, list[IntArray]]:
         """Ends with errors narrowed step by step, and the pairings there.
 
         Of the identified modes, in ``orders``, a random number of the first ones is paired.
@@ -276,7 +275,7 @@ class _Descents:
         return widest / narrowing ** np.arange(n + 1.0)
 
     def _extended(
-        self, z: FloatArray, chosen: Sequence[NDArray[np.intp]], orders: Sequence[NDArray[np.intp]]
+        self, z: FloatArray, chosen: Sequence[IntArray], orders: Sequence[IntArray]
     ) -> FloatArray:
         """Ends with further modes paired, one by one in their order, where that has more mass."""
         if not any(test.inferred for test in self.tests):
@@ -307,8 +306,8 @@ class _Descents:
         return [test.errors(values, width) for test, values in tests]
 
     def _pairings(
-        self, z: FloatArray, width: float, considered: Sequence[NDArray[np.bool_]]
-    ) -> list[NDArray[np.intp]]:
+        self, z: FloatArray, width: float, considered: Sequence[BoolArray]
+    ) -> list[IntArray]:
         if not any(test.inferred for test in self.tests):
             return [np.tile(test.given, (len(z), 1)) for test in self.tests]
         tests = zip(self.tests, self._values(z), self._modes(z), considered, strict=True)
@@ -318,12 +317,12 @@ class _Descents:
         ]
 
     def _descended(
-        self, z: FloatArray, chosen: Sequence[NDArray[np.intp]], width: float, most_steps: int
+        self, z: FloatArray, chosen: Sequence[IntArray], width: float, most_steps: int
     ) -> tuple[FloatArray, FloatArray]:
         """Ends (n, d) of descents in the structures' coordinates, and JᵀJ there."""
         errors = self._errors(z, width)
 
-        def residuals(structural: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+        def residuals(structural: FloatArray, rows: IntArray) -> FloatArray:
             whole = np.concatenate([structural, z[rows, self.n_structural :]], axis=1)
             tests = zip(self.tests, self._modes(whole), chosen, errors, strict=True)
             parts = [

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, gammaincc, gammaln, log_ndtr, logsumexp, ndtri_exp, pdtrc
 
-from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray, IntArray, evenly_spaced_indices
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.shape_density import log_shape_survival
 from bayes_ssi.inference.model_class.model_class import ModelClass
@@ -39,7 +38,7 @@ def log_two_sided(residuals: FloatArray) -> FloatArray:
     return np.asarray(math.log(2.0) + log_ndtr(-np.abs(residuals)), dtype=float)
 
 
-def log_chi_square(squares: FloatArray, n: NDArray[np.intp] | int) -> FloatArray:
+def log_chi_square(squares: FloatArray, n: IntArray | int) -> FloatArray:
     """log P(χ² > squares) with ``n`` degrees of freedom; NaN where ``squares`` is."""
     a, x = 0.5 * np.asarray(n, dtype=float), 0.5 * squares
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -49,7 +48,7 @@ def log_chi_square(squares: FloatArray, n: NDArray[np.intp] | int) -> FloatArray
     return np.where(np.isneginf(log_p), far_out, log_p)
 
 
-def log_joint(log_p: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
+def log_joint(log_p: FloatArray, counted: BoolArray) -> FloatArray:
     """Fisher's combination (B,) of the independent p-values (B, n) that are counted.
 
     -2 Σ ln p of m of them is χ² with 2 m degrees of freedom. It is one where none is counted.
@@ -164,7 +163,7 @@ def misfit(
         )
 
 
-def _taken(columns: FloatArray, which: NDArray[np.intp]) -> FloatArray:
+def _taken(columns: FloatArray, which: IntArray) -> FloatArray:
     """The chosen columns (B, J) of each row; NaN where the choice is -1."""
     with_none = np.column_stack([columns, np.full(len(columns), np.nan)])
     return np.take_along_axis(with_none, which, axis=1)
@@ -186,7 +185,7 @@ def _shape_misfit(
     return log_p, expected
 
 
-def _at_most(n: NDArray[np.intp], probabilities: FloatArray) -> FloatArray:
+def _at_most(n: IntArray, probabilities: FloatArray) -> FloatArray:
     """Probability (B,) of ``n`` events or fewer of those with these probabilities (B, I)."""
     n_events = probabilities.shape[1]
     shares = np.zeros((len(n), n_events + 1))

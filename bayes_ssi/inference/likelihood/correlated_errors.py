@@ -29,10 +29,9 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray, IntArray
 from bayes_ssi.inference.likelihood.error_model import ErrorModel
 from bayes_ssi.inference.likelihood.joint_errors import (
     ErrorGroup,
@@ -80,7 +79,7 @@ class CorrelatedErrors:
         ]
 
     @cached_property
-    def identified(self) -> NDArray[np.intp]:
+    def identified(self) -> IntArray:
         """Places (N,) of the paired modes among the identified ones of all tests in turn."""
         data = [test.data for test in self.likelihoods]
         first = np.cumsum([0, *(len(identified.modes) for identified in data)])
@@ -106,13 +105,13 @@ class CorrelatedErrors:
         return Separation.of(self.modes)
 
     @cached_property
-    def _have_covariance(self) -> NDArray[np.bool_]:
+    def _have_covariance(self) -> BoolArray:
         """Which paired modes (N,) are of data with a joint covariance."""
         tests = [self.likelihoods[mode.test] for mode in self.modes]
         return np.array([test.data.covariance is not None for test in tests], dtype=bool)
 
     @cached_property
-    def _places(self) -> tuple[int, list[NDArray[np.intp]]]:
+    def _places(self) -> tuple[int, list[IntArray]]:
         """The number n of sensors of all tests, and where each one's shapes are in (S n,)."""
         sensors = list(dict.fromkeys(s for test in self.likelihoods for s in test.data.sensors))
         places, first = [], 0

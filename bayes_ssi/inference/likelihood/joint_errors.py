@@ -24,10 +24,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, row_sums
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.structures.modal import ROUNDING
@@ -345,7 +344,7 @@ class JointPairs:
 
     def ratios_of_shapes(
         self,
-        columns: NDArray[np.intp],
+        columns: IntArray,
         frequencies_hz: FloatArray,
         unit_shapes: FloatArray,
         variances: FloatArray,
@@ -408,10 +407,7 @@ class JointPairs:
         """The errors of each identified mode, and its pairs."""
         labels = [mode.label for mode in self.pairs.modes]
         return {
-            label: (
-                self._errors((label,)),
-                [i for i, other in enumerate(labels) if other == label],
-            )
+            label: (self._errors((label,)), [i for i, other in enumerate(labels) if other == label])
             for label in dict.fromkeys(labels)
         }
 

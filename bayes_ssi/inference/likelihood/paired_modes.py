@@ -4,10 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, row_sums
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 
@@ -20,10 +19,10 @@ class PairedModes:
     """
 
     modes: tuple[IdentifiedMode, ...]
-    model_modes: NDArray[np.intp]  # (P,), counted from 0
+    model_modes: IntArray  # (P,), counted from 0
     frequencies_hz: FloatArray  # (P,)
     frequency_var: FloatArray  # (P,), identification error squared, as a fraction; 0 if not given
-    with_shape: NDArray[np.intp]  # (S,), which pairs
+    with_shape: IntArray  # (S,), which pairs
     unit_shapes: FloatArray  # (s, S), 0 where not measured
     measured: FloatArray  # (s, S), 1 where measured and 0 elsewhere
     n_measured: tuple[int, ...]  # (S,)
@@ -60,7 +59,7 @@ class PairedModes:
 
     @classmethod
     def joined(
-        cls, tests: "Sequence[PairedModes]", n: int, places: Sequence[NDArray[np.intp]]
+        cls, tests: "Sequence[PairedModes]", n: int, places: Sequence[IntArray]
     ) -> "PairedModes":
         """The pairs of several tests with n sensors, whose shapes are at ``places`` in (S n,)."""
         n_shapes = sum(len(test.with_shape) for test in tests)
@@ -129,7 +128,7 @@ class PairedModes:
         shapes = self.shape_differences(shapes_at_sensors) + self.unit_shapes
         return shapes.transpose(0, 2, 1).reshape(len(shapes), self.unit_shapes.size)
 
-    def unit_shapes_like(self, columns: NDArray[np.intp], shapes: FloatArray) -> FloatArray:
+    def unit_shapes_like(self, columns: IntArray, shapes: FloatArray) -> FloatArray:
         """Shapes (s, E) as :meth:`unit_model_shapes` has them, (E, s), beside one shape each."""
         seen = (shapes * self.measured[:, columns]).T
         length = np.sqrt(row_sums(seen * seen))[:, None]

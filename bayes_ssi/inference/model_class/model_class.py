@@ -6,10 +6,9 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import checked, require, require_known
-from bayes_ssi.foundations.arrays import FloatArray, row_sums
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, row_sums
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.foundations.error_places import with_place
 from bayes_ssi.foundations.text_files import require_name
@@ -215,7 +214,7 @@ class ModelClass(Displayed):
         ]
 
     @cached_property
-    def _columns(self) -> list[NDArray[np.intp]]:
+    def _columns(self) -> list[IntArray]:
         """The columns of each configuration's parameters among those of all."""
         column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
         return [

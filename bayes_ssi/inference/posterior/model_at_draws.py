@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, Places, evenly_spaced_indices, joined
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, Places, evenly_spaced_indices, joined
 from bayes_ssi.foundations.summaries import LEVELS
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
@@ -135,9 +134,7 @@ def _updated_modes(
     return UpdatedModes(places, appendages, tuple(records))
 
 
-def _turned(
-    likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: NDArray[np.intp]
-) -> Modes:
+def _turned(likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: IntArray) -> Modes:
     """Modes with close ones at their mean turn, each row in its own pairing."""
     shapes, numbers = np.array(modes.shapes), np.append(likelihood.pairs.model_modes, -1)[pairs]
     for chosen in np.unique(numbers, axis=0):
@@ -150,8 +147,8 @@ def _turned(
 
 
 def _paired_modes(
-    likelihood: ModalLikelihood, pairing: Mapping[str, int], pairs: NDArray[np.intp]
-) -> dict[str, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    likelihood: ModalLikelihood, pairing: Mapping[str, int], pairs: IntArray
+) -> dict[str, tuple[IntArray, IntArray]]:
     """Label of a paired mode → rows of ``pairs``, and the model mode that it is in each, from 0.
 
     The order of model modes may change from draw to draw, and the pairing with it: where it was

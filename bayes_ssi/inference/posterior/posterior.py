@@ -10,10 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
-from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, evenly_spaced_indices
 from bayes_ssi.foundations.arviz_functions import in_arviz, mcse_mean, mcse_sd
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
 from bayes_ssi.foundations.summaries import LEVELS, Summary
@@ -249,7 +248,7 @@ def check_names(posteriors: Iterable[Posterior]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def draws_with_shapes(n_draws: int) -> NDArray[np.intp]:
+def draws_with_shapes(n_draws: int) -> IntArray:
     """The draws, of all chains in turn, at which a posterior keeps shapes at the sensors."""
     return evenly_spaced_indices(n_draws, DRAWS_WITH_SHAPES)
 

@@ -195,11 +195,7 @@ def sample_as_it_is(
         largest_unseen_mass=sampled.search.largest_unseen_mass,
         seconds=perf_counter() - started,
         failed_checks=(*sampled.failed_checks, *_failures(model_class, target), *noise),
-        remarks=(
-            *no_chains,
-            *remarks,
-            *remarks_on_close_modes(model_class, values, at_values),
-        ),
+        remarks=(*no_chains, *remarks, *remarks_on_close_modes(model_class, values, at_values)),
         edges=tuple(edges(model_class, z_rows, at_values.frequencies_hz)),
         data_digest=model_class.data_digest,
         configurations=configurations,

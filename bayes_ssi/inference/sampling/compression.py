@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, systematic_indices
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import Walkers
 from bayes_ssi.inference.sampling.maxima import Maxima
@@ -151,7 +150,7 @@ class _Climb:
         self._level = float(values[-1]), float(self._ranks_of_equals[lost[-1]])
         self.positions, self.log_likelihoods = self.positions[kept], self.log_likelihoods[kept]
 
-    def _as_left(self, chosen: NDArray[np.intp]) -> _Left:
+    def _as_left(self, chosen: IntArray) -> _Left:
         positions, values = self.positions[chosen], self.log_likelihoods[chosen]
         log_mass = self.log_prior_left - math.log(self._n)
         return _Left(positions, values, log_mass, self._memory, self._behind)

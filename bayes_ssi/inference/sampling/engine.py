@@ -22,10 +22,9 @@ from dataclasses import astuple, dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray
 from bayes_ssi.inference.sampling.compression import (
     Compression,
     compress_prior,
@@ -333,9 +332,7 @@ class _Sampling:
             sample = self.sampler.refined(sample, wanted_error, others)
         return sample, regions
 
-    def _maxima_of(
-        self, regions: Regions, sample: ImportanceSample, maxima: Maxima
-    ) -> NDArray[np.bool_]:
+    def _maxima_of(self, regions: Regions, sample: ImportanceSample, maxima: Maxima) -> BoolArray:
         """Whether maxima are in regions or at their tops, (n_regions, m).
 
         Searches count as one what is hardly apart, such as the two edges of a narrow stripe.

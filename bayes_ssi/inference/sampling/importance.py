@@ -10,10 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from bayes_ssi.foundations.arrays import FloatArray, systematic_indices
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, systematic_indices
 from bayes_ssi.foundations.arviz_functions import mcse_mean, pareto_k
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import Estimate, EvidenceEstimate
@@ -54,7 +53,7 @@ class ImportanceSample:
     log_likelihoods: FloatArray  # (n,)
     log_proposals: FloatArray  # (n,), log density of the mixture
     # (n,), the component that each draw came from; the prior's is the last.
-    strata: NDArray[np.intp]
+    strata: IntArray
 
     @property
     def log_posteriors(self) -> FloatArray:
@@ -118,7 +117,7 @@ class ImportanceSample:
     def log_likelihood_mean(self) -> float:
         return float(self.weights @ np.where(self.weights > 0, self.log_likelihoods, 0.0))
 
-    def share_errors(self, groups: NDArray[np.intp], n_groups: int) -> FloatArray:
+    def share_errors(self, groups: IntArray, n_groups: int) -> FloatArray:
         """Standard errors (n_groups,) of the posterior's shares in ``groups`` (n,)."""
         weights = self.weights
         shares = np.bincount(groups, weights, minlength=n_groups)

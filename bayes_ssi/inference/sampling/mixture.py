@@ -11,10 +11,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, IntArray
 
 # Degrees of freedom: the variance of importance weights stays finite where a posterior has
 # tails as heavy as those of five; thirty are nearly normal; two serve tails like Cauchy's.
@@ -204,7 +203,7 @@ class StudentMixture:
         shares = (1.0 - defensive) * self.shares(z, weights) + defensive / self.n_components
         return replace(self, weights=shares)
 
-    def draw(self, counts: NDArray[np.intp], rng: np.random.Generator) -> FloatArray:
+    def draw(self, counts: IntArray, rng: np.random.Generator) -> FloatArray:
         """Draws (n, d), ``counts[k]`` from component k, in order; the last is the prior N(0, I)."""
         d = self.means.shape[1]
         component = np.repeat(np.arange(self.n_components), counts[:-1])
@@ -360,7 +359,7 @@ def choose_mixture(
     return best
 
 
-def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> NDArray[np.intp]:
+def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> IntArray:
     """A first partition of the draws into k groups, by k-means on standardised coordinates."""
     if k == 1:
         return np.zeros(len(draws), dtype=np.intp)

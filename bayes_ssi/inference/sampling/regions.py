@@ -13,9 +13,8 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices
+from bayes_ssi.foundations.arrays import FloatArray, IntArray, evenly_spaced_indices
 from bayes_ssi.inference.sampling.mixture import Chart
 from bayes_ssi.inference.sampling.target import Target
 
@@ -32,7 +31,7 @@ MOST_DRAWS = 1500
 PAIRS = 4
 
 
-def nearest_neighbours(points: FloatArray) -> NDArray[np.intp]:
+def nearest_neighbours(points: FloatArray) -> IntArray:
     """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
     from scipy.spatial import cKDTree
 
@@ -66,14 +65,14 @@ class Regions:
     """Draws that represent the regions of a posterior."""
 
     draws: FloatArray  # (n, d), in coordinates of the chart if there is one
-    labels: NDArray[np.intp]  # (n,), the region of each draw, numbered from 0
+    labels: IntArray  # (n,), the region of each draw, numbered from 0
     chart: Chart | None = None
 
     @property
     def n_regions(self) -> int:
         return int(self.labels.max()) + 1
 
-    def assign(self, z: FloatArray) -> NDArray[np.intp]:
+    def assign(self, z: FloatArray) -> IntArray:
         """The region (n,) of each of ``z`` (n, d): that of the nearest draw."""
         if self.n_regions == 1:
             return np.zeros(len(z), dtype=np.intp)
@@ -127,12 +126,12 @@ class _Paths:
     draws: FloatArray
     log_posteriors: FloatArray
 
-    def lowest(self, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
+    def lowest(self, first: IntArray, second: IntArray) -> FloatArray:
         """The lowest log posterior (m,) on the straight path between two draws, ends included."""
         lower_ends = np.minimum(self.log_posteriors[first], self.log_posteriors[second])
         return lowest_between(self.log_posterior, self.draws[first], self.draws[second], lower_ends)
 
-    def highest_draws(self, groups: NDArray[np.intp]) -> dict[int, int]:
+    def highest_draws(self, groups: IntArray) -> dict[int, int]:
         """Group → its highest draw, given the group (n,) of each draw."""
         order = np.argsort(self.log_posteriors, kind="stable")
         return {int(groups[i]): int(i) for i in order}
@@ -156,7 +155,7 @@ def _whitening(differences: FloatArray) -> FloatArray:
     return vectors / np.sqrt(np.maximum(values, floor))
 
 
-def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
+def _groups(nearest: IntArray, paths: _Paths) -> IntArray:
     """The group (n,) of each draw, by the local maximum that higher neighbours lead to."""
     n = len(nearest)
     # The first of equally high neighbours counts, so that no two lead to one another.
@@ -177,7 +176,7 @@ def _groups(nearest: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
     return _numbered(leads_to)
 
 
-def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) -> NDArray[np.intp]:
+def _joined(groups: IntArray, pairs: IntArray, paths: _Paths) -> IntArray:
     """Groups (n,) after joining those that a high path connects.
 
     ``pairs`` (m, 2) are draws of different groups between which there may be one. The highest
@@ -196,14 +195,12 @@ def _joined(groups: NDArray[np.intp], pairs: NDArray[np.intp], paths: _Paths) ->
     return _numbered(groups)
 
 
-def _numbered(groups: NDArray[np.intp]) -> NDArray[np.intp]:
+def _numbered(groups: IntArray) -> IntArray:
     """The same groups (n,), numbered from 0."""
     return np.unique(groups, return_inverse=True)[1].astype(np.intp)
 
 
-def _neighbouring_pairs(
-    groups: NDArray[np.intp], nearest: NDArray[np.intp], paths: _Paths
-) -> NDArray[np.intp]:
+def _neighbouring_pairs(groups: IntArray, nearest: IntArray, paths: _Paths) -> IntArray:
     """Pairs of draws (m, 2) at which groups meet, the highest few of every two groups.
 
     With the two groups' highest draws, between which a straight line may be the best path.
@@ -222,7 +219,7 @@ def _neighbouring_pairs(
     return np.array(list(chain.from_iterable(kept.values())), dtype=np.intp).reshape(-1, 2)
 
 
-def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDArray[np.intp]:
+def _without_the_smallest(groups: IntArray, whitened: FloatArray) -> IntArray:
     """Groups (n,) after merging those with too few draws into the nearest other group."""
     from scipy.spatial import cKDTree
 
@@ -233,9 +230,7 @@ def _without_the_smallest(groups: NDArray[np.intp], whitened: FloatArray) -> NDA
     return _numbered(kept)
 
 
-def _between_groups(
-    groups: NDArray[np.intp], whitened: FloatArray, paths: _Paths
-) -> NDArray[np.intp]:
+def _between_groups(groups: IntArray, whitened: FloatArray, paths: _Paths) -> IntArray:
     """The nearest pairs of draws (m, 2) of every two groups, and their highest draws."""
     from scipy.spatial import cKDTree
 

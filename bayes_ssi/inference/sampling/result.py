@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray, IntArray
 from bayes_ssi.inference.sampling.compression import Compression
 from bayes_ssi.inference.sampling.diagnostics import STANDARD_ERRORS, Estimate, EvidenceEstimate
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics, Ensemble
@@ -49,7 +48,7 @@ class SamplingResult:
     evidence_checks: tuple[EvidenceEstimate, ...]  # estimates of the log evidence by other methods
     regions: Regions
     # (n_regions, m), whether a maximum that the searches found is in a region.
-    maxima_of_regions: NDArray[np.bool_]
+    maxima_of_regions: BoolArray
     settings: SamplingSettings
     n_evaluations: int  # evaluations of the log-likelihood
     is_flat: bool = False  # whether no parameter is meant to have an influence on it
@@ -91,7 +90,7 @@ class SamplingResult:
         return bulk
 
     @property
-    def searches_of_regions(self) -> NDArray[np.intp]:
+    def searches_of_regions(self) -> IntArray:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
         reached = self.search.reached_by @ self.maxima_of_regions.T
         return reached.sum(axis=0)

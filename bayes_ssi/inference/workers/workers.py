@@ -17,9 +17,8 @@ from tempfile import NamedTemporaryFile
 from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, IntArray
 from bayes_ssi.foundations.error_places import rows_at_fault, with_place
 from bayes_ssi.inference.workers.packing import (
     PackedFunction,
@@ -277,7 +276,7 @@ class Workers:
                 feeder.join()
 
 
-def _divided(rows: NDArray[np.intp], n: int) -> list[NDArray[np.intp]]:
+def _divided(rows: IntArray, n: int) -> list[IntArray]:
     """At most ``n`` parts of nearly equal size, none of them empty."""
     return [part for part in np.array_split(rows, n) if len(part)]
 
