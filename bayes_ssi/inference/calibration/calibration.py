@@ -105,14 +105,11 @@ class Calibration(Displayed):
         return f"of {self.name!r}: {minima}, best objective {100.0 * self.best.objective:.3g} %"
 
     def _rows(self) -> list[dict[str, Any]]:
-        fits = [
-            ("before", self.before),
-            *((f"minimum {i}", m) for i, m in enumerate(self.minima, 1)),
-        ]
         return [
-            {"fit": name, "objective": fit.objective, "distance": fit.distance}
+            {"fit": f"minimum {i}" if i else "before"}
+            | {"objective": fit.objective, "distance": fit.distance}
             | dict(zip(self.parameter_names, fit.values, strict=True))
-            for name, fit in fits
+            for i, fit in enumerate((self.before, *self.minima))
         ]
 
 
@@ -224,18 +221,16 @@ def standard_errors(problem: CalibrationProblem, z: FloatArray) -> tuple[float, 
     if problem.with_prior:
         in_prior_sds = np.sqrt(np.linalg.inv(jacobian.T @ jacobian + np.eye(len(z))).diagonal())
     else:
-        sizes = [float(np.linalg.norm(_marginal(jacobian, i))) for i in range(len(z))]
+        sizes = [_signal(jacobian[:, i], np.delete(jacobian, i, axis=1)) for i in range(len(z))]
         in_prior_sds = np.array([1.0 / size if size > 1.0 else math.inf for size in sizes])
     low, high = problem.values(z[None] + DIFFERENCE_STEP * np.array([[-1.0], [1.0]]))
     return tuple((in_prior_sds * (high - low) / (2.0 * DIFFERENCE_STEP)).tolist())
 
 
-def _marginal(jacobian: FloatArray, column: int) -> FloatArray:
-    """A column (m,) without what changes of the other parameters can make up for."""
-    chosen, rest = jacobian[:, column], np.delete(jacobian, column, axis=1)
-    if not rest.size:
-        return chosen
-    return chosen - rest @ (np.linalg.pinv(rest, rcond=ZERO_SENSITIVITY) @ chosen)
+def _signal(column: FloatArray, rest: FloatArray) -> float:
+    """Length of a column (m,) without what changes of the other parameters can make up for."""
+    made_up = rest @ (np.linalg.pinv(rest, rcond=ZERO_SENSITIVITY) @ column)
+    return float(np.linalg.norm(column - made_up))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -263,9 +258,7 @@ class ModalSensitivities(Displayed):
     @property
     def proposed(self) -> tuple[str, ...]:
         """The parameters that the data know better than the prior, beside one another."""
-        return tuple(
-            name for name, signal in zip(self.order, self.signals, strict=True) if signal > 1.0
-        )
+        return self.order[: sum(signal > 1.0 for signal in self.signals)]
 
     def _line(self) -> str:
         modes = counted(len(self.modes), "mode")
@@ -305,13 +298,11 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
             f"modal_sensitivities: the prior median of {zero[0]!r} is zero, and relative changes "
             "of it are not defined"
         )
-
     labels: list[str] = []
     frequencies, changes = [], []
     steps = DIFFERENCE_STEP * np.eye(len(values))  # of ln θ
-    for configuration, likelihood, modes in problem.modes(
-        values * np.exp(np.concatenate([steps, -steps]))
-    ):
+    beside = values * np.exp(np.concatenate([steps, -steps]))
+    for configuration, likelihood, modes in problem.modes(beside):
         pairs = likelihood.pairs
         labels += [label_in(configuration.name, mode.label) for mode in pairs.modes]
         slopes = difference_quotients(np.log(modes.frequencies_hz[:, pairs.model_modes]))

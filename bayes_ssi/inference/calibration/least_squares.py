@@ -185,7 +185,9 @@ class CalibrationProblem:
 
     def sensitivities(self, z: FloatArray) -> FloatArray:
         """Jacobian (m, d) of the residuals over their standard errors, at one point."""
-        return central_differences(self.residuals, z) / self.standard_errors[:, None]
+        steps = DIFFERENCE_STEP * np.eye(len(z))
+        slopes = difference_quotients(self.residuals(np.concatenate([z + steps, z - steps])))
+        return slopes.T / self.standard_errors[:, None]
 
     def minima(self, starts: FloatArray, pull: float = 0.0) -> FloatArray:
         """The minima (m, d) reached from ``starts`` (n, d), without those outside of the region.
@@ -237,12 +239,6 @@ class CalibrationProblem:
         )
 
 
-def central_differences(function: Callable[[FloatArray], FloatArray], z: FloatArray) -> FloatArray:
-    """Jacobian (m, d) at one point, by central differences in one batch."""
-    steps = DIFFERENCE_STEP * np.eye(len(z))
-    return difference_quotients(function(np.concatenate([z + steps, z - steps]))).T
-
-
 def difference_quotients(both: FloatArray) -> FloatArray:
     """Slopes (d, ...) from values (2 d, ...) ahead in each direction, then behind."""
     ahead, behind = np.split(both, 2)
@@ -253,9 +249,7 @@ def difference_quotients(both: FloatArray) -> FloatArray:
 # model has no answer.
 Residuals = Callable[[FloatArray, IntArray], FloatArray]
 
-
-# Of a calibration: steps, and the fall of half the sum of squares.
-MOST_STEPS, PRECISE = 200, 1e-20
+MOST_STEPS, PRECISE = 200, 1e-20  # of a calibration: steps, and the fall of half the sum of squares
 TOLERANCE = 1e-3  # fall of half the sum of squares that is worth no step, in nats
 FORWARD_STEP = 1e-7  # where rounding of residuals and truncation balance
 FIRST_DAMPING = 1e-3  # as a share of the squares' curvature (Marquardt 1963)
@@ -290,7 +284,10 @@ def descend(
             jacobians = _jacobians(residuals, z[moved], moved, current[moved])
             curvatures[moved] = np.einsum("nmi,nmj->nij", jacobians, jacobians)
             slopes[moved] = np.einsum("nmi,nm->ni", jacobians, current[moved])
-        steps = _steps(curvatures[active], slopes[active], damping[active])
+        # Damped Gauss-Newton steps.
+        scale = np.einsum("nii->ni", curvatures[active]) + np.finfo(float).tiny
+        added = np.einsum("n,ni,ij->nij", damping[active], scale, np.eye(d))
+        steps = -np.linalg.solve(curvatures[active] + added, slopes[active][..., None])[..., 0]
         lengths = np.sqrt(np.einsum("ni,ni->n", steps, steps))
         steps *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
         tried = np.clip(z[active] + steps, -FARTHEST, FARTHEST)
@@ -320,10 +317,3 @@ def _jacobians(residuals: Residuals, z: FloatArray, rows: IntArray, at_z: FloatA
     values = residuals(ahead.reshape(-1, d), np.repeat(rows, d)).reshape(n, d, -1)
     differences = (values - at_z[:, None, :]) / FORWARD_STEP
     return np.where(np.isfinite(differences), differences, 0.0).transpose(0, 2, 1)
-
-
-def _steps(curvatures: FloatArray, slopes: FloatArray, damping: FloatArray) -> FloatArray:
-    """Damped Gauss-Newton steps (n, d)."""
-    scale = np.einsum("nii->ni", curvatures) + np.finfo(float).tiny
-    damped = curvatures + np.einsum("n,ni,ij->nij", damping, scale, np.eye(slopes.shape[1]))
-    return -np.linalg.solve(damped, slopes[..., None])[..., 0]

@@ -94,8 +94,8 @@ class PairedResiduals:
     Each is paired with a model mode or none. Where the pairing is given, only its modes count.
     """
 
-    def __init__(self, likelihood: ModalLikelihood) -> None:
-        self.likelihood = likelihood
+    def __init__(self, likelihood: ModalLikelihood, rng: np.random.Generator) -> None:
+        self.likelihood, self.rng = likelihood, rng
         self.inferred = likelihood if isinstance(likelihood, AnyPairing) else None
         labels = likelihood.data.labels if self.inferred else tuple(likelihood.pairing)
         # Mode j of the chosen model modes belongs to identified mode j.
@@ -110,10 +110,8 @@ class PairedResiduals:
 
         Zero where it is -1, for a spurious mode.
         """
-        n = len(chosen)
-        column = np.maximum(chosen, 0)
+        column, paired = np.maximum(chosen, 0), chosen >= 0
         frequencies = np.take_along_axis(modes.frequencies_hz, column, axis=1)
-        paired = chosen >= 0
         of_frequencies = self.pairs.frequency_residuals(frequencies) / errors[0]
         parts = [np.where(paired, of_frequencies, 0.0)]
         if len(self.pairs.with_shape):
@@ -121,7 +119,7 @@ class PairedResiduals:
             shapes = np.take_along_axis(shapes, column[:, None, :], axis=2)
             of_shapes = self.pairs.shape_differences(shapes) / errors[1][:, None, :]
             of_shapes = np.where(paired[:, None, self.pairs.with_shape], of_shapes, 0.0)
-            parts.append(of_shapes.reshape(n, -1))
+            parts.append(of_shapes.reshape(len(chosen), -1))
         return np.concatenate(parts, axis=1)
 
     def errors(self, values: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
@@ -133,28 +131,17 @@ class PairedResiduals:
         return frequency, shape
 
     def pairings(
-        self,
-        values: FloatArray,
-        modes: Modes,
-        width: float,
-        considered: BoolArray,
-        rng: np.random.Generator,
+        self, values: FloatArray, modes: Modes, width: float, considered: BoolArray
     ) -> IntArray:
         """A pairing (B, J) for each row, of the considered modes (B, J); -1 for spurious modes."""
         if self.inferred is None:
             return np.tile(self.given, (len(values), 1))
         weights = self._weights(values, modes, width)
         log_ratios = np.where(considered[:, :, None], weights.log_ratios, -np.inf)
-        return sample_pairings(replace(weights, log_ratios=log_ratios), rng)
+        return sample_pairings(replace(weights, log_ratios=log_ratios), self.rng)
 
     def with_pair(
-        self,
-        values: FloatArray,
-        modes: Modes,
-        chosen: IntArray,
-        identified: IntArray,
-        width: float,
-        rng: np.random.Generator,
+        self, values: FloatArray, modes: Modes, chosen: IntArray, identified: IntArray, width: float
     ) -> IntArray:
         """The pairings ``chosen`` (B, J) with one more mode (B,) of each row, paired at random.
 
@@ -164,8 +151,8 @@ class PairedResiduals:
         log_weights = self._weights(values, modes, width).log_ratios[rows, identified]
         row, column = np.nonzero(chosen >= 0)
         log_weights[row, chosen[row, column]] = -np.inf
-        extended = chosen.copy()
-        extended[rows, identified] = (log_weights + rng.gumbel(size=log_weights.shape)).argmax(1)
+        extended, noise = chosen.copy(), self.rng.gumbel(size=log_weights.shape)
+        extended[rows, identified] = (log_weights + noise).argmax(1)
         return extended
 
     def _weights(self, values: FloatArray, modes: Modes, width: float) -> PairingWeights:
@@ -188,7 +175,7 @@ class _Descents:
     ) -> None:
         self.model_class, self.rng = model_class, rng
         self.n_evaluations = 0
-        self.tests = [PairedResiduals(likelihood) for likelihood in self.model_class.likelihoods]
+        self.tests = [PairedResiduals(each, rng) for each in self.model_class.likelihoods]
         self.n_structural = len(self.model_class.structural_parameters)
         # The coordinates that are not of the structures.
         self.sizes = range(self.n_structural, len(self.model_class.parameters))
@@ -247,10 +234,8 @@ class _Descents:
         widths = self._widths(z.shape[1])
         n = len(z)
         first = self.rng.integers(len(widths), size=n)
-        considered = [
-            order.argsort(axis=1) < self.rng.integers(1, order.shape[1] + 1, size=(n, 1))
-            for order in orders
-        ]
+        counts = [self.rng.integers(1, order.shape[1] + 1, size=(n, 1)) for order in orders]
+        considered = [order.argsort(axis=1) < m for order, m in zip(orders, counts, strict=True)]
         chosen = self._pairings(z, WIDEST, considered)
         for k, width in enumerate(widths):
             again = np.flatnonzero(first < k)
@@ -261,8 +246,7 @@ class _Descents:
             now = np.flatnonzero(first <= k)
             if len(now):
                 pairings = [pairing[now] for pairing in chosen]
-                steps = STEPS_AT_WIDTH
-                z[now], _ = self._descended(z[now], pairings, width, steps)
+                z[now], _ = self._descended(z[now], pairings, width, STEPS_AT_WIDTH)
         return z, chosen
 
     def _widths(self, n_parameters: int) -> FloatArray:
@@ -270,9 +254,8 @@ class _Descents:
         low = np.zeros((1, n_parameters))
         low[:, self.sizes] = LOWEST_SIZE
         sizes = np.concatenate([size.ravel() for test in self._errors(low, 0.0) for size in test])
-        widest, narrowing = WIDEST, NARROWING
-        n = math.ceil(math.log(widest / sizes.min(initial=widest)) / math.log(narrowing))
-        return widest / narrowing ** np.arange(n + 1.0)
+        n = math.ceil(math.log(WIDEST / sizes.min(initial=WIDEST)) / math.log(NARROWING))
+        return WIDEST / NARROWING ** np.arange(n + 1.0)
 
     def _extended(
         self, z: FloatArray, chosen: Sequence[IntArray], orders: Sequence[IntArray]
@@ -290,7 +273,7 @@ class _Descents:
                     continue
                 tried = [pairing[rows] for pairing in chosen]
                 values, modes = self._values(z[rows])[t], self._modes(z[rows])[t]
-                tried[t] = test.with_pair(values, modes, tried[t], mode[rows], width, self.rng)
+                tried[t] = test.with_pair(values, modes, tried[t], mode[rows], width)
                 ends, curvatures = self._descended(z[rows], tried, 0.0, STEPS_WITH_PAIR)
                 new = self._log_masses(ends, curvatures)
                 better = new > masses[rows]
@@ -311,10 +294,7 @@ class _Descents:
         if not any(test.inferred for test in self.tests):
             return [np.tile(test.given, (len(z), 1)) for test in self.tests]
         tests = zip(self.tests, self._values(z), self._modes(z), considered, strict=True)
-        return [
-            test.pairings(values, modes, width, identified, self.rng)
-            for test, values, modes, identified in tests
-        ]
+        return [test.pairings(values, modes, width, own) for test, values, modes, own in tests]
 
     def _descended(
         self, z: FloatArray, chosen: Sequence[IntArray], width: float, most_steps: int
