@@ -13,10 +13,7 @@ from bayes_ssi.parameters.parameters import Parameter, Product
 from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.structures.structure import Structure
 
-# Length of a few lines of a report; longer fields are cut.
-MOST_CHARACTERS = 300
-
-
+MOST_CHARACTERS = 300  # length of a few lines of a report; longer fields are cut
 # Of an element, because they change nothing.
 LEFT_OUT = [("stiffness_factor", 1.0), ("in_model", 0.0)]
 
@@ -159,9 +156,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
             if model_class.has_shapes or each.name != "shape_sd"
         },
         parameters=tuple(
-            ParameterRecord(
-                p.name, p.unit, p.prior, is_error=p not in model_class.structural_parameters
-            )
+            ParameterRecord(p.name, p.unit, p.prior, p not in model_class.structural_parameters)
             for p in model_class.parameters
         ),
         detection_probability=model_class.identification.detection_probability,
@@ -173,6 +168,7 @@ def class_record(model_class: ModelClass) -> ClassRecord:
 def _configuration(configuration: Configuration) -> ConfigurationRecord:
     structure, data, pairing = configuration.structure, configuration.data, configuration.pairing
     given = None if pairing == "any" else pairing
+    spurious = None if given is None else tuple(x for x in data.labels if x not in given)
     return ConfigurationRecord(
         name=configuration.name,
         structure=type(structure).__name__,
@@ -181,9 +177,7 @@ def _configuration(configuration: Configuration) -> ConfigurationRecord:
         structure_lines=tuple(described(structure)),
         degrees_of_freedom=tuple(structure.degrees_of_freedom),
         pairing=given,
-        spurious=None
-        if given is None
-        else tuple(label for label in data.labels if label not in given),
+        spurious=spurious,
         identification_errors={
             mode.label: {"frequency_cov": mode.frequency_cov, "shape_sd": mode.shape_sd}
             for mode in data.modes

@@ -88,17 +88,15 @@ class ModelClass(Displayed):
             TypeError: an argument is missing or has the wrong type.
         """
         require_name(name, "ModelClass: name")
-        own = {"structure": structure, "data": data, "pairing": pairing}
+        parts = {"structure": structure, "data": data, "pairing": pairing}
+        own = {field: value for field, value in parts.items() if value is not None}
         try:
             require(error, ErrorModel | None, "error")
             require(identification, IdentificationModel | None, "identification")
             require(priors, Mapping[str, Prior] | None, "priors")
-            made = configurations_of(
-                configurations, {k: v for k, v in own.items() if v is not None}
-            )
             for field, value in (
                 ("name", name),
-                ("configurations", made),
+                ("configurations", configurations_of(configurations, own)),
                 ("error", error or ErrorModel()),
                 ("identification", identification or IdentificationModel()),
                 ("description", description),
@@ -216,11 +214,9 @@ class ModelClass(Displayed):
     @cached_property
     def _columns(self) -> list[IntArray]:
         """The columns of each configuration's parameters among those of all."""
-        column = {parameter.name: i for i, parameter in enumerate(self.parameters)}
-        return [
-            np.array([column[p.name] for p in likelihood.parameters], dtype=np.intp)
-            for likelihood in self.likelihoods
-        ]
+        place = self.parameter_names.index
+        of_tests = ([place(p.name) for p in each.parameters] for each in self.likelihoods)
+        return [np.array(columns, dtype=np.intp) for columns in of_tests]
 
     def log_likelihood(self, values: FloatArray) -> FloatArray:
         """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
@@ -265,9 +261,7 @@ class ModelClass(Displayed):
         """
         if all(test.data.covariance is None for test in self.configurations):
             return self
-        tests = tuple(
-            replace(test, data=test.data.without_covariance()) for test in self.configurations
-        )
+        tests = tuple(replace(t, data=t.data.without_covariance()) for t in self.configurations)
         return replace(self, configurations=tests)
 
     def with_structures(self, change: Callable[[Structure, int], Structure]) -> "ModelClass":
@@ -276,11 +270,10 @@ class ModelClass(Displayed):
         Args:
             change: called with the structure of each configuration and the configuration's index.
         """
-        structures = [change(test.structure, i) for i, test in enumerate(self.configurations)]
-        pairs = list(zip(self.configurations, structures, strict=True))
-        if all(structure is test.structure for test, structure in pairs):
+        changed = [(test, change(test.structure, i)) for i, test in enumerate(self.configurations)]
+        if all(structure is test.structure for test, structure in changed):
             return self
-        tests = tuple(replace(test, structure=structure) for test, structure in pairs)
+        tests = tuple(replace(test, structure=structure) for test, structure in changed)
         return replace(self, configurations=tests)
 
     def check_structure(self) -> None:
@@ -296,9 +289,8 @@ class ModelClass(Displayed):
             try:
                 frequencies_hz, shapes = structure.modes(structure.prior_medians())
             except Exception as error:  # whatever a user's structure may raise
-                raise ValueError(
-                    f"{where} fails at the prior medians: {with_place(error)}"
-                ) from error
+                reason = with_place(error)
+                raise ValueError(f"{where} fails at the prior medians: {reason}") from error
             n_dof, n_modes = len(structure.degrees_of_freedom), structure.n_modes
             sizes = np.shape(frequencies_hz), np.shape(shapes)
             if sizes != ((1, n_modes), (1, n_dof, n_modes)):
