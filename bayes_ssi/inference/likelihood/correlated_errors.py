@@ -58,8 +58,21 @@ class CorrelatedErrors:
     parameters: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
-        if self.error.repeats_between_tests and len(self.likelihoods) > 1:
-            _check_labels(self.modes, self.error.repeats_between_modes)
+        if not (self.error.repeats_between_tests and len(self.likelihoods) > 1):
+            return
+        labels = [mode.label for mode in self.modes]
+        if len(set(labels)) == len(labels):
+            raise ValueError(
+                "between_tests: no paired mode has the same label in two tests; give one mode one "
+                f"label in all of them, got {', '.join(map(repr, labels))}"
+            )
+        for a, b in combinations(self.modes, 2) if self.error.repeats_between_modes else ():
+            if (a.label == b.label) != (a.number == b.number):
+                raise ValueError(
+                    "between_tests and between_modes: a mode must have one label and one number in "
+                    f"all tests, but {a.label!r} is model mode {a.number} and {b.label!r} model "
+                    f"mode {b.number}; leave between_modes at 0"
+                )
 
     @cached_property
     def modes(self) -> tuple[ModeOfTest, ...]:
@@ -73,10 +86,7 @@ class CorrelatedErrors:
     @cached_property
     def _pairs_of_tests(self) -> list[PairedModes]:
         """The pairs of each test, none where the pairing is inferred."""
-        return [
-            PairedModes.of(test.data, test.pairing.items(), test.structure.shape_variances)
-            for test in self.likelihoods
-        ]
+        return [test.given(test.pairing).pairs for test in self.likelihoods]
 
     @cached_property
     def identified(self) -> IntArray:
@@ -145,9 +155,8 @@ class CorrelatedErrors:
     def _shape_groups(self) -> list[list[int]]:
         """The shapes of one mode at the same sensors in several tests, if they err together."""
         groups: dict[Hashable, list[int]] = {}
-        for s, (pair, seen) in enumerate(
-            zip(self._pairs.with_shape, self._pairs.measured.T, strict=True)
-        ):
+        shapes = zip(self._pairs.with_shape, self._pairs.measured.T, strict=True)
+        for s, (pair, seen) in enumerate(shapes):
             key = (self.modes[pair].label, tuple(seen)) if self.error.repeats_between_tests else s
             groups.setdefault(key, []).append(s)
         return list(groups.values())
@@ -162,10 +171,9 @@ class CorrelatedErrors:
                 shapes = np.flatnonzero(np.isin(self._pairs.with_shape, group)).tolist()
             same = [[shapes.index(s) for s in g] for g in self._shape_groups if g[0] in shapes]
             repeated = same if len(same) < len(shapes) else []
-            identification = self._identification[np.ix_(group, group)]
-            frequencies = ErrorGroup(group, identification, self._separation.within(group))
-            parts = self._identification, self._pairs, frequencies, shapes, repeated
-            joint.append(JointErrors.of(*parts))
+            whole, separation = self._identification, self._separation.within(group)
+            frequencies = ErrorGroup(group, whole[np.ix_(group, group)], separation)
+            joint.append(JointErrors.of(whole, self._pairs, frequencies, shapes, repeated))
         return joint
 
     @cached_property
@@ -217,10 +225,9 @@ class CorrelatedErrors:
         largest = max((joint.largest_array for joint in self._joint), default=1)
         n_rows = max(1, LARGEST_ARRAY // largest)
         if len(values) > n_rows:
-            parts = [slice(i, i + n_rows) for i in range(0, len(values), n_rows)]
-            return np.concatenate(
-                [self.log_ratios(values[part], [m.rows(part) for m in modes]) for part in parts]
-            )
+            parts = (slice(i, i + n_rows) for i in range(0, len(values), n_rows))
+            ratios_of = [self.log_ratios(values[p], [m.rows(p) for m in modes]) for p in parts]
+            return np.concatenate(ratios_of)
         ratios = np.zeros((len(values), len(self.groups)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             sizes = self._sizes(values)
@@ -268,37 +275,18 @@ class CorrelatedErrors:
         return correlated
 
     def conditional(
-        self,
-        values: FloatArray,
-        frequencies_hz: Sequence[FloatArray],
-        further: Sequence[ModeOfTest],
+        self, values: FloatArray, frequencies_hz: Sequence[FloatArray], others: Sequence[ModeOfTest]
     ) -> tuple[FloatArray, FloatArray]:
-        """Prediction errors of further modes' frequencies, given the residuals of the paired ones.
+        """Prediction errors of other modes' frequencies, given the residuals of the paired ones.
 
         Means (B, M) and covariance (B or 1, M, M), as residuals; ``frequencies_hz`` (B, n_modes)
         are the model's in each test at ``values`` (B, n_parameters).
         """
         sizes, _ = self._sizes(values)
-        every, n = (*self.modes, *further), len(self.modes)
+        every, n = (*self.modes, *others), len(self.modes)
         covariance = Separation.of(every).covariance(sizes)
         between = covariance[:, :n, n:]
         paired = covariance[:, :n, :n] + self._identification[:n, :n]
         gain = np.linalg.solve(paired, between)
         means = (gain * self._residuals(frequencies_hz)[:, :, None]).sum(axis=1)
         return means, covariance[:, n:, n:] - np.einsum("bnm,bnk->bmk", gain, between)
-
-
-def _check_labels(modes: Sequence[ModeOfTest], by_number: bool) -> None:
-    labels = [mode.label for mode in modes]
-    if len(set(labels)) == len(labels):
-        raise ValueError(
-            "between_tests: no paired mode has the same label in two tests; give one mode one "
-            f"label in all of them, got {', '.join(map(repr, labels))}"
-        )
-    for a, b in combinations(modes, 2):
-        if by_number and (a.label == b.label) != (a.number == b.number):
-            raise ValueError(
-                "between_tests and between_modes: a mode must have one label and one number in all "
-                f"tests, but {a.label!r} is model mode {a.number} and {b.label!r} model mode "
-                f"{b.number}; leave between_modes at 0"
-            )

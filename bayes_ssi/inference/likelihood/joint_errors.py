@@ -100,12 +100,10 @@ class ErrorGroup:
 
         ``errors`` (B, n, k) have k components, of which only as many vary as there are dimensions.
         """
+        parts = conditional_errors(self.covariance(sizes), errors), (self.variances(sizes), errors)
         joint, single = (
             log_density((residuals * residuals).sum(axis=-1), variances, self.dimensions)
-            for variances, residuals in (
-                conditional_errors(self.covariance(sizes), errors),
-                (self.variances(sizes), errors),
-            )
+            for variances, residuals in parts
         )
         return joint - single
 
@@ -343,24 +341,20 @@ class JointPairs:
         return np.concatenate(ratios, axis=1)
 
     def ratios_of_shapes(
-        self,
-        columns: IntArray,
-        frequencies_hz: FloatArray,
-        unit_shapes: FloatArray,
-        variances: FloatArray,
+        self, columns: IntArray, hz: FloatArray, shapes: FloatArray, variances: FloatArray
     ) -> FloatArray:
         """The log ratios (E,) of pairs one by one: of shapes ``columns`` (E,) among those scored.
 
-        Model frequencies (E,) and unit shapes (E, s) may be others than those of the batch;
-        ``variances`` (E, 2) are squared prediction errors.
+        Model frequencies in ``hz`` (E,) and unit ``shapes`` (E, s) may be others than those of the
+        batch; ``variances`` (E, 2) are squared prediction errors.
         """
         ratios, which = np.zeros(len(columns)), self.pairs.with_shape[columns]
-        residuals = frequencies_hz / self.pairs.frequencies_hz[which] - 1.0
+        residuals = hz / self.pairs.frequencies_hz[which] - 1.0
         own = variances + np.outer(self.pairs.model_shape_var[columns], [0.0, 1.0])
         for errors, pairs in self._modes.values():
             members = np.flatnonzero(np.isin(which, pairs))
             frequency, shape = map(ErrorSizes.independent, own[members].T)
-            of_mode = residuals[members, None], unit_shapes[members, None]
+            of_mode = residuals[members, None], shapes[members, None]
             ratios[members] = errors.log_ratio(*of_mode, (frequency, shape))
         return ratios
 
@@ -378,12 +372,8 @@ class JointPairs:
             white = errors.white(*residuals)
             of_shapes = np.broadcast_to(white.shape_var, white.shapes.shape)
             squares = white.shapes * white.shapes / of_shapes
-            parts.append(
-                [
-                    white.numbers[:, 0].reshape(n, -1),
-                    *(row_sums(x).reshape(n, -1) for x in (squares, of_shapes, of_shapes**2)),
-                ]
-            )
+            sums = map(row_sums, (squares, of_shapes, of_shapes**2))
+            parts.append([each.reshape(n, -1) for each in (white.numbers[:, 0], *sums)])
         return [np.concatenate(of_modes, axis=1) for of_modes in zip(*parts, strict=True)]
 
     def _by_mode(
