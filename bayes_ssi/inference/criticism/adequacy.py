@@ -163,8 +163,11 @@ def adequacy(
     z = np.column_stack(
         [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
     )
-    sizes = _error_sizes(model_class)
-    is_size = np.array([name in sizes for name in model_class.parameter_names])
+    # The parameters that are sizes of errors, rather than their correlations.
+    sizes = as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd)
+    of_sizes = {p.name for size in sizes for p in size.parameters}
+    of_sizes -= {parameter.name for parameter in model_class.structural_parameters}
+    is_size = np.array([name in of_sizes for name in model_class.parameter_names])
     # An error size that is smaller than expected is no misfit.
     of_parameters = np.where(is_size, log_ndtr(-z), log_two_sided(z))
     errors = list(_of_errors(model_class, values, modes, of_modes, of_shapes))
@@ -265,31 +268,24 @@ def _median(numbers: FloatArray) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
-def _error_sizes(model_class: ModelClass) -> set[str]:
-    """Names of the parameters that are sizes of errors, rather than their correlations."""
-    sizes = (as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd))
-    structural = {parameter.name for parameter in model_class.structural_parameters}
-    return {p.name for size in sizes for p in size.parameters} - structural
-
-
-def _possible_causes(adequacy: Adequacy, is_given: bool) -> str:
-    """What a misfit usually comes from; ``is_given`` says whether the pairing is the analyst's."""
-    channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
-    pairing = "wrong pairing, " if is_given else ""
-    return f"{channels}wrong units, {pairing}or a structure nobody wrote down"
-
-
 def misfits_in_words(adequacy: Adequacy) -> list[str]:
     """The largest misfits, the worst first; the largest one alone if each is small by itself."""
-    named = sorted(_each(adequacy), key=lambda item: -item[0].sds)
-    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
-    return large or [
-        f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
+    named = [
+        *((mode.misfit, _mode(mode)) for mode in adequacy.modes),
+        *((each.misfit, _parameter(each, adequacy)) for each in adequacy.parameters),
+        *((count.misfit, _count(count)) for count in adequacy.counts),
     ]
+    named.sort(key=lambda item: -item[0].sds)
+    large = [words for misfit, words in named[:MOST_NAMED] if misfit.is_small]
+    together = f"misfits that are small one by one, but not together; the largest: {named[0][1]}"
+    return large or [together]
 
 
 def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = True) -> str:
-    """What of the data a class that is not adequate does not explain, and why that may be."""
+    """What of the data a class that is not adequate does not explain, and why that may be.
+
+    ``is_given`` says whether the pairing is the analyst's.
+    """
     what = "the data are not explained"
     if adequacy.is_rough and not adequacy.overall.is_small:
         error = _percent(adequacy.frequency_error or 0.0)
@@ -300,9 +296,11 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = T
     elif not adequacy.overall.is_small:
         what, others = "the data are explained far better without a mistake in them", ""
     mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
-    causes = "; ".join(mistakes) or _possible_causes(adequacy, is_given)
+    channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
+    pairing = "wrong pairing, " if is_given else ""
+    usual = f"{channels}wrong units, {pairing}or a structure nobody wrote down"
     sentences = (f"{what}: {'; '.join(misfits_in_words(adequacy))}", others)
-    return ". ".join([*filter(None, sentences), f"Likely cause: {causes}"])
+    return ". ".join([*filter(None, sentences), f"Likely cause: {'; '.join(mistakes) or usual}"])
 
 
 def misfit_text(sds: float | None) -> str:
@@ -310,15 +308,6 @@ def misfit_text(sds: float | None) -> str:
     if sds is None:
         return "-"
     return f"{sds:.1f} sd" if sds < 100.0 else "> 100 sd"
-
-
-def _each(adequacy: Adequacy) -> Iterator[tuple[PValue, str]]:
-    for mode in adequacy.modes:
-        yield mode.misfit, _mode(mode)
-    for parameter in adequacy.parameters:
-        yield parameter.misfit, _parameter(parameter, adequacy)
-    for count in adequacy.counts:
-        yield count.misfit, _count(count)
 
 
 def _mode(mode: ModeMisfit) -> str:
@@ -364,7 +353,6 @@ def _count(count: CountMisfit) -> str:
 
 def _different(*numbers: float) -> list[str]:
     """Numbers to two decimals, or to as many as tell them apart."""
-    texts: list[str] = []
     for decimals in range(2, 9):
         texts = [f"{number:.{decimals}f}" for number in numbers]
         if len(set(texts)) == len(texts):

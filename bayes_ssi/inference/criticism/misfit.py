@@ -22,10 +22,7 @@ from bayes_ssi.inference.likelihood.shape_density import log_shape_survival
 from bayes_ssi.inference.model_class.model_class import ModelClass
 
 LOWEST_LOG_P = -1e300  # of a probability, as log 0 has no place in sums
-
-
-# P-value below which a class is inadequate; right ones are this often.
-INADEQUATE = 0.01
+INADEQUATE = 0.01  # p-value below which a class is inadequate; right ones are this often
 ROUGH = 0.05  # with a larger error of frequencies, wrong stiffnesses fit as well
 N_DRAWS = 400  # a quantile of 0.01 needs no more; each takes the shapes' quadrature
 EXPECTED_SHARE = 0.95  # of a right model's shapes that have the MAC called expected
@@ -145,7 +142,9 @@ def misfit(
     model_modes = np.append(pairs.model_modes, -1)[which]
     is_paired = (model_modes[:, :, None] == np.arange(detected.shape[1])).any(axis=1)
     n_paired = is_paired.sum(axis=1)
+    unseen = np.where(is_paired, 0.0, detected).sum(axis=1)
     n_spurious, expected = n_data - n_paired, identification.expected_spurious_modes
+    as_many = np.where(n_spurious > 0, pdtrc(np.maximum(n_spurious - 1, 0), expected), 1.0)
     with np.errstate(divide="ignore"):
         return Misfit(
             frequency_errors=errors,
@@ -154,11 +153,8 @@ def misfit(
             macs=(1.0 - distances) ** 2,
             expected_macs=(1.0 - expected_distances) ** 2,
             shape_log_p=shape_log_p,
-            unidentified=np.where(is_paired, 0.0, detected).sum(axis=1)
-            / identification.detection_probability,
-            spurious_log_p=np.log(
-                np.where(n_spurious > 0, pdtrc(np.maximum(n_spurious - 1, 0), expected), 1.0)
-            ),
+            unidentified=unseen / identification.detection_probability,
+            spurious_log_p=np.log(as_many),
             detected_log_p=np.log(_at_most(n_paired, detected)),
         )
 
