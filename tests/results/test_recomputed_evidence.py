@@ -78,10 +78,10 @@ def test_a_correction_by_exact_solutions_is_recomputed(script, tiny_ranking, tmp
         np.ones((16, 1)), np.log(1.5), error, changes, (1e-6, None), "full solutions"
     )
     first, second = tiny_ranking.posteriors
-    assert corrected(first, confirmation, ()).evidence.mean_log_likelihood == pytest.approx(
+    assert corrected(first, confirmation).evidence.mean_log_likelihood == pytest.approx(
         first.evidence.mean_log_likelihood + 0.5 * np.log(2.0)
     )
-    ranking = replace(tiny_ranking, posteriors=(corrected(first, confirmation, ()), second))
+    ranking = replace(tiny_ranking, posteriors=(corrected(first, confirmation), second))
     save_result(ranking, tmp_path / "r")
     stored, stored_error, value, error, *_, apart = rows(script, capsys, tmp_path / "r")["one k"]
     assert value == pytest.approx(first.evidence.log_evidence + np.log(1.5), abs=6e-4)

@@ -23,9 +23,6 @@ from bayes_ssi.structures.modal import Modes, scaled_shapes, shape_signs
 
 DRAWS_OF_INTERVALS = 200  # enough for a plot, at a small part of the sampling's cost
 MOST_PLACES = 100  # with more degrees of freedom, shapes are kept at the sensors only
-# At which shapes at the sensors are kept: enough for means and evidences under changed settings
-# to a few hundredths of a standard deviation and of a nat.
-DRAWS_WITH_SHAPES = 4000
 FAR_TURN = 0.2  # standard deviation in radians, from which a turn is remarked on
 
 Interval = tuple[float, float, float]
@@ -92,17 +89,15 @@ def configuration_modes(
 
 
 def _updated_modes(
-    configuration: Configuration,
-    likelihood: ModalLikelihood,
-    pairing: Mapping[str, int],
-    at: FloatArray,
+    test: Configuration, likelihood: ModalLikelihood, pairing: Mapping[str, int], at: FloatArray
 ) -> UpdatedModes:
     """The paired modes at the prior medians, the first row of ``at``, and at draws, the others."""
-    structure, data = configuration.structure, configuration.data
+    structure, data = test.structure, test.data
     modes = likelihood.modes(at)
     compared = likelihood.compared_modes(at, modes)
     pairs = likelihood.sampled_pairs(at, compared, np.random.default_rng(0))
-    modes = _turned(likelihood, at, modes, pairs)
+    numbers = np.append(likelihood.pairs.model_modes, -1)[pairs]
+    modes = _turned(likelihood, at, modes, numbers)
     seen = likelihood.shapes_at_sensors(modes)
     all_places, places = structure.degrees_of_freedom, structure.degrees_of_freedom
     if len(all_places) > MOST_PLACES:
@@ -110,12 +105,15 @@ def _updated_modes(
     shown = [all_places.index(place) for place in places]
     main = [i for i, place in enumerate(all_places) if place not in structure.appendages]
     records = []
-    for label, (rows, numbers) in _paired_modes(likelihood, pairing, pairs).items():
-        whole, at_sensors = modes.shapes[rows, :, numbers], seen[rows, :, numbers]
+    for label, of_rows in zip(data.labels, numbers.T, strict=True):
+        if label not in pairing:
+            continue
+        rows, own = _rows_with_mode(of_rows, pairing[label] - 1)
+        whole, at_sensors = modes.shapes[rows, :, own], seen[rows, :, own]
         identified = data.mode(label).unit_shape
         signs = shape_signs(whole[:, main], at_sensors, identified)
         shapes = scaled_shapes(whole[:, shown] * signs[:, None], whole[:, main])
-        frequencies = modes.frequencies_hz[rows, numbers]
+        frequencies = modes.frequencies_hz[rows, own]
         pair = PairedModes.of(data, [(label, 1)])
         macs = (1.0 - pair.shape_distances(at_sensors[:, :, None])) ** 2
         low, median, high = map(tuple, _interval(shapes[1:]))
@@ -134,9 +132,9 @@ def _updated_modes(
     return UpdatedModes(places, appendages, tuple(records))
 
 
-def _turned(likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: IntArray) -> Modes:
-    """Modes with close ones at their mean turn, each row in its own pairing."""
-    shapes, numbers = np.array(modes.shapes), np.append(likelihood.pairs.model_modes, -1)[pairs]
+def _turned(likelihood: ModalLikelihood, at: FloatArray, modes: Modes, numbers: IntArray) -> Modes:
+    """Modes with close ones at their mean turn, each row in its own pairing, ``numbers`` (B, J)."""
+    shapes = np.array(modes.shapes)
     for chosen in np.unique(numbers, axis=0):
         rows = np.flatnonzero((numbers == chosen).all(axis=1))
         named = zip(likelihood.data.labels, (chosen + 1).tolist(), strict=True)
@@ -146,28 +144,18 @@ def _turned(likelihood: ModalLikelihood, at: FloatArray, modes: Modes, pairs: In
     return Modes(modes.frequencies_hz, shapes)
 
 
-def _paired_modes(
-    likelihood: ModalLikelihood, pairing: Mapping[str, int], pairs: IntArray
-) -> dict[str, tuple[IntArray, IntArray]]:
-    """Label of a paired mode → rows of ``pairs``, and the model mode that it is in each, from 0.
+def _rows_with_mode(numbers: IntArray, usual: int) -> tuple[IntArray, IntArray]:
+    """Rows in which an identified mode is paired, and the model mode that it is in each, from 0.
 
     The order of model modes may change from draw to draw, and the pairing with it: where it was
     inferred, every draw has its own, by its probability. Draws that leave the mode out are left
-    out; the prior medians, the first row, never are.
+    out; the prior medians, the first row, never are. ``numbers`` (n,) are -1 where it is left out.
     """
-    chosen = np.append(likelihood.pairs.model_modes, -1)[pairs]
-    paired = {}
-    for label, numbers in zip(likelihood.data.labels, chosen.T, strict=True):
-        if label not in pairing:
-            continue
-        if numbers[0] < 0:
-            numbers[0] = pairing[label] - 1
-        rows = np.flatnonzero(numbers >= 0)
-        if len(rows) == 1:  # the few draws taken here all leave it out
-            paired[label] = np.arange(len(pairs)), np.full(len(pairs), pairing[label] - 1)
-        else:
-            paired[label] = rows, numbers[rows]
-    return paired
+    numbers = np.append(usual if numbers[0] < 0 else numbers[0], numbers[1:])
+    rows = np.flatnonzero(numbers >= 0)
+    if len(rows) == 1:  # the few draws taken here all leave it out
+        return np.arange(len(numbers)), np.full(len(numbers), usual)
+    return rows, numbers[rows]
 
 
 def _interval(draws: FloatArray) -> Any:

@@ -13,14 +13,13 @@ result depends on nothing but the seed.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.sampling.result import ERROR_OVER_WANTED
@@ -90,23 +89,16 @@ def refined(
         if confirmation is not None:
             n_before += len(confirmation.values)
     remarks, failed = certified(model_class, posterior, settings)
-    if not has_exact:
-        return replace(
-            posterior,
-            remarks=(*posterior.remarks, *remarks),
-            failed_checks=(*posterior.failed_checks, *failed),
-        )
-    if confirmation is None:
-        confirmation = confirmed_by_full_solutions()
     if n_before:
         remarks.append(f"{n_before} full solutions at draws showed that this accuracy is needed")
-    failed += confirmation.failures(log_evidence_error)
-    emulators = tuple(test.structure.emulator for test in model_class.configurations)
-    return replace(
-        corrected(posterior, confirmation, remarks),
-        failed_checks=(*posterior.failed_checks, *failed),
-        emulators=emulators if any(emulators) else (),
-    )
+    posterior = replace(posterior, remarks=(*posterior.remarks, *remarks))
+    if has_exact:
+        confirmation = confirmation or confirmed_by_full_solutions()
+        failed += confirmation.failures(log_evidence_error)
+        emulators = tuple(test.structure.emulator for test in model_class.configurations)
+        posterior = replace(posterior, emulators=emulators if any(emulators) else ())
+        posterior = corrected(posterior, confirmation)
+    return replace(posterior, failed_checks=(*posterior.failed_checks, *failed))
 
 
 class Confirmation(NamedTuple):
@@ -136,9 +128,7 @@ class Confirmation(NamedTuple):
         return ()
 
 
-def confirmed(
-    model_class: ModelClass, posterior: Posterior, log_evidence_error: float
-) -> Confirmation:
+def confirmed(model_class: ModelClass, posterior: Posterior, wanted_error: float) -> Confirmation:
     """Exact solutions at as many draws as the wanted error of the log evidence needs."""
     n = N_CONFIRMED
     while True:
@@ -147,7 +137,7 @@ def confirmed(
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
-        needed = n * (error / (CORRECTION_SHARE * log_evidence_error)) ** 2
+        needed = n * (error / (CORRECTION_SHARE * wanted_error)) ** 2
         if needed <= n or n >= MOST_CONFIRMED:
             break
         n = min(MOST_CONFIRMED, max(2 * n, math.ceil(needed)))
@@ -170,10 +160,8 @@ def _confirming(model_class: ModelClass, values: FloatArray) -> ModelClass:
     )
 
 
-def corrected(
-    posterior: Posterior, confirmation: Confirmation, remarks: Sequence[str]
-) -> Posterior:
-    """The posterior with its evidence corrected by exact solutions at some draws, and remarks."""
+def corrected(posterior: Posterior, confirmation: Confirmation) -> Posterior:
+    """The posterior with its evidence corrected by exact solutions at some draws, and a remark."""
     correction, error = confirmation.correction, confirmation.error
     frequency, least_mac = confirmation.differences
     macs = "" if least_mac is None else f", MAC is {_just_below_one(least_mac)} or more,"
@@ -194,7 +182,7 @@ def corrected(
             mean_log_likelihood=evidence.mean_log_likelihood + of_mean,
             checks=tuple(check.shifted(correction, error) for check in evidence.checks),
         ),
-        remarks=(*posterior.remarks, *remarks, remark),
+        remarks=(*posterior.remarks, remark),
         frequency_error=frequency,
     )
 
@@ -251,35 +239,23 @@ def requirements(
             for errors in likelihood.least_errors(columns)
         )
         structural = columns[:, : len(configuration.structure.parameters)]
-        n_modes = n_needed(likelihood, columns)
+        # Of the lowest modes, all that are paired, or lie in or near the band at any of the values;
+        # where any pairing is possible, none is given.
+        paired = max(likelihood.pairing.values(), default=1)
+        highest = NEAR_THE_BAND * likelihood.data.band_hz[1]
+        reached = (likelihood.modes(columns).frequencies_hz < highest).sum(axis=1)
+        n_modes = max(paired, int(reached.max(initial=0)))
         needed.append(Requirement(structural, frequency, shape, n_modes))
     return needed
-
-
-def n_needed(likelihood: ModalLikelihood, values: FloatArray) -> int:
-    """Number of lowest model modes that are paired, or lie in or near the band, at ``values``."""
-    # Where any pairing is possible, none is given.
-    paired = max(likelihood.pairing.values(), default=1)
-    frequencies = likelihood.modes(values).frequencies_hz
-    reached = frequencies < NEAR_THE_BAND * likelihood.data.band_hz[1]
-    return max(paired, int(reached.sum(axis=1).max(initial=0)))
 
 
 def more_accurate(
     model_class: ModelClass, values: FloatArray, settings: RefinementSettings
 ) -> ModelClass:
     """The class with structures as accurate as needed at all ``values``, or as they become."""
-    while (better := improved(model_class, values, settings)) is not model_class:
-        model_class = better
-    return model_class
-
-
-def improved(
-    model_class: ModelClass, values: FloatArray, settings: RefinementSettings
-) -> ModelClass:
-    """The class with structures accurate enough at ``values``, or more accurate than they were."""
     needed = requirements(model_class, values, settings)
-    return model_class.with_structures(lambda structure, i: structure.accurate_at(needed[i]))
+    better = model_class.with_structures(lambda structure, i: structure.accurate_at(needed[i]))
+    return better if better is model_class else more_accurate(better, values, settings)
 
 
 def certified(
@@ -300,10 +276,8 @@ def certified(
         remarks.append(where + accuracy.statement + accuracy.of_shapes * shapes)
         # Inferred errors differ a little from round to round, and tolerances with them.
         limit = 2.0 if structure.has_exact else 1.0
-        if (
-            accuracy.frequency > limit * required.frequency
-            or accuracy.shape > limit * required.shape
-        ):
+        too_large = accuracy.frequency > limit * required.frequency
+        if too_large or accuracy.shape > limit * required.shape:
             known = f" and {accuracy.shape:.1g} of a shape" * shapes
             wanted = f" and {required.shape:.1g}" * shapes
             failed.append(

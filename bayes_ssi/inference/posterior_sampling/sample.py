@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, evenly_spaced_indices, systematic_indices
 from bayes_ssi.inference.calibration.narrow_regions import class_target
-from bayes_ssi.inference.criticism.adequacy import Adequacy, adequacy
+from bayes_ssi.inference.criticism.adequacy import adequacy
 from bayes_ssi.inference.criticism.misfit import N_DRAWS, edges
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.model_at_draws import (
@@ -174,6 +174,8 @@ def sample_as_it_is(
         at_values = _at_draws(model_class, values, run.workers)
         remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
     configurations = configuration_modes(model_class, values)
+    draws, few = sampled.importance, evenly_spaced_indices(len(values), N_DRAWS)
+    of_few = values[few], at_values.rows(few).modes, np.random.default_rng([seed, 2])
     return Posterior(
         name=model_class.name,
         parameter_names=model_class.parameter_names,
@@ -182,8 +184,16 @@ def sample_as_it_is(
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.chains.bulk_sizes,
         tail_effective_sample_sizes=sampled.chains.tail_sizes,
-        evidence=_evidence(sampled),
-        regions=_regions(sampled, z, values.reshape(z.shape)),
+        evidence=Evidence(
+            log_evidence=sampled.evidence.log_evidence,
+            error=sampled.evidence.error,
+            effective_sample_size=draws.effective_sample_size,
+            pareto_k=draws.pareto_k,
+            n_draws=len(draws.z),
+            mean_log_likelihood=draws.log_likelihood_mean,
+            checks=sampled.evidence_checks,
+        ),
+        regions=_regions(sampled, z_rows, values),
         maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
         burn_in=sampled.quoted[0].burn_in,
@@ -213,8 +223,8 @@ def sample_as_it_is(
             z.shape[:2],
             rng,
         ),
-        adequacy=_adequacy(model_class, values, at_values, seed),
-        importance_draws=sampled.importance.arrays,
+        adequacy=adequacy(model_class, *of_few),
+        importance_draws=draws.arrays,
     )
 
 
@@ -230,19 +240,6 @@ def _sampled(
     except ValueError as error:
         failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
         raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
-
-
-def _evidence(sampled: SamplingResult) -> Evidence:
-    draws = sampled.importance
-    return Evidence(
-        log_evidence=sampled.evidence.log_evidence,
-        error=sampled.evidence.error,
-        effective_sample_size=draws.effective_sample_size,
-        pareto_k=draws.pareto_k,
-        n_draws=len(draws.z),
-        mean_log_likelihood=draws.log_likelihood_mean,
-        checks=sampled.evidence_checks,
-    )
 
 
 def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:
@@ -280,13 +277,6 @@ def _noise(
     if nats <= MOST_NOISE:
         return [f"{text}, little beside the errors"] * (nats > ROUNDING), []
     return [], [text]
-
-
-def _adequacy(model_class: ModelClass, values: FloatArray, model: AtDraws, seed: int) -> Adequacy:
-    """The adequacy of the class, from some of its draws ``values`` (n, n_parameters)."""
-    chosen = evenly_spaced_indices(len(values), N_DRAWS)
-    modes = model.rows(chosen).modes
-    return adequacy(model_class, values[chosen], modes, np.random.default_rng([seed, 2]))
 
 
 def _failures(model_class: ModelClass, target: Target) -> list[str]:
@@ -342,18 +332,12 @@ def _quoted_draws(
 
 
 def _regions(sampled: SamplingResult, z: FloatArray, values: FloatArray) -> tuple[Region, ...]:
-    regions = sampled.regions
-    shares, errors = sampled.region_shares, sampled.region_errors
-    labels = regions.assign(z.reshape(-1, z.shape[-1]))
-    flat = values.reshape(-1, values.shape[-1])
+    """Those in which a draw lies, of ``z`` and ``values`` (n, n_parameters)."""
+    labels, numbers = sampled.regions.assign(z), sampled.searches_of_regions
+    of_regions = [each.tolist() for each in (sampled.region_shares, sampled.region_errors, numbers)]
     records = [
-        Region(
-            share=float(shares[k]),
-            error=float(errors[k]),
-            n_searches=int(sampled.searches_of_regions[k]),
-            mean=tuple(float(mean) for mean in flat[labels == k].mean(0)),
-        )
-        for k in range(regions.n_regions)
+        Region(share, error, n_searches, tuple(values[labels == k].mean(0).tolist()))
+        for k, (share, error, n_searches) in enumerate(zip(*of_regions, strict=True))
         if np.any(labels == k)
     ]
     return tuple(sorted(records, key=lambda region: -region.share))
