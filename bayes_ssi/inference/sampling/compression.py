@@ -44,9 +44,7 @@ CORRELATION_LEFT = 0.5
 MOST_MOVES = 25
 # Particles per dimension that one component of the proposals' mixture is fitted to.
 PARTICLES_PER_COMPONENT = 30
-# Shares of the maxima's components and of the prior in the proposals.
-MAXIMA_SHARE = 0.3
-PRIOR_SHARE = 0.02
+MAXIMA_SHARE, PRIOR_SHARE = 0.3, 0.02  # of the maxima's components and the prior in proposals
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +58,7 @@ class Compression:
     # Its standard error, from the chance by which particles survive and the correlation left
     # between levels.
     log_evidence_error: float
-    # By about how much it is too low, for particles that fell behind their levels.
-    behind: float
+    behind: float  # by about how much it is too low, for particles that fell behind their levels
 
     def walkers(self, n: int, rng: np.random.Generator) -> Walkers:
         """``n`` of the particles at random, with repetition only where there are fewer."""
@@ -83,11 +80,13 @@ def compress_prior(
     by level in turn. Proposals around known maxima keep the shares of separate regions right.
     """
     climbs = [_Climb(target, maxima, n_particles, np.random.default_rng(seed)) for seed in seeds]
-    _move_in_turn(climbs)
     highest = float((maxima.log_posteriors - log_standard_normal(maxima.z)).max())
     log_negligible = math.log(NEGLIGIBLE_SHARE)
     most_levels = levels_left = _levels_to_top(target.n_dimensions)
     while True:
+        # The second with respect to where the first has moved.
+        for climb, other in zip(climbs, reversed(climbs), strict=True):
+            climb.move(other.positions)
         highest = max(highest, *(float(climb.log_likelihoods.max()) for climb in climbs))
         to_come = max(highest + climb.log_prior_left - climb.log_evidence for climb in climbs)
         if to_come < log_negligible:
@@ -97,7 +96,6 @@ def compress_prior(
             break
         for climb in climbs:
             climb.leave_lowest()
-        _move_in_turn(climbs)
         # From as much evidence to come as collected, to a negligible share.
         progress(float(np.clip(to_come / log_negligible, 0.0, 1.0)))
     progress(1.0)
@@ -183,14 +181,10 @@ class _Climb:
             start, iterations=MOST_MOVES, store=False, skip_initial_state_check=True
         )
         for made, state in enumerate(states, start=1):
-            last = left
-            left = max(
-                _correlation(positions, state.coords), _correlation(ranks, _ranks(state.blobs, rng))
-            )
-            if left < CORRELATION_LEFT:
-                break
+            last, of_ranks = left, _correlation(ranks, _ranks(state.blobs, rng))
+            left = max(_correlation(positions, state.coords), of_ranks)
             # Between separate regions nothing may move: then it settles above the mark.
-            if made >= 7 and last - left < 0.002:
+            if left < CORRELATION_LEFT or (made >= 7 and last - left < 0.002):
                 break
         self.positions, self.log_likelihoods = np.array(state.coords), np.array(state.blobs)
         left = float(np.clip(left, 0.0, 0.9))
@@ -236,13 +230,6 @@ class _Climb:
             math.sqrt(variance),
             behind,
         )
-
-
-def _move_in_turn(climbs: Sequence[_Climb]) -> None:
-    """Move both, the second with respect to where the first has moved."""
-    first, second = climbs
-    first.move(second.positions)
-    second.move(first.positions)
 
 
 def _possible(

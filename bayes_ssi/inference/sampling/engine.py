@@ -152,13 +152,9 @@ class _Sampling:
             if self._serves(best) and (in_vain or not self._should_refit(best)):
                 break
         check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
-        walkers = self._starts(best.split(2, self.rng))
+        starts = [half.resampled(self.rng) for half in best.split(2, self.rng)]
+        walkers = [Walkers(*(values[: self.n_walkers] for values in start)) for start in starts]
         return self._sampled(search, around_maxima, best, walkers, [check])
-
-    def _starts(self, samples: Sequence[ImportanceSample]) -> list[Walkers]:
-        """Walkers of an ensemble for each sample, resampled from it."""
-        starts = [sample.resampled(self.rng) for sample in samples]
-        return [Walkers(*(values[: self.n_walkers] for values in start)) for start in starts]
 
     def _from_particles(self, search: MultistartSearch) -> SamplingResult:
         """The result with compressions of the prior."""

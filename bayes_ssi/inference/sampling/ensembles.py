@@ -100,17 +100,13 @@ class ChainStatistics:
         enough = self.smallest_size >= settings.effective_sample_size
         return enough and self.r_hat <= settings.r_hat
 
-    def steps_needed(self, settings: SamplingSettings) -> float:
-        """How many times as long chains should be, at most four times."""
-        excess = (self.r_hat - 1.0) / (settings.r_hat - 1.0)
-        factor = max(settings.effective_sample_size / max(self.smallest_size, 1.0), excess)
-        return min(1.1 * factor, 4.0)
-
 
 def statistics_of(target: Target, ensembles: Sequence[Ensemble]) -> ChainStatistics:
     """Those of the parameter values of all walkers of all ensembles."""
-    chains = np.concatenate([ensemble.chains for ensemble in ensembles])
-    return ChainStatistics(target.values_of_chains(chains))
+    z = np.concatenate([ensemble.chains for ensemble in ensembles])
+    if target.parameter_values is None:
+        return ChainStatistics(z)
+    return ChainStatistics(target.parameter_values(z.reshape(-1, z.shape[-1])).reshape(z.shape))
 
 
 def thinned_ensembles(
@@ -162,7 +158,9 @@ def run_ensembles(
         if n >= most or statistics.reach(settings):
             progress(1.0)
             return ensembles, statistics
-        wanted = math.ceil(n * statistics.steps_needed(settings))
+        excess = (statistics.r_hat - 1.0) / (settings.r_hat - 1.0)
+        factor = max(settings.effective_sample_size / max(statistics.smallest_size, 1.0), excess)
+        wanted = math.ceil(n * min(1.1 * factor, 4.0))
         progress(n / wanted)
         n = min(wanted, most)
 

@@ -52,8 +52,7 @@ class ImportanceSample:
     z: FloatArray  # (n, d), standard-normal coordinates
     log_likelihoods: FloatArray  # (n,)
     log_proposals: FloatArray  # (n,), log density of the mixture
-    # (n,), the component that each draw came from; the prior's is the last.
-    strata: IntArray
+    strata: IntArray  # (n,), the component that each draw came from; the prior's is the last
 
     @property
     def log_posteriors(self) -> FloatArray:
@@ -131,9 +130,8 @@ class ImportanceSample:
         What such draws stand for, as the end of a ridge or a far tail, is missing in the evidence.
         Of importance draws whose weights have a finite variance, hardly any share is.
         """
-        return self._share_beyond(
-            [other.log_posteriors.ravel() - self.mixture.log_pdf(other.draws) for other in others]
-        )
+        log_pdf = self.mixture.log_pdf
+        return self._share_beyond([o.log_posteriors.ravel() - log_pdf(o.draws) for o in others])
 
     def _share_beyond(self, log_weights: Sequence[FloatArray]) -> float:
         # Chains begin at importance draws: one of both weighs the same but for rounding.
@@ -142,11 +140,8 @@ class ImportanceSample:
 
     def split(self, n: int, rng: np.random.Generator) -> "list[ImportanceSample]":
         """The draws in ``n`` equal parts, in random order."""
-        parts = np.array_split(rng.permutation(len(self.z)), n)
-        return [
-            replace(self, **{name: values[part] for name, values in self.arrays.items()})
-            for part in parts
-        ]
+        parts, arrays = np.array_split(rng.permutation(len(self.z)), n), self.arrays.items()
+        return [replace(self, **{name: each[part] for name, each in arrays}) for part in parts]
 
     @property
     def arrays(self) -> dict[str, Any]:
@@ -287,10 +282,8 @@ class ImportanceSampler:
         left_over = systematic_indices(expected - counts, n - int(counts.sum()), self.rng)
         counts += np.bincount(left_over, minlength=len(counts))
         z = mixture.draw(counts, self.rng)
-        strata = np.repeat(np.arange(len(counts)), counts)
-        return ImportanceSample(
-            mixture, z, self.target.log_likelihood(z), mixture.log_pdf(z), strata
-        )
+        strata, values = np.repeat(np.arange(len(counts)), counts), self.target.log_likelihood(z)
+        return ImportanceSample(mixture, z, values, mixture.log_pdf(z), strata)
 
     def _with_component(
         self, sample: ImportanceSample, centre: FloatArray, added: float = ADDED_DRAWS

@@ -27,7 +27,6 @@ DEFENSIVE_SHARE = 0.1
 LEAST_GAIN = 0.01
 DRAWS_PER_DIMENSION = 10  # a component needs this many draws for each dimension
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16)  # numbers of components that are tried
-
 # Arguments of bends end at this multiple of a component's width: hardly a draw is further out.
 REACH = 10.0
 

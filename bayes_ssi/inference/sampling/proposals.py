@@ -4,6 +4,7 @@ Independence proposals are draws of a mixture, evaluated many at a time and prop
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,7 @@ from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.inference.sampling.mixture import StudentMixture
 from bayes_ssi.inference.sampling.target import LogDensity
 
-# As many as make a batch pay.
-BATCH = 512
+BATCH = 512  # as many as make a batch pay
 # Fixed walkers of which a step takes its directions: of all pairs of many more, a list is longer
 # than a matrix in many dimensions.
 PARTNERS = 100
@@ -28,49 +28,36 @@ class Drawn(NamedTuple):
     log_proposals: FloatArray  # (n,), of the mixture
 
 
+@dataclass(eq=False)
 class Independence:
-    """Proposals that do not depend on a walker's position.
+    """Proposals that do not depend on a walker's position."""
 
-    Attributes:
-        mixture: of which they are draws.
-        share: of the steps that it proposes; local moves propose the others.
-    """
-
-    def __init__(
-        self,
-        mixture: StudentMixture,
-        share: float,
-        draw: Callable[[int], Drawn],
-        ready: Drawn | None = None,
-    ) -> None:
-        """``draw(n)`` makes ``n`` draws of the mixture, in random order as ``ready`` ones are."""
-        self.mixture, self.share = mixture, share
-        self._draw, self._left = draw, ready
-        self._now: Drawn | None = None  # proposed last
+    mixture: StudentMixture  # of which they are draws
+    share: float  # of the steps that it proposes; local moves propose the others
+    draw: Callable[[int], Drawn]  # of the mixture, so many in random order
+    ready: Drawn | None = None  # the same, proposed before others are drawn
+    _now: Drawn | None = field(default=None, init=False)  # proposed last
 
     def propose(self, coords: FloatArray, _random: Any) -> tuple[FloatArray, FloatArray]:
         """As many positions x as ``coords`` y (n, d) has, and log q(y) - log q(x), (n,).
 
         The signature is that of a proposal function of emcee's Metropolis-Hastings move.
         """
-        n, left = len(coords), self._left
+        n, left = len(coords), self.ready
         while left is None or len(left.z) < n:
-            new = self._draw(max(n, BATCH))
+            new = self.draw(max(n, BATCH))
             left = joined([left, new]) if left else new
-        now, self._left = (
-            Drawn(*(part[rows] for part in left)) for rows in (slice(n), slice(n, None))
-        )
-        self._now = now
+        self._now = now = Drawn(*(part[:n] for part in left))
+        self.ready = Drawn(*(part[n:] for part in left))
         return now.z, self.mixture.log_pdf(coords) - now.log_proposals
 
     def density(self, log_density: LogDensity) -> LogDensity:
         """``log_density``, which does not evaluate again what was proposed last."""
 
         def recalled(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-            now = self._now
-            return (
-                (now.log_densities, now.log_likelihoods) if now and z is now.z else log_density(z)
-            )
+            if self._now and z is self._now.z:
+                return self._now.log_densities, self._now.log_likelihoods
+            return log_density(z)
 
         return recalled
 
@@ -113,13 +100,8 @@ def begin(
     moves = [far, *zip(local, shares, strict=True)]
     # Assigning a RandomState object to a sampler does nothing; its state tuple does.
     seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
-    state = emcee.State(
-        positions,
-        log_prob=values[0],
-        blobs=values[1],
-        random_state=np.random.RandomState(seeds).get_state(),
-        copy=True,
-    )
+    random_state = np.random.RandomState(seeds).get_state()
+    state = emcee.State(positions, *values, random_state, copy=True)
     sampler = emcee.EnsembleSampler(*positions.shape, log_density, moves=moves, vectorize=True)
     # Without emcee's loop over the rows of a batch, whose wrapper would print an error, with all
     # positions and a traceback, before raising it.

@@ -31,13 +31,16 @@ MOST_DRAWS = 1500
 PAIRS = 4
 
 
-def nearest_neighbours(points: FloatArray) -> IntArray:
-    """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
+def _tree(points: FloatArray) -> Any:
     from scipy.spatial import cKDTree
 
-    k = min(NEIGHBOURS + 1, len(points))
-    _, nearest = cKDTree(points).query(points, k=k)
-    return np.reshape(nearest, (len(points), -1)).astype(np.intp)
+    return cKDTree(points)
+
+
+def nearest_neighbours(points: FloatArray) -> IntArray:
+    """The nearest of ``points`` (n, d) to each, (n, k), beginning with itself."""
+    _, nearest = _tree(points).query(points, k=min(NEIGHBOURS + 1, len(points)))
+    return np.reshape(nearest, (len(points), -1))
 
 
 def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
@@ -47,17 +50,14 @@ def local_maxima(draws: FloatArray, heights: FloatArray) -> FloatArray:
 
 
 def lowest_between(
-    log_posterior: Callable[[FloatArray], FloatArray],
-    a: FloatArray,
-    b: FloatArray,
-    lower_ends: FloatArray,
+    log_density: Callable[[FloatArray], FloatArray], a: FloatArray, b: FloatArray, ends: FloatArray
 ) -> FloatArray:
-    """The lowest log posterior (m,) on straight paths from ``a`` to ``b`` (m, d), ends included."""
+    """The lowest log density (m,) on straight paths from ``a`` to ``b`` (m, d) and at ``ends``."""
     n = POINTS_BETWEEN
     fractions = np.arange(1, n + 1)[:, None, None] / (n + 1)
     between = a + fractions * (b - a)
-    inside = log_posterior(between.reshape(-1, a.shape[1])).reshape(n, -1)
-    return np.minimum(inside.min(axis=0), lower_ends)
+    inside = log_density(between.reshape(-1, a.shape[1])).reshape(n, -1)
+    return np.minimum(inside.min(axis=0), ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +88,8 @@ class Regions:
     @cached_property
     def _whitened(self) -> tuple[FloatArray, Any]:
         """A whitening (d, d), and a tree of the draws times it."""
-        from scipy.spatial import cKDTree
-
         whitening = _local_whitening(self.draws)
-        return whitening, cKDTree(self.draws @ whitening)
+        return whitening, _tree(self.draws @ whitening)
 
 
 def find_regions(
@@ -168,10 +166,7 @@ def _groups(nearest: IntArray, paths: _Paths) -> IntArray:
     led = higher[lowest > paths.log_posteriors[higher] - VALLEY_DEPTH]
     leads_to = np.arange(n)
     leads_to[led] = nearest[led, rank[nearest[led]].argmax(axis=1)]
-    while True:
-        further = leads_to[leads_to]
-        if np.array_equal(further, leads_to):
-            break
+    while not np.array_equal(further := leads_to[leads_to], leads_to):
         leads_to = further
     return _numbered(leads_to)
 
@@ -221,26 +216,22 @@ def _neighbouring_pairs(groups: IntArray, nearest: IntArray, paths: _Paths) -> I
 
 def _without_the_smallest(groups: IntArray, whitened: FloatArray) -> IntArray:
     """Groups (n,) after merging those with too few draws into the nearest other group."""
-    from scipy.spatial import cKDTree
-
     large = np.bincount(groups)[groups] >= min(PAIRS + 1, np.bincount(groups).max())
-    _, nearest = cKDTree(whitened[large]).query(whitened[~large])
+    _, nearest = _tree(whitened[large]).query(whitened[~large])
     kept = groups.copy()
-    kept[~large] = groups[large][np.asarray(nearest, dtype=np.intp)]
+    kept[~large] = groups[large][nearest]
     return _numbered(kept)
 
 
 def _between_groups(groups: IntArray, whitened: FloatArray, paths: _Paths) -> IntArray:
     """The nearest pairs of draws (m, 2) of every two groups, and their highest draws."""
-    from scipy.spatial import cKDTree
-
     members = [np.flatnonzero(groups == group) for group in range(groups.max() + 1)]
     highest = paths.highest_draws(groups)
     pairs: list[list[int]] = []
     for j, second in enumerate(members[1:], start=1):
-        tree = cKDTree(whitened[second])
+        tree = _tree(whitened[second])
         for i, first in enumerate(members[:j]):
-            distances, nearest = (np.asarray(part) for part in tree.query(whitened[first]))
+            distances, nearest = tree.query(whitened[first])
             closest = np.argsort(distances, kind="stable")[:PAIRS]
             pairs.extend([int(first[c]), int(second[nearest[c]])] for c in closest)
             pairs.append([highest[i], highest[j]])

@@ -19,8 +19,7 @@ from bayes_ssi.inference.sampling.regions import VALLEY_DEPTH, Regions
 from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import FARTHEST, log_standard_normal
 
-# Vehtari et al. (2021) ask for it.
-LEAST_EFFECTIVE_SAMPLE_SIZE = 400
+LEAST_EFFECTIVE_SAMPLE_SIZE = 400  # Vehtari et al. (2021) ask for it
 ERROR_OVER_WANTED = 1.5  # the wanted error counts as reached up to this multiple of it
 # Importance draws may miss a share of the posterior up to this multiple of the evidence's
 # error: the evidence is too low by that share, and two standard errors are no surprise.
@@ -103,18 +102,13 @@ class SamplingResult:
 
 
 def _chains(sampled: SamplingResult) -> Iterator[str]:
-    chains, limit = sampled.chains, sampled.settings.r_hat
-    least = LEAST_EFFECTIVE_SAMPLE_SIZE
-    if not chains.r_hat <= limit:
-        yield (
-            f"the chains differ: R-hat is {chains.r_hat:.3f}, above {limit:g}, after "
-            f"{sampled.ensembles[0].n_steps} steps"
-        )
-    if not chains.smallest_size >= least:
-        yield (
-            f"effective sample size of the chains {chains.smallest_size:.0f}, at least {least} "
-            "needed"
-        )
+    r_hat, limit = sampled.chains.r_hat, sampled.settings.r_hat
+    n_steps = sampled.ensembles[0].n_steps
+    if not r_hat <= limit:
+        yield f"the chains differ: R-hat is {r_hat:.3f}, above {limit:g}, after {n_steps} steps"
+    size, least = sampled.chains.smallest_size, LEAST_EFFECTIVE_SAMPLE_SIZE
+    if not size >= least:
+        yield f"effective sample size of the chains {size:.0f}, at least {least} needed"
 
 
 def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
@@ -126,10 +120,8 @@ def _importance_draws(sampled: SamplingResult) -> Iterator[str]:
             f"importance draws; {sampled.settings.log_evidence_error:g} was wanted"
         )
     if not draws.pareto_k <= PARETO_K_LIMIT:
-        yield (
-            f"a few importance draws may carry the evidence: Pareto k is {draws.pareto_k:.2f}, "
-            f"above {PARETO_K_LIMIT}"
-        )
+        k, limit = draws.pareto_k, PARETO_K_LIMIT
+        yield f"a few importance draws may carry the evidence: Pareto k is {k:.2f}, above {limit}"
     missed = draws.share_beyond((*sampled.ensembles, *sampled.compressions))
     if missed > MISSED_OVER_ERROR * error:
         yield (
@@ -142,10 +134,8 @@ def _evidence_estimates(sampled: SamplingResult) -> Iterator[str]:
     quoted = sampled.evidence
     for other in sampled.evidence_checks:
         if not other.agrees_with(quoted):
-            yield (
-                f"importance sampling and {other.name} disagree on the log evidence: {quoted} and "
-                f"{other}"
-            )
+            both = f"{quoted} and {other}"
+            yield f"importance sampling and {other.name} disagree on the log evidence: {both}"
 
 
 def _regions(sampled: SamplingResult) -> Iterator[str]:
@@ -153,24 +143,20 @@ def _regions(sampled: SamplingResult) -> Iterator[str]:
     regions, region_shares = sampled.regions, sampled.region_shares
     if regions.n_regions == 1:
         return
-    n_searches = sampled.searches_of_regions
-    n_draws = sampled.search.n_draws / sampled.search.n_searches
+    found_by, n_searches = sampled.searches_of_regions, sampled.search.n_searches
+    n_draws = sampled.search.n_draws / n_searches
     seen = sampled.prior_masses_of_regions * n_draws >= DRAWS_THAT_SEE
     shares_of_compressions = [regions.shares(one.draws) for one in sampled.compressions]
     shares_of_chains = regions.shares(np.concatenate([part.draws for part in sampled.ensembles]))
     for region in np.flatnonzero(region_shares > SMALL_SHARE):
         name = f"a region with {100 * region_shares[region]:.1f} % of the posterior"
-        if n_searches[region] < 2 and not seen[region]:
-            yield (
-                f"{name} was found by {n_searches[region]} of {sampled.search.n_searches} "
-                "independent searches; there may be others"
-            )
+        if found_by[region] < 2 and not seen[region]:
+            found = f"found by {found_by[region]} of {n_searches} independent searches"
+            yield f"{name} was {found}; there may be others"
         missed = sum(shares[region] == 0 for shares in shares_of_compressions)
         if missed:
-            yield (
-                f"{name} was missed by {missed} of {len(shares_of_compressions)} compressions of "
-                "the prior; there may be others"
-            )
+            by = f"{missed} of {len(shares_of_compressions)} compressions of the prior"
+            yield f"{name} was missed by {by}; there may be others"
         if shares_of_chains[region] == 0:
             yield f"{name} was never visited by the chains"
 
@@ -215,10 +201,8 @@ def _influence(sampled: SamplingResult) -> Iterator[str]:
 def _searches(sampled: SamplingResult) -> Iterator[str]:
     """Maxima that only one search found, where there are no particles as a second check."""
     if not (sampled.compressions or sampled.search.converged):
-        yield (
-            f"{sampled.search.n_searches} independent searches found different maxima; there may "
-            "be others"
-        )
+        n = sampled.search.n_searches
+        yield f"{n} independent searches found different maxima; there may be others"
 
 
 _CHECKS = (_chains, _importance_draws, _evidence_estimates, _regions, _reach, _influence, _searches)

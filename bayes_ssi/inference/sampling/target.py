@@ -106,12 +106,6 @@ class Target:
         values = self.log_likelihood(z)
         return values + log_standard_normal(z), values
 
-    def values_of_chains(self, chains: FloatArray) -> FloatArray:
-        """Parameter values at chains (n_chains, n_steps, d), of the same shape."""
-        if self.parameter_values is None:
-            return chains
-        return self.parameter_values(chains.reshape(-1, chains.shape[-1])).reshape(chains.shape)
-
     def is_noisy_at(self, z: FloatArray) -> bool:
         """Whether answers differ at the first of ``z`` (n, d) moved in the last digits; kept."""
         z = z[:POINTS_TO_CHECK]
@@ -144,6 +138,4 @@ class Target:
         return self.cache.evaluated(self._number, z, self._evaluate)
 
     def _evaluate(self, z: FloatArray) -> Evaluated:
-        if self.workers is None:
-            return evaluate(self.function, z)
-        return self.workers.evaluate(self.function, z)
+        return (self.workers.evaluate if self.workers else evaluate)(self.function, z)
