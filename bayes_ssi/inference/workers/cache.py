@@ -28,8 +28,6 @@ from bayes_ssi.inference.workers.workers import Evaluated
 # Points that are evaluated again, to see that the model is still the same: a change of the model
 # would hardly spare all of them.
 POINTS_TO_CHECK = 3
-
-
 OPEN = (
     "PRAGMA locking_mode = EXCLUSIVE",
     # Written batches survive a crash of the process, if not of the machine.
@@ -85,9 +83,11 @@ class Cache:
             evaluated = evaluate(z)
             self.keep(model, z, evaluated)
         elif model not in self._checked:
-            again = evaluate(z[:POINTS_TO_CHECK]).values
-            before = evaluated.values[:POINTS_TO_CHECK]
-            if not np.allclose(_first(again), _first(before), 1e-6, equal_nan=True):
+            n = len(z[:POINTS_TO_CHECK])
+            # The first number of each point: its log-likelihood, or its first frequency.
+            before = evaluated.values[:n].reshape(n, -1)[:, 0]
+            again = evaluate(z[:n]).values.reshape(n, -1)[:, 0]
+            if not np.allclose(again, before, 1e-6, equal_nan=True):
                 raise ValueError(
                     f"{self.path}: the model gives other values than when this checkpoint was "
                     "made; remove it to begin again"
@@ -109,22 +109,16 @@ class Cache:
     def keep(self, model: int, z: NDArray[Any], evaluated: Evaluated) -> None:
         """Write what a model answered at ``z``."""
         values, failures = evaluated
-        texts = (json.dumps(values.shape), json.dumps(dict(failures)))
-        batch = (_key(model, z), texts[0], values.tobytes(), texts[1])
+        shape, reasons = json.dumps(values.shape), json.dumps(dict(failures))
+        batch = (_key(model, z), shape, values.tobytes(), reasons)
         with _errors_of(self.path):
             self._database.execute("INSERT OR IGNORE INTO batches VALUES (?, ?, ?, ?)", batch)
         self._is_empty = False
 
 
-def _first(values: FloatArray) -> FloatArray:
-    """The first number of each point: its log-likelihood, or its first frequency."""
-    return values.reshape(len(values), -1)[:, 0]
-
-
 def _key(model: int, z: NDArray[Any]) -> bytes:
-    key = hashlib.blake2b(repr((model, z.shape)).encode(), digest_size=16)
-    key.update(z.tobytes())
-    return key.digest()
+    whole = repr((model, z.shape)).encode() + z.tobytes()
+    return hashlib.blake2b(whole, digest_size=16).digest()
 
 
 @contextmanager

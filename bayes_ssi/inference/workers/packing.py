@@ -43,9 +43,8 @@ def pickled(what: object) -> bytes:
     try:
         data: bytes = cloudpickle.dumps(what)
     except Exception as error:
-        raise ValueError(
-            f"the model cannot be sent to a worker: {type(error).__name__}: {error}"
-        ) from error
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"the model cannot be sent to a worker: {reason}") from error
     finally:
         for module in studies:
             cloudpickle.unregister_pickle_by_value(module)
@@ -77,9 +76,8 @@ def _unpickled(data: bytes) -> Any:
     try:
         return cloudpickle.loads(data)
     except Exception as error:
-        raise ValueError(
-            f"the model cannot be rebuilt in a worker: {type(error).__name__}: {error}"
-        ) from error
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"the model cannot be rebuilt in a worker: {reason}") from error
 
 
 def end_with_parent() -> None:

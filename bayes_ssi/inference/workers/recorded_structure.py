@@ -35,30 +35,26 @@ class RecordedStructure(SubstituteStructure):
         # A row that is there twice is solved once.
         new = {key: row for key, row in zip(keys, values, strict=True) if key not in self._known}
         if new:
-            self._solve(np.array(list(new.values())))
+            points = np.array(list(new.values()))
+            if self._cache is None:
+                evaluated = self._evaluate(points)
+            else:
+                evaluated = self._cache.evaluated(self._number, points, self._evaluate)
+            self.n_solved += len(points)
+            self._known.update(zip(new, evaluated.values, strict=True))
+            solved = list(new)
+            self.failures.update({solved[i]: why for i, why in evaluated.failures.items()})
         if len(keys) == 1 and keys[0] in self.failures:
             raise ValueError(self.failures[keys[0]])
         n_dof, n_modes = len(self.degrees_of_freedom), self.n_modes
         rows = np.array([self._known[key] for key in keys]).reshape(-1, (1 + n_dof) * n_modes)
         return Modes(rows[:, :n_modes], rows[:, n_modes:].reshape(len(keys), n_dof, n_modes))
 
-    def _solve(self, values: FloatArray) -> None:
-        if self._cache is None:
-            evaluated = self._evaluate(values)
-        else:
-            evaluated = self._cache.evaluated(self._number, values, self._evaluate)
-        self.n_solved += len(values)
-        for i, (row, solution) in enumerate(zip(values, evaluated.values, strict=True)):
-            self._known[row.tobytes()] = solution
-            if i in evaluated.failures:
-                self.failures[row.tobytes()] = evaluated.failures[i]
-
     def _evaluate(self, values: FloatArray) -> Evaluated:
         function = partial(_solutions, self.structure)
         n_columns = (1 + len(self.degrees_of_freedom)) * self.n_modes
-        if self._workers is None:
-            return evaluate(function, values, n_columns)
-        return self._workers.evaluate(function, values, n_columns)
+        solve = self._workers.evaluate if self._workers else evaluate
+        return solve(function, values, n_columns)
 
     def __getstate__(self) -> dict[str, Any]:
         """State without what belongs to this process."""

@@ -83,8 +83,7 @@ class Run:
             self.progress(name, step, done)
 
 
-# A run holds this file of its checkpoint.
-LOCK = "lock"
+LOCK = "lock"  # a run holds this file of its checkpoint
 
 
 @dataclass(frozen=True)
@@ -143,14 +142,14 @@ def _definition(model_class: ModelClass) -> str:
 
 
 def notebook_progress() -> Progress | None:
-    """What shows progress below the cell that runs; None outside of notebooks."""
+    """What shows progress below the cell that runs; None outside of notebooks.
+
+    A line for each name, replaced as it goes on, five times a second.
+    """
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
-    return _notebook_lines() if getattr(shell, "kernel", None) else None
-
-
-def _notebook_lines() -> Progress:
-    """A line for each name, replaced as it goes on, five times a second."""
+    if not getattr(shell, "kernel", None):
+        return None
     lines: dict[str, str] = {}
     shown_at, handle = float("-inf"), None
 

@@ -148,9 +148,8 @@ class Workers:
             for i, answer in answers.items():
                 values[parts[i]] = answer.values
                 failures.update((int(parts[i][row]), why) for row, why in answer.failures.items())
-            lost = np.concatenate(
-                [p for i, p in enumerate(parts) if i not in answers] or [rows[:0]]
-            )
+            left_out = [part for i, part in enumerate(parts) if i not in answers]
+            lost = np.concatenate([rows[:0], *left_out])
             if len(lost) == len(rows) == 1 and suspect[rows[0]]:
                 failures[int(rows[0])] = "the worker that evaluated it died"
             else:
@@ -161,8 +160,7 @@ class Workers:
     def call_each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         """As :meth:`try_each`, in the order of items; those whose worker died are tried again."""
         answers: dict[int, R] = {}
-        while len(answers) < len(items):
-            left = [i for i in range(len(items)) if i not in answers]
+        while left := [i for i in range(len(items)) if i not in answers]:
             new = self.try_each(function, [items[i] for i in left])
             answers.update((left[i], answer) for i, answer in new.items())
         return [answers[i] for i in range(len(items))]
