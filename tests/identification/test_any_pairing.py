@@ -9,7 +9,6 @@ import pytest
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.pairings import (
     LEAST_PROBABILITY,
     MOST_DRAWS,
@@ -22,6 +21,7 @@ from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 
 NAN = math.nan
+FACTOR = 0.004 * np.random.default_rng(0).standard_normal((16, 16))
 
 
 def matchings(labels, n_modes):
@@ -32,26 +32,15 @@ def matchings(labels, n_modes):
             yield {label: i for label, i in zip(labels, numbers, strict=True) if i}
 
 
-def over_every_pairing(structure, data, error, identification, values):
-    """Log of the sum of the likelihoods of explicit pairings; ``values`` by parameter name."""
+def over_every_pairing(model, data, values):
+    """Log of the sum of the likelihoods of explicit pairings."""
     terms = []
-    for pairing in matchings(data.labels, structure.n_modes):
-        one = ModalLikelihood(structure, data, error, identification, pairing)
-        columns = [values[parameter.name] for parameter in one.parameters]
-        terms.append(one.log_density(np.array(columns).T))
+    for pairing in matchings(data.labels, model.structure.n_modes):
+        test = replace(model.configuration(), data=data, pairing=pairing)
+        one = replace(model, configurations=(test,))
+        columns = [model.parameter_names.index(name) for name in one.parameter_names]
+        terms.append(one.log_likelihood(values[:, columns]))
     return logsumexp(terms, axis=0)
-
-
-def assert_sums_over_every_pairing(structure, data, error, identification):
-    model = bs.ModelClass(
-        "any", structure, data, error, pairing="any", identification=identification
-    )
-    values = model.values(
-        0.5 * np.random.default_rng(0).standard_normal((4, len(model.parameters)))
-    )
-    by_name = dict(zip(model.parameter_names, values.T, strict=True))
-    expected = over_every_pairing(structure, data, error, identification, by_name)
-    np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-11)
 
 
 @pytest.fixture
@@ -80,13 +69,32 @@ INFERRED = bs.ErrorModel(*(
         ("frequencies", bs.ErrorModel(0.01, 0.05), ()),
         ("partial_data", bs.ErrorModel(0.01, 0.05), (0.5, 3.0)),
         ("partial_data", bs.ErrorModel(), (0.999, 1e-4)),
+        ("joint", INFERRED, ()),
     ],
 )
-def test_it_is_the_sum_over_every_pairing(request, structure, data, error, identification):
-    of_request = request.getfixturevalue
-    modes = of_request("case_c").without_shapes() if data == "frequencies" else of_request(data)
+def test_it_is_the_sum_over_every_pairing(
+    request, structure, data, error, identification, case_c, partial_data
+):
+    """Of joint errors, with the part of each mode alone."""
+    modes = {
+        "case_c": case_c,
+        "frequencies": case_c.without_shapes(),
+        "partial_data": partial_data,
+        "joint": replace(case_c, covariance=FACTOR @ FACTOR.T),
+    }[data]
     identification = bs.IdentificationModel(*identification)
-    assert_sums_over_every_pairing(of_request(structure), modes, error, identification)
+    model = bs.ModelClass(
+        "any", request.getfixturevalue(structure), modes, error, pairing="any",
+        identification=identification,
+    )  # fmt: skip
+    z = 0.5 * np.random.default_rng(0).standard_normal((4, len(model.parameters)))
+    values = model.values(z)
+    if modes.covariance is not None:
+        mode_of = np.r_[np.arange(4), np.repeat(np.arange(4), 3)]
+        same = np.equal.outer(mode_of, mode_of)
+        modes = replace(modes, covariance=modes.covariance * same)
+    expected = over_every_pairing(model, modes, values)
+    np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-11)
 
 
 class Crossing(Structure):
@@ -117,17 +125,14 @@ def crossing_data():
     return bs.ModalData(modes, (0.0, 4.0), ("x", "y"))
 
 
-def test_modes_may_change_places(crossing_data, fixed_error):
-    """Just below and just above the crossing the structure is the same but for the numbering."""
-    sides = np.array([[2.0 - 1e-9], [2.0 + 1e-9]])
-    free = bs.ModelClass("any", Crossing(), crossing_data, fixed_error, pairing="any")
-    below, above = free.log_likelihood(sides)
-    assert below == pytest.approx(above, abs=1e-5)
-    fixed = bs.ModelClass(
-        "one", Crossing(), crossing_data, fixed_error, pairing={"of x": 1, "of y": 2}
-    )
-    # Modes at a crossing turn freely: no numbering is worse.
-    below, above = fixed.log_likelihood(sides)
+@pytest.mark.parametrize("pairing", ["any", {"of x": 1, "of y": 2}])
+def test_modes_may_change_places(crossing_data, fixed_error, pairing):
+    """Just below and just above the crossing the structure is the same but for the numbering.
+
+    Modes at a crossing turn freely: no numbering is worse.
+    """
+    model = bs.ModelClass("c", Crossing(), crossing_data, fixed_error, pairing=pairing)
+    below, above = model.log_likelihood(np.array([[2.0 - 1e-9], [2.0 + 1e-9]]))
     assert below == pytest.approx(above, abs=1e-5)
 
 
@@ -163,17 +168,15 @@ def test_a_pairing_that_is_neither_any_nor_a_mapping_is_refused(rigid, case_c, f
 
 
 def test_classes_that_differ_in_their_pairing_alone_become_one(model_classes):
-    study = bs.Study("s", list(model_classes.values()), description="why").with_any_pairing()
+    classes = list(model_classes.values())
+    study = bs.Study("s", classes, description="why").with_any_pairing()
     assert study.names == ("1-a or 1-b or 2", "3")
     assert [candidate.pairing for candidate in study.model_classes] == ["any", "any"]
     assert study.prior_weights is None
     assert (study.name, study.description) == ("s", "why")
-
-
-def test_a_merged_class_has_the_prior_weight_of_all(model_classes):
     weights = {"1-a": 1.0, "1-b": 2.0, "2": 3.0, "3": 4.0}
-    study = bs.Study("s", list(model_classes.values()), prior_weights=weights)
-    assert study.with_any_pairing().prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
+    study = bs.Study("s", classes, prior_weights=weights).with_any_pairing()
+    assert study.prior_weights == {"1-a or 1-b or 2": 6.0, "3": 4.0}
 
 
 @pytest.mark.parametrize(
@@ -206,45 +209,28 @@ def test_classes_that_differ_in_anything_else_stay_apart(rigid, case_c, fixed_er
     assert names == ("a or b", "error", "p_D", "data")
 
 
-@pytest.fixture
-def near_the_fit(rigid, case_c, fixed_error):
-    """The mass-only structure, and draws about where it fits best."""
+def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(rigid, case_c, fixed_error):
+    """At draws about where the mass-only structure fits best; of many draws some serve."""
     model = bs.ModelClass("any", rigid, case_c, fixed_error, pairing="any")
-    centre, spread = [0.95, 1.1, 0.92], [0.05, 0.06, 0.04]
-    values = np.random.default_rng(4).normal(centre, spread, (200, 3))
-    return model.likelihoods[0], values
-
-
-def test_probabilities_of_every_identified_mode_add_up_to_one(near_the_fit):
-    likelihood, values = near_the_fit
-    inferred = likelihood.inferred_pairing(values)
-    assert tuple(inferred.of_modes) == ("1", "2a", "2b", "3")
-    for probabilities in inferred.of_modes.values():
-        assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LEAST_PROBABILITY)
-        assert set(probabilities) <= {0, 1, 2, 3}
-        assert min(probabilities.values()) >= LEAST_PROBABILITY
-
-
-def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(near_the_fit):
-    likelihood, values = near_the_fit
-    inferred = likelihood.inferred_pairing(values)
-    parts = (likelihood.structure, likelihood.data, likelihood.error, likelihood.identification)
-    whole = likelihood.log_density(values)
+    values = np.random.default_rng(4).normal([0.95, 1.1, 0.92], [0.05, 0.06, 0.04], (200, 3))
+    inferred = model.likelihoods[0].inferred_pairing(values)
+    whole = model.log_likelihood(values)
     assert len(inferred.pairings) > 1
     for share in inferred.pairings:
-        one = ModalLikelihood(*parts, share.pairing).log_density(values)
+        test = replace(model.configuration(), pairing=share.pairing)
+        one = replace(model, configurations=(test,)).log_likelihood(values)
         assert share.probability == pytest.approx(np.exp(one - whole).mean(), rel=1e-9)
     probabilities = [share.probability for share in inferred.pairings]
     assert probabilities == sorted(probabilities, reverse=True)
     assert inferred.best == inferred.pairings[0].pairing
     assert sum(probabilities) <= 1.0 + 1e-12
-
-
-def test_more_draws_than_serve_are_thinned(near_the_fit):
-    likelihood, values = near_the_fit
+    assert tuple(inferred.of_modes) == ("1", "2a", "2b", "3")
+    for probabilities in inferred.of_modes.values():
+        assert sum(probabilities.values()) == pytest.approx(1.0, abs=4 * LEAST_PROBABILITY)
+        assert set(probabilities) <= {0, 1, 2, 3}
+        assert min(probabilities.values()) >= LEAST_PROBABILITY
     many = np.tile(values, (2 * MOST_DRAWS // len(values), 1))
-    computed = likelihood.inferred_pairing(many)
-    assert computed.best == likelihood.inferred_pairing(values).best
+    assert model.likelihoods[0].inferred_pairing(many).best == inferred.best
 
 
 def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error):
@@ -255,32 +241,21 @@ def test_data_that_the_structure_cannot_explain_are_spurious(rigid, fixed_error)
     assert inferred.of_modes == {"x": {0: pytest.approx(1.0)}}
 
 
-@pytest.fixture(scope="module")
-def ranking(tiny_study):
-    """The tiny study's single-stiffness class over all pairings."""
-    settings = bs.SamplingSettings(searches=1, effective_sample_size=400)
-    return bs.rank(tiny_study.only(["one k"]).with_any_pairing(), 7, settings)
-
-
-def test_sampling_infers_the_pairing(ranking, tiny_ranking):
+def test_sampling_infers_the_pairing(tiny_study, tiny_ranking, tmp_path):
+    """The tiny study's single-stiffness class over all pairings; what is inferred is stored."""
+    study = tiny_study.only(["one k"]).with_any_pairing()
+    ranking = bs.rank(study, 7, bs.SamplingSettings(0.05, searches=1, effective_sample_size=400))
     (posterior,) = ranking.posteriors
     (modes,) = posterior.configurations
     assert modes.pairing == modes.inferred_pairing.best == {"1": 1, "2": 2}
     assert modes.inferred_pairing.pairings[0].probability > 0.99
     given = tiny_ranking.posteriors[0].evidence.log_evidence
     assert posterior.evidence.log_evidence == pytest.approx(given, abs=0.05)
-
-
-def test_a_given_pairing_is_not_inferred(tiny_ranking):
     assert tiny_ranking.posteriors[0].configurations[0].inferred_pairing is None
     assert pairing_notes(tiny_ranking.posteriors[0]) == []
-
-
-def test_an_inferred_pairing_is_stored_and_loaded(ranking, tmp_path):
     save_result(ranking, tmp_path / "r")
     (loaded,) = load_result(tmp_path / "r").posteriors
-    (sampled,) = ranking.posteriors
-    assert loaded.configurations == sampled.configurations
+    assert loaded.configurations == posterior.configurations
 
 
 def test_notes_begin_with_what_is_most_probable(make_posterior):

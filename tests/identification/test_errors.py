@@ -10,10 +10,9 @@ from bayes_ssi.parameters.priors import LogNormal, Normal, Uniform
 
 
 def test_defaults():
-    error, identification = ErrorModel(), IdentificationModel()
-    assert error == ErrorModel()
+    error = ErrorModel()
     assert {error.frequency_cov.name, error.shape_sd.name} == {"frequency_cov", "shape_sd"}
-    assert identification == IdentificationModel(0.95, 0.1)
+    assert IdentificationModel() == IdentificationModel(0.95, 0.1)
 
 
 @pytest.mark.parametrize("name", ["frequency_cov", "shape_sd"])

