@@ -54,46 +54,44 @@ def importance(target, mixture, seed, wanted_error=0.01):
     return sampler.refined(sampler.sample(mixture), wanted_error)
 
 
-def weighted(log_weights, strata=None, log_likelihoods=None):
+def checked(estimates, least=0.7):
+    """Errors of log evidences and the claimed ones, which they scatter by."""
+    errors = np.array([estimate.error for estimate in estimates])
+    off = np.array([estimate.log_evidence for estimate in estimates]) - LOG_EVIDENCE
+    assert (np.abs(off) < 4.0 * errors).all()
+    assert least < off.std(ddof=1) / errors.mean() < 1.5
+    return off, errors
+
+
+def weighted(log_weights, strata=None, log_likelihoods=0.0):
     """A hand-made importance sample of the given log weights."""
-    n = len(log_weights)
-    z = np.zeros((n, 1))
-    log_likelihoods = np.zeros(n) if log_likelihoods is None else np.array(log_likelihoods)
+    z = np.zeros((len(log_weights), 1))
+    log_likelihoods = np.zeros(len(z)) + log_likelihoods
     log_proposals = log_likelihoods + log_standard_normal(z) - np.array(log_weights)
-    strata = np.zeros(n, dtype=int) if strata is None else np.array(strata)
+    strata = np.array(strata or [0] * len(z))
     return ImportanceSample(None, z, log_likelihoods, log_proposals, strata)
 
 
 @pytest.mark.parametrize(
-    ("weights", "size"), [([1.0] * 8, 8.0), ([1.0, 0.0, 0.0], 1.0), ([3.0, 1.0], 1.6)]
+    ("weights", "strata", "mean", "error"),
+    [
+        # Variance of three draws with ddof 1 is 7, of their mean 7/3.
+        ([1.0, 2.0, 6.0], [0] * 3, 3.0, math.sqrt(7.0 / 3.0)),
+        # Stratum 0 has variance 20/19 and stratum 1 none.
+        ([1.0, 3.0] * 10 + [10.0] * 20, [0] * 20 + [1] * 20, 6.0, 20.0 / math.sqrt(19.0) / 40.0),
+        # The three that are alone in theirs are one stratum of variance 25/3.
+        ([1.0] * 40 + [0.0, 0.0, 5.0], [0] * 40 + [1, 2, 3], 45.0 / 43.0, 5.0 / 43.0),
+    ],
 )
-def test_kish_effective_sample_size(weights, size):
+def test_the_estimate_is_the_log_of_the_mean_weight(weights, strata, mean, error):
+    """Only the spread within strata counts for its error."""
     with np.errstate(divide="ignore"):
-        sample = weighted(np.log(weights))
-    assert sample.effective_sample_size == pytest.approx(size, rel=1e-12)
-
-
-def test_the_estimate_is_the_log_of_the_mean_weight():
-    sample = weighted(np.log([1.0, 2.0, 6.0]))
-    assert sample.estimate.log_evidence == pytest.approx(math.log(3.0), rel=1e-12)
-    # Variance of three draws with ddof 1 is 7, of their mean 7/3, relative to the mean 3.
-    assert sample.estimate.error == pytest.approx(math.sqrt(7.0 / 3.0) / 3.0, rel=1e-12)
-    np.testing.assert_allclose(sample.weights, [1 / 9, 2 / 9, 6 / 9])
-
-
-def test_only_the_spread_within_strata_counts():
-    sample = weighted(np.log([1.0, 3.0] * 10 + [10.0] * 20), strata=[0] * 20 + [1] * 20)
-    # Stratum 0 has variance 20/19 and stratum 1 none: √(20 · 20/19) / 40 relative to the mean 6.
-    assert sample.estimate.error == pytest.approx(20.0 / np.sqrt(19.0) / 40.0 / 6.0, rel=1e-12)
-
-
-def test_a_draw_alone_in_its_stratum_counts():
-    strata = [0] * 40 + [1, 2, 3]
-    weights = np.array([1.0] * 40 + [0.0, 0.0, 5.0])
-    with np.errstate(divide="ignore"):
-        sample = weighted(np.log(weights), strata=strata)
-    # The three are one stratum of variance 25/3: √(3 · 25/3) relative to the sum 45.
-    assert sample.estimate.error == pytest.approx(5.0 / 45.0, rel=1e-12)
+        sample = weighted(np.log(weights), strata)
+    assert sample.estimate.log_evidence == pytest.approx(math.log(mean), rel=1e-12)
+    assert sample.estimate.error == pytest.approx(error / mean, rel=1e-12)
+    np.testing.assert_allclose(sample.weights, np.array(weights) / sum(weights))
+    kish = sum(weights) ** 2 / np.square(weights).sum()
+    assert sample.effective_sample_size == pytest.approx(kish, rel=1e-12)
 
 
 def test_the_mean_log_likelihood_is_weighted_without_draws_of_likelihood_zero():
@@ -134,12 +132,9 @@ def test_posterior_draws_beyond_the_heaviest_importance_draw_are_counted(target)
 
 def test_importance_sampling_reaches_the_wanted_error(target, mixture):
     result = [importance(target, mixture, seed, wanted_error=0.004) for seed in range(20)]
-    errors = np.array([sample.estimate.error for sample in result])
-    off = np.array([sample.estimate.log_evidence for sample in result]) - LOG_EVIDENCE
+    _, errors = checked([sample.estimate for sample in result], least=0.6)
     assert errors.max() <= 0.004
     assert errors.min() > 0.002  # no more draws than it takes
-    assert (np.abs(off) < 4.0 * errors).all()
-    assert 0.6 < off.std(ddof=1) / errors.mean() < 1.5
 
 
 def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
@@ -185,6 +180,7 @@ def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
 
 
 def test_draws_densities_and_strata_are_of_one_mixture(first_bump):
+    """Also of the components added later, and of the prior, whose stratum stays the last."""
     sample = importance(Target(two_bumps, 2), first_bump, 0)
     mixture = sample.mixture
     np.testing.assert_allclose(sample.log_proposals, mixture.log_pdf(sample.z), rtol=1e-12)
@@ -194,12 +190,6 @@ def test_draws_densities_and_strata_are_of_one_mixture(first_bump):
     # Every batch gives each component its share of draws to within one.
     counts = np.bincount(sample.strata, minlength=mixture.n_components + 1)
     np.testing.assert_allclose(counts, len(sample.z) * mixture.all_weights, atol=3.0)
-
-
-def test_each_stratum_has_the_draws_of_its_own_component(first_bump):
-    """Also of the components added later, and of the prior, whose stratum stays the last."""
-    sample = importance(Target(two_bumps, 2), first_bump, 0)
-    mixture = sample.mixture
     distances = mixture.squared_distances(sample.z) / 2.0
     for k in range(mixture.n_components):
         of_component = stats.f(2, mixture.dof[k]).cdf
@@ -210,12 +200,8 @@ def test_each_stratum_has_the_draws_of_its_own_component(first_bump):
 
 def test_evidence_is_unbiased_and_its_error_honest_where_components_were_added(first_bump):
     result = [importance(Target(two_bumps, 2), first_bump, seed).estimate for seed in range(100)]
-    errors = np.array([estimate.error for estimate in result])
-    off = np.array([estimate.log_evidence for estimate in result]) - LOG_EVIDENCE
-    ratios = np.exp(off)
+    ratios = np.exp(checked(result)[0])
     assert ratios.mean() == pytest.approx(1.0, abs=3.0 * ratios.std(ddof=1) / 10.0)
-    assert (np.abs(off) < 4.0 * errors).all()
-    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
 
 
 @pytest.mark.parametrize("share_there", [0.0, 0.03])
@@ -314,11 +300,7 @@ def test_bridge_sampling_recovers_the_evidence_within_its_error(wider, most):
     for seed in range(30):
         sample = importance_draws(MEAN + 0.1, wider * SD, 100 + seed)
         result.append(bridge_sampling(exact_ensemble(seed), sample))
-    errors = np.array([estimate.error for estimate in result])
-    off = np.array([estimate.log_evidence for estimate in result]) - LOG_EVIDENCE
-    assert errors.max() < most
-    assert (np.abs(off) < 4.0 * errors).all()
-    assert 0.7 < off.std(ddof=1) / errors.mean() < 1.5
+    assert checked(result)[1].max() < most
 
 
 def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails():
@@ -332,13 +314,8 @@ def test_the_bridge_gets_by_with_a_proposal_that_misses_the_tails():
 def test_correlated_chains_widen_the_error_of_the_bridge():
     sample = importance_draws(MEAN + 0.1, 1.2 * SD, 5)
     ensemble = exact_ensemble(6)
-    repeated = Ensemble(
-        ensemble.positions.repeat(10, axis=0),
-        ensemble.log_posteriors.repeat(10, axis=0),
-        0,
-        10.0,
-        0.5,
-    )
+    ten_times = [x.repeat(10, axis=0) for x in (ensemble.positions, ensemble.log_posteriors)]
+    repeated = Ensemble(*ten_times, 0, 10.0, 0.5)
     a, b = bridge_sampling(ensemble, sample), bridge_sampling(repeated, sample)
     assert b.log_evidence == pytest.approx(a.log_evidence, abs=0.01 * a.error)
     assert b.error == pytest.approx(a.error, rel=0.1)

@@ -41,12 +41,6 @@ def test_log_standard_normal():
     np.testing.assert_allclose(log_standard_normal(z), expected, rtol=1e-13)
 
 
-def test_likelihood_zero_is_no_failure():
-    target = Target(lambda z: np.full(len(z), -np.inf), 1)
-    target.log_likelihood(np.zeros((4, 1)))
-    assert target.n_failed == 0
-
-
 def test_parameters_never_overflow_however_heavy_the_tails_of_proposals():
     """Mixtures propose points a thousand prior standard deviations out; warnings are errors."""
     size = LogNormal(1.0, 1.0)
@@ -104,6 +98,8 @@ def test_a_repeated_run_counts_what_is_recalled(tmp_path):
     assert Target(Fragile(), 2).suggested(np.random.default_rng(0)).shape == (0, 2)
 
 
-def test_an_empty_batch_does_not_reach_the_function():
-    target = Target(lambda _: 1 / 0, 2)
-    assert target.log_likelihood(np.empty((0, 2))).shape == (0,)
+def test_likelihood_zero_is_no_failure_and_no_point_is_no_evaluation():
+    target = Target(lambda z: np.full(len(z), -np.inf), 1)
+    target.log_likelihood(np.zeros((4, 1)))
+    assert target.n_failed == 0
+    assert Target(lambda _: 1 / 0, 2).log_likelihood(np.empty((0, 2))).shape == (0,)
