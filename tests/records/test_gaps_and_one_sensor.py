@@ -82,28 +82,6 @@ def test_one_sensor_gives_frequencies_and_dampings(samples):
         assert "needs two sensors or more" in words
 
 
-def dead(rows, _rng):
-    rows[2] = 0.2
-
-
-def copied(rows, _rng):
-    rows[2] = -rows[3]
-
-
-def clipped(rows, _rng):
-    """By three standard deviations, beyond which are 0.0027: motion looks smaller by as much."""
-    limit = 3.0 * rows[2].std()
-    rows[2] = rows[2].clip(-limit, limit)
-
-
-def noise(rows, rng):
-    rows[2] = rows[2].std() * rng.standard_normal(N)
-
-
-def stuck(rows, _rng):
-    rows[2, 3000:6000] = rows[2, 3000]
-
-
 BAND = (0.5, 4.0)
 
 
@@ -111,19 +89,34 @@ def beside_two_sound_ones(samples, wrong):
     """Four sensors, of which the third is wrong."""
     rng = np.random.default_rng(2)
     rows = np.vstack([samples, samples + 0.05 * rng.standard_normal((2, N))])
-    wrong(rows, rng)
+    rows[2] = wrong(rows, rng)
     return bs.Record(rows, RATE, tuple("abcd"), "acceleration", "m/s2")
+
+
+def dead(_rows, _rng):
+    return 0.2
+
+
+def clipped(rows, _rng):
+    """By three standard deviations, beyond which are 0.0027: motion looks smaller by as much."""
+    limit = 3.0 * rows[2].std()
+    return rows[2].clip(-limit, limit)
 
 
 @pytest.mark.parametrize(
     ("wrong", "out", "why"),
     [
         (dead, "c", "dead, all samples are 0.2"),
-        (copied, "cd", "the same samples but for the sign as sensor 'd'"),
+        (lambda rows, _: -rows[3], "cd", "the same samples but for the sign as sensor 'd'"),
         (clipped, "c", "clipped; 0.19 % of"),
-        (noise, "c", "noise alone"),
-        (stuck, "c", "on straight lines, or the same as before, in 25% of"),
+        (lambda rows, rng: rows[2].std() * rng.standard_normal(N), "c", "noise alone"),
+        (
+            lambda rows, _: np.r_[rows[2, :3000], [rows[2, 3000]] * 3000, rows[2, 6000:]],
+            "c",
+            "on straight lines, or the same as before, in 25% of",
+        ),
     ],
+    ids=["dead", "copied", "clipped", "noise", "stuck"],
 )
 def test_a_sensor_that_measured_nothing_is_left_out(samples, wrong, out, why):
     record = beside_two_sound_ones(samples, wrong)
@@ -151,9 +144,8 @@ def test_shapes_have_no_component_where_nothing_was_measured(samples, run, tmp_p
         data.covariance[np.ix_(places, places)], alone.covariance, atol=1e-15
     )
     assert not np.delete(data.covariance, places, axis=0).any()
-    assert [mode.shape_sd for mode in data.modes] == pytest.approx(
-        [m.shape_sd for m in alone.modes]
-    )
+    sds = [mode.shape_sd for mode in alone.modes]
+    assert [mode.shape_sd for mode in data.modes] == pytest.approx(sds)
     said = run("check", files[0]).output.replace("\n", " ")
     assert "sensor 'c' is left out of shapes: dead, all samples are 0.2" in said
     assert [text for text in data.warnings() if "not measured" in text] == []

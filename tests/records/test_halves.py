@@ -101,9 +101,8 @@ def test_short_records_have_no_halves():
 def test_a_clock_of_another_rate_is_said():
     """A ten-thousandth over 20 minutes: 60 ms from the middle of one half to that of the other."""
     names = ("floor 1", "floor 2", "floor 3")
-    record = simulated_record(
-        with_infill(), names, np.random.default_rng(1), duration_s=1200.0, rate_hz=50.0
-    )
+    rng = np.random.default_rng(1)
+    record = simulated_record(with_infill(), names, rng)
     times = np.arange(record.n_samples) / record.rate_hz
     skewed = record.samples.copy()
     skewed[1] = np.interp(times * (1.0 - 1e-4), times, skewed[1])

@@ -65,9 +65,8 @@ def test_velocities_and_displacements_become_accelerations():
 def test_delays_are_removed():
     rng = np.random.default_rng(2)
     common = rng.standard_normal(4003)
-    record = bs.Record(
-        np.array([common[3:], common[:-3]]), 10.0, ("a", "b"), "acceleration", "m/s2"
-    )
+    both = np.array([common[3:], common[:-3]])
+    record = bs.Record(both, 10.0, ("a", "b"), "acceleration", "m/s2")
     on_time = transforms_of(record, (1.0, 2.0)).turned(np.array([0.0, 0.3]))
     data = on_time.spectra(1.0, 2.0, 0.02)
     phases = np.angle(data.matrices[:, 0, 1])

@@ -64,9 +64,7 @@ FORMATS = {
     "epoch without unit": [
         "unixtime,K1,K2,K3", *rows([str(1715500000000000000 + 50000000 * k) for k in range(60)])
     ],
-    "count and time": [
-        "Sample,t,K1,K2,K3", *(f"{k},{row}" for k, row in enumerate(rows(), 1)),
-    ],
+    "count and time": ["Sample,t,K1,K2,K3", *(f"{k},{row}" for k, row in enumerate(rows(), 1))],
     "table of R": [
         '"t" "K1" "K2" "K3"', *(f'"{k}" {row}' for k, row in enumerate(rows(separator=" "), 1)),
     ],
@@ -85,10 +83,16 @@ FORMATS = {
 }  # fmt: skip
 
 
+def written(folder, *lines, encoding="utf-8"):
+    """The path of a file of these lines."""
+    path = folder / "a.csv"
+    path.write_text("\n".join(lines) + "\n", encoding=encoding)
+    return path
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_format_is_read_as_it_is_meant(tmp_path, name):
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(FORMATS[name]) + "\n", encoding="utf-8")
+    path = written(tmp_path, *FORMATS[name])
     states = "mg" in "".join(FORMATS[name][:2])
     one = bs.read_record(path, unit=None if states else "mg")
     assert one.sensors == NAMES
@@ -99,18 +103,16 @@ def test_a_format_is_read_as_it_is_meant(tmp_path, name):
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
 def test_encodings(tmp_path, encoding):
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(["t;Höhe;K2;K3", *rows(separator=";")]), encoding=encoding)
+    path = written(tmp_path, "t;Höhe;K2;K3", *rows(separator=";"), encoding=encoding)
     assert bs.read_record(path, unit="g").sensors == ("Höhe", "K2", "K3")
 
 
 @pytest.mark.parametrize("first", [("Sample", 1), ("", 0), ("Ticks", 5)])
 def test_a_count_is_no_sensor_and_needs_the_rate(tmp_path, first):
     name, begin = first
-    path = tmp_path / "a.csv"
     counts = [str(begin + k) for k in range(60) if k not in (30, 31)]
     kept = np.delete(SAMPLES, [30, 31], axis=1)
-    path.write_text("\n".join([f"{name},K1,K2,K3", *rows(counts, samples=kept)]))
+    path = written(tmp_path, f"{name},K1,K2,K3", *rows(counts, samples=kept))
     with pytest.raises(ValueError, match=r"rate_hz, .* is not given; give it in Hz \(--rate\)"):
         bs.read_record(path, unit="g")
     one = bs.read_record(path, unit="g", rate_hz=20.0)
@@ -119,8 +121,7 @@ def test_a_count_is_no_sensor_and_needs_the_rate(tmp_path, first):
 
 
 def test_a_rate_tells_the_unit_of_times(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(["time,K1,K2,K3", *rows(MS)]))
+    path = written(tmp_path, "time,K1,K2,K3", *rows(MS))
     with pytest.raises(ValueError, match=r"'time' advances by 50: .* as in 'time \(ms\)', or give"):
         bs.read_record(path, unit="g")
     assert bs.read_record(path, unit="g", rate_hz=20.0).rate_hz == pytest.approx(20.0)
@@ -129,13 +130,11 @@ def test_a_rate_tells_the_unit_of_times(tmp_path):
 
 
 def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
-    path = tmp_path / "a.csv"
     lines = ["t,K1,K2,K3", *rows()]
     for k in range(20, 24):
         cells = lines[1 + k].split(",")
         lines[1 + k] = ",".join([*cells[:2], "" if k < 22 else "NaN", cells[3]])
-    path.write_text("\n".join(lines[:41] + lines[51:]))
-    one = bs.read_record(path, unit="g")
+    one = bs.read_record(written(tmp_path, *lines[:41], *lines[51:]), unit="g")
     assert one.gaps == ((20, 24), (40, 50))
     assert one.warnings()[0] == (
         "missing: 4 samples from 1 to 1.2 s, 10 samples from 2 to 2.5 s; the pieces are used "
@@ -153,10 +152,7 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        (
-            ["t,K1,K2,K3", *rows(TIMES[:30] + TIMES[20:50])],
-            "'t': instants must advance by equal steps",
-        ),
+        (["t,K1,K2,K3", *rows(TIMES[:30] + TIMES[20:50])], "'t': instants must advance by equal"),
         (
             ["t;a;b", "0,1;1,5;2", "0,2;2;2.5", "0,3;2;3"],
             "line 3, column 3: '2.5' is not a number with ',' for decimals",
@@ -181,10 +177,8 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
     ],
 )
 def test_what_cannot_be_read_is_one_line_with_the_cure(tmp_path, lines, words):
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(ValueError, match=words):
-        bs.read_record(path, sensors=None)
+        bs.read_record(written(tmp_path, *lines), sensors=None)
 
 
 def test_a_workbook(tmp_path):
@@ -215,9 +209,8 @@ def test_a_workbook(tmp_path):
 
 def test_a_sensor_that_rises_steadily_is_one(tmp_path):
     samples = np.vstack([SAMPLES[:2], np.arange(60) / 8.0])
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(["t,K1,K2,K3", *rows(samples=samples)]))
-    np.testing.assert_array_equal(bs.read_record(path, unit="g").samples, samples)
+    one = bs.read_record(written(tmp_path, "t,K1,K2,K3", *rows(samples=samples)), unit="g")
+    np.testing.assert_array_equal(one.samples, samples)
 
 
 def test_texts_of_bytes(tmp_path):
