@@ -1,4 +1,4 @@
-"""Correlated prediction errors against multivariate normal densities and quadrature."""
+"""Correlated prediction errors against a dense covariance, entry by entry."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 from dense_errors import Dense
-from scipy.stats import multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.joint_errors import ModeOfTest
@@ -134,74 +133,12 @@ def test_joint_identification_errors_and_correlated_prediction_errors_at_once(na
     np.testing.assert_allclose(candidate.log_likelihood(values), expected, rtol=1e-10)
 
 
-class Line(bs.Structure):
-    """Modes at 1, 2, ... Hz, of which every second one depends on a parameter linearly."""
-
-    degrees_of_freedom = ("place",)
-    n_modes = 6
-    parameters = (bs.Parameter("slope", bs.Normal(0.0, 1.0)),)
-    effects = 0.03 * np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
-
-    def modes(self, values):
-        frequencies = np.arange(1.0, 7.0) * (1.0 + self.effects * values[:, :1])
-        return bs.Modes(frequencies, np.ones((len(values), 1, 6)))
-
-
-def linear_tests(rho, seed, n_tests=6):
-    """Identified frequencies of ``Line`` at zero, with errors of size ``SD``."""
-    rng = np.random.default_rng(seed)
-    shared, tests = rng.standard_normal(6), []
-    for t in range(n_tests):
-        errors = math.sqrt(rho) * shared + math.sqrt(1.0 - rho) * rng.standard_normal(6)
-        frequencies = np.arange(1.0, 7.0) * (1.0 + SD * errors)
-        modes = tuple(bs.IdentifiedMode(str(i + 1), f) for i, f in enumerate(frequencies))
-        data = bs.ModalData(modes, (0.0, 20.0))
-        pairing = {str(i): i for i in range(1, 7)}
-        tests.append(bs.Configuration(f"test {t}", Line(), data, pairing=pairing))
-    return tuple(tests)
-
-
-def test_evidence_and_inferred_correlation_of_a_linear_model():
-    """With a linear model all but ρ is integrated in closed form, and ρ by quadrature."""
-    tests = linear_tests(0.8, seed=3)
-    candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, RHO), tests)
-    posterior = bs.sample(candidate, seed=1)
-    identified = np.array([test.data.frequencies_hz for test in tests]).ravel()
-    nominal = np.tile(np.arange(1.0, 7.0), len(tests))
-    residuals = nominal / identified - 1.0
-    effect = nominal * np.tile(Line.effects, len(tests)) / identified
-    same = np.eye(len(residuals), dtype=bool)
-    same_mode = np.equal.outer(nominal, nominal)
-    nodes, weights = np.polynomial.legendre.leggauss(80)
-    rhos = 0.5 * (nodes + 1.0)
-    log_densities = [
-        multivariate_normal.logpdf(
-            residuals, cov=SD**2 * np.where(same, 1.0, rho * same_mode) + np.outer(effect, effect)
-        )
-        for rho in rhos
-    ]
-    top = max(log_densities)
-    shares = 0.5 * weights * np.exp(np.array(log_densities) - top)
-    constant = len(residuals) * math.log(0.95) - 0.1 * len(tests) - np.log(identified).sum()
-    evidence = posterior.evidence
-    exact = top + math.log(shares.sum()) + constant
-    assert evidence.log_evidence == pytest.approx(exact, abs=max(0.02, 4.0 * evidence.error))
-    mean = float(shares @ rhos / shares.sum())
-    inferred = next(row for row in posterior.summary if row.name == "rho")
-    assert inferred.mean == pytest.approx(mean, abs=4.0 * inferred.mean_error)
-    assert mean == pytest.approx(0.8, abs=0.15)
-    assert posterior.failed_checks == ()
-
-
 @pytest.mark.parametrize(
     "error", [bs.ErrorModel(SIZE, SHAPE_SD, RHO), bs.ErrorModel(SD, SHAPE_SD, 0.8, NEXT)]
 )
 def test_terms_of_data_join_what_is_correlated(error):
-    sensors = ("floor 1", "floor 4")
-    tests = (
-        configuration("a", 1.0, (1, 2, 3), 1, sensors),
-        configuration("b", 1.5, (1, 2, 4), 2, sensors),
-    )
+    tests = [configuration(*each, ("floor 1", "floor 4"))
+             for each in (("a", 1.0, (1, 2, 3), 1), ("b", 1.5, (1, 2, 4), 2))]  # fmt: skip
     candidate = model_class(error, tests)
     values = values_of(candidate)
     result = at_draws(candidate, values)
@@ -218,10 +155,8 @@ def test_terms_of_data_join_what_is_correlated(error):
 
 
 def test_predicted_data_have_correlated_errors():
-    tests = (
-        configuration("bare", 1.0, (1, 2, 3), 1, THREE),
-        configuration("loaded", 1.5, (1, 3, 4), 2, THREE),
-    )
+    tests = [configuration(*each, THREE)
+             for each in (("bare", 1.0, (1, 2, 3), 1), ("loaded", 1.5, (1, 3, 4), 2))]  # fmt: skip
     candidate = model_class(bs.ErrorModel(SD, SHAPE_SD, 0.8, 0.5), tests)
     n = 20_000
     values = np.ones((n, len(candidate.parameters)))

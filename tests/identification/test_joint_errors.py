@@ -120,11 +120,10 @@ def test_paired_modes_are_one_datum_and_predicted_together(building):
 def test_a_stored_result_keeps_the_joint_errors(building, tmp_path, make_posterior):
     data = identified(building)
     joint = bs.ModelClass("joint", building, data, FIXED, pairing=PAIRING)
-    drawn_before = make_posterior(
-        "joint", names=joint.parameter_names, data_digest=joint.data_digest
-    )
+    names, digest = joint.parameter_names, joint.data_digest
+    posteriors = [make_posterior("joint", names=names, data_digest=digest)]
     study, settings = bs.Study("joint", [joint]), bs.SamplingSettings()
-    ranking = ranked(study, [drawn_before], 0, settings, bs.Run())
+    ranking = ranked(study, posteriors, 0, settings, bs.Run())
     bs.save_result(ranking, tmp_path / "result")
     stored = bs.load_result(tmp_path / "result")
     np.testing.assert_array_equal(stored.data.covariance, data.covariance)

@@ -321,9 +321,8 @@ def test_rows_without_modes_are_nan_and_leave_the_others_alone(building, identif
 def test_the_order_of_sensors_and_pairs_does_not_matter(building, identified):
     order = [2, 0, 1]
     shuffled = with_shapes(identified, lambda shape: shape[order])
-    shuffled = replace(
-        shuffled, modes=shuffled.modes[::-1], sensors=tuple(SENSORS[i] for i in order)
-    )
+    sensors = tuple(SENSORS[i] for i in order)
+    shuffled = replace(shuffled, modes=shuffled.modes[::-1], sensors=sensors)
     pairing = dict(sorted(PAIRING.items()))
     np.testing.assert_allclose(
         likelihood(building, shuffled, pairing).log_density(np.array(KS)),

@@ -89,9 +89,8 @@ def test_the_sum_is_that_over_every_matching(n_data, n_model):
 
 @pytest.mark.parametrize("log_weight", [-20.0, -1.0, 0.0, 2.0, 50.0, 900.0])
 def test_ten_by_ten_modes_of_equal_weights(log_weight):
-    terms = [
-        math.log(math.comb(10, k) ** 2 * math.factorial(k)) + k * log_weight for k in range(11)
-    ]
+    ways = [math.comb(10, k) ** 2 * math.factorial(k) for k in range(11)]
+    terms = np.log(ways) + log_weight * np.arange(11)
     computed = log_sum(weights(np.full((1, 10, 10), log_weight)))[0]
     assert computed == pytest.approx(logsumexp(terms), rel=1e-13)
 
@@ -181,9 +180,8 @@ def test_what_the_window_loses_is_within_its_bound(shape, steepness):
 
 
 @pytest.mark.parametrize(("near", "far", "model_hz"), [(0, 11, 1.0), (11, 0, 12.0)])
-def test_identified_modes_beyond_every_window_are_spurious_however_good_their_pairs(
-    near, far, model_hz
-):
+def test_identified_modes_beyond_every_window_are_spurious(near, far, model_hz):
+    """However good their pairs are."""
     ratios = np.full((1, 12, 1), -50.0)
     ratios[0, near, 0], ratios[0, far, 0] = 1.0, 5.0
     some = with_far_model_modes(ratios, None, [[model_hz]])
