@@ -60,6 +60,11 @@ def exact(of_class):
     return sample_as_it_is(of_class(of_class.frame), settings=SETTINGS)
 
 
+def assert_agree(one, other):
+    error = np.hypot(one.error, other.error)
+    assert one.log_evidence == pytest.approx(other.log_evidence, abs=4 * error)
+
+
 def test_evidence_is_that_of_the_exact_structure(of_class, exact):
     # A tenth of 1 % is wanted; this one stays at a fifth of that.
     steps = []
@@ -67,10 +72,7 @@ def test_evidence_is_that_of_the_exact_structure(of_class, exact):
     posterior = bs.sample(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS, run=run)
     assert steps[-2:] == [("a", "full solutions", 0.0), ("a", "full solutions", 1.0)]
     uncorrected = sample_as_it_is(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS)
-    error = np.hypot(posterior.evidence.error, exact.evidence.error)
-    assert posterior.evidence.log_evidence == pytest.approx(
-        exact.evidence.log_evidence, abs=4 * error
-    )
+    assert_agree(posterior.evidence, exact.evidence)
     moved = posterior.evidence.log_evidence - uncorrected.evidence.log_evidence
     assert f"corrected by {moved:+.4f}" in posterior.remarks[1]
     fits = (each.evidence.mean_log_likelihood for each in (posterior, uncorrected))
@@ -87,10 +89,7 @@ def test_an_inaccurate_structure_is_improved_and_sampled_again(of_class, exact, 
     assert again.evidence == posterior.evidence
     assert posterior.failed_checks == ()
     assert "frequencies differ by 0.001 at most" in posterior.remarks[1]
-    error = np.hypot(posterior.evidence.error, exact.evidence.error)
-    assert posterior.evidence.log_evidence == pytest.approx(
-        exact.evidence.log_evidence, abs=4 * error
-    )
+    assert_agree(posterior.evidence, exact.evidence)
 
 
 def test_a_correction_that_is_too_large_calls_for_a_more_accurate_structure(of_class, monkeypatch):

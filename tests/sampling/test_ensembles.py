@@ -32,12 +32,13 @@ def gaussian(z):
 TARGET = Target(gaussian, 2)
 
 
+def component(mean, factor, dof=5.0):
+    return StudentMixture(np.ones(1), mean[None], factor[None], np.full(1, dof))
+
+
 def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, **kwargs):
     target = Target(function, 2)
-    if mixture is None:
-        mixture = StudentMixture(
-            np.ones(1), MEAN[None] + 0.1, 0.4 * np.eye(2)[None], np.full(1, 5.0)
-        )
+    mixture = mixture or component(MEAN + 0.1, 0.4 * np.eye(2))
     rngs = [np.random.default_rng([seed, i]) for i in range(n_ensembles)]
     walkers = []
     for rng in rngs:
@@ -73,9 +74,7 @@ def test_ensembles_sample_their_target(slow, with_proposals):
 
 
 def test_acceptance_of_independence_proposals_from_the_posterior_itself_is_one():
-    exact = StudentMixture(
-        np.ones(1), MEAN[None], np.linalg.cholesky(COVARIANCE)[None], np.full(1, 1e9)
-    )
+    exact = component(MEAN, np.linalg.cholesky(COVARIANCE), 1e9)
     ensembles = run(mixture=exact, share=1.0)
     assert [each.acceptance_fraction for each in ensembles] == pytest.approx([1.0, 1.0], abs=1e-4)
     assert [each.autocorrelation_time for each in ensembles] == pytest.approx([1.0, 1.0], abs=0.25)
@@ -127,8 +126,7 @@ def test_walkers_change_between_far_regions():
 
 @pytest.mark.parametrize("max_steps", [20, 70])
 def test_the_longest_chain_is_kept_to(max_steps):
-    proposal = StudentMixture(np.ones(1), np.full((1, 2), 9.0), np.eye(2)[None], np.full(1, 5.0))
-    ensembles = run(mixture=proposal, max_steps=max_steps)
+    ensembles = run(mixture=component(np.full(2, 9.0), np.eye(2)), max_steps=max_steps)
     assert [each.n_steps + each.burn_in for each in ensembles] == [max_steps] * 2
     assert not statistics_of(TARGET, ensembles).reach(SamplingSettings())
 
@@ -140,11 +138,10 @@ def test_walkers_that_never_move_fail_every_aim():
     stuck = Target(lambda z: np.full(len(z), -np.inf), 1)
     walkers = Walkers(np.linspace(-1.0, 1.0, 4)[:, None], np.zeros(4))
     rng = np.random.default_rng(0)
-    mixture = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), np.full(1, 5.0))
+    mixture = component(np.zeros(1), np.eye(1))
     proposals = [drawn_anew(mixture, 0.5, stuck.log_density, rng)]
-    (ensemble,), _ = run_ensembles(
-        stuck, [walkers], proposals, SamplingSettings(max_steps=50), [rng]
-    )
+    settings = SamplingSettings(max_steps=50)
+    (ensemble,), _ = run_ensembles(stuck, [walkers], proposals, settings, [rng])
     assert math.isnan(ensemble.autocorrelation_time)
     assert ensemble.acceptance_fraction == 0.0
 
@@ -153,7 +150,7 @@ def test_an_error_of_the_model_is_raised_as_it_is_and_nothing_printed(capsys):
     def broken(_):
         raise ArithmeticError("no equilibrium")
 
-    mixture = StudentMixture(np.ones(1), MEAN[None], np.eye(2)[None], np.full(1, 5.0))
+    mixture = component(MEAN, np.eye(2))
     walkers = Walkers(np.random.default_rng(1).standard_normal((8, 2)), np.zeros(8))
     target = Target(gaussian, 2)
     target.log_likelihood = broken

@@ -104,9 +104,8 @@ def test_two_shells_are_two_regions(d):
     draws += np.where(right[:, None], centre, -centre)
 
     def log_density(z):
-        return np.logaddexp(
-            *(-50.0 * (np.linalg.norm(z - c, axis=1) - 2.0) ** 2 for c in (centre, -centre))
-        )
+        off = (np.linalg.norm(z - c, axis=1) - 2.0 for c in (centre, -centre))
+        return np.logaddexp(*(-50.0 * each**2 for each in off))
 
     result = regions_of(log_density, draws)
     assert result.n_regions == 2
@@ -126,17 +125,13 @@ def test_three_regions_in_four_dimensions():
     np.testing.assert_allclose(result.shares(draws), 1.0 / 3.0)
 
 
-def test_a_few_stray_draws_are_no_region():
+def test_a_few_draws_and_a_few_stray_draws_are_no_region():
+    for n in (1, 2, 3, 8, 9):
+        log_density, draws = bumps(0.0, n=n)
+        assert regions_of(log_density, draws).n_regions == 1
     log_density, draws = bumps(0.0, n=500)
     stray = np.array([[9.0, 9.0], [9.1, 9.0], [-9.0, 9.0]])
-    result = regions_of(log_density, np.concatenate([draws, stray]))
-    assert result.n_regions == 1
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 8, 9])
-def test_a_handful_of_draws(n):
-    log_density, draws = bumps(0.0, n=n)
-    assert regions_of(log_density, draws).n_regions == 1
+    assert regions_of(log_density, np.concatenate([draws, stray])).n_regions == 1
 
 
 def test_shares_of_weighted_draws():
