@@ -34,14 +34,12 @@ def series_of(ka, kb):
     return k, np.array([k / ka, k / kb])
 
 
-@pytest.mark.parametrize(
-    ("structure", "stiffness"), [(in_parallel(), sum_of), (in_series(), series_of)]
-)
-def test_one_frequency_determines_neither_of_two_springs(structure, stiffness):
+@pytest.mark.parametrize(("build", "stiffness"), [(in_parallel, sum_of), (in_series, series_of)])
+def test_one_frequency_determines_neither_of_two_springs(build, stiffness):
     """d ln f = ½ Σ w d ln k, with w the share of each spring in the stiffness k(ka, kb)."""
     measured = 1.2 * stiffness(2.0, 1.0)[0]
     data = bs.ModalData((bs.IdentifiedMode("1", math.sqrt(measured) / (2 * math.pi)),), (0.0, 1.0))
-    candidate = bs.ModelClass("c", structure, data, bs.ErrorModel(SIGMA_F), pairing={"1": 1})
+    candidate = bs.ModelClass("c", build(), data, bs.ErrorModel(SIGMA_F), pairing={"1": 1})
     calibration = bs.calibrate(candidate, n_starts=8)
     ka, kb = calibration.best.values
     k, share = stiffness(ka, kb)
@@ -66,9 +64,8 @@ def one_two_and_none(a_prior=None):
     arguments = {name: bs.Parameter(name, prior) for name, prior in priors.items()}
     structure = bs.FunctionStructure(product_frequencies, arguments, n_modes=2)
     data = bs.ModalData((bs.IdentifiedMode("1", 1.1), bs.IdentifiedMode("2", 2.1)), (0.0, 5.0))
-    return bs.ModelClass(
-        "c", structure, data, bs.ErrorModel(SIGMA_F), pairing={"1": 1, "2": 2}
-    )  # fmt: skip
+    error = bs.ErrorModel(SIGMA_F)
+    return bs.ModelClass("c", structure, data, error, pairing={"1": 1, "2": 2})
 
 
 def test_what_is_determined_alone_and_what_is_not():

@@ -39,9 +39,8 @@ def benchmark_class(error):
         modes.append(bs.IdentifiedMode(str(j + 1), frequencies[0, j] * (1.0 + noise[0]), measured))
     data = bs.ModalData(tuple(modes), (0.0, 42.0), SENSORS)
     unknown = {name: bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in FACTORS}
-    return bs.ModelClass(
-        "benchmark", building(unknown), data, bs.ErrorModel(error, error), pairing="any"
-    )
+    errors = bs.ErrorModel(error, error)
+    return bs.ModelClass("benchmark", building(unknown), data, errors, pairing="any")
 
 
 def log_evidence_near_truth(candidate, error):
@@ -84,10 +83,8 @@ def test_all_exact_fits_of_a_given_pairing_are_reached(model_classes):
     test = candidate.configuration()
     test = replace(test, data=test.data.without_shapes())
     candidate = replace(candidate, configurations=(test,))
-    starts = [
-        starts_in_narrow_regions(candidate, None, np.random.default_rng(seed)).z
-        for seed in range(12)
-    ]
+    rngs = map(np.random.default_rng, range(12))
+    starts = [starts_in_narrow_regions(candidate, None, rng).z for rng in rngs]
     values = candidate.values(np.concatenate(starts))
     for exact in ([1.0, 1.0, 1.0, 1.0], [1.0634, 0.8877, 1.1313, 0.9364]):
         nearest = np.abs(values - exact).max(axis=1).min()
@@ -116,10 +113,8 @@ def failing_class(m):
     structure = bs.FunctionStructure(half_failing, {"k": 100.0 * k, "m": m}, n_modes=2)
     frequencies = np.sqrt(np.array([1.0, 4.0]) * 1.3) / (2.0 * np.pi)
     modes = tuple(bs.IdentifiedMode(str(j), f) for j, f in enumerate(frequencies, 1))
-    error = bs.ErrorModel(frequency_cov=1e-5, shape_sd=1e-5)
-    return bs.ModelClass(
-        "failing", structure, bs.ModalData(modes, (0.0, 1.0), ()), error, pairing="any"
-    )
+    data, error = bs.ModalData(modes, (0.0, 1.0), ()), bs.ErrorModel(1e-5, 1e-5)
+    return bs.ModelClass("failing", structure, data, error, pairing="any")
 
 
 def test_models_that_fail():

@@ -1,7 +1,7 @@
 """The checkpoint of a run: resuming from it gives the result of an uninterrupted run."""
 
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,30 +66,19 @@ def kept(monkeypatch):
     return noted.kept
 
 
+def plain(posterior):
+    """What a posterior holds, but for the time that it took."""
+    of_fields = {**vars(posterior), "seconds": 0.0}
+    terms = {name: vars(x) for name, x in of_fields.items() if isinstance(x, DatumTerms)}
+    return of_fields | terms
+
+
 def assert_equal(a, b):
     assert a.comparison == b.comparison
-    for left, right in zip(a.posteriors, b.posteriors, strict=True):
-        assert_same_fields(left, right)
+    np.testing.assert_equal(list(map(plain, a.posteriors)), list(map(plain, b.posteriors)))
 
 
-def assert_same_fields(left, right):
-    for item in fields(left):
-        x, y = getattr(left, item.name), getattr(right, item.name)
-        if isinstance(x, np.ndarray):
-            assert (x.shape, x.tobytes()) == (y.shape, y.tobytes()), item.name
-        elif isinstance(x, DatumTerms):
-            assert_same_fields(x, y)
-        elif item.name == "importance_draws":
-            assert x.keys() == y.keys()
-            for name in x:
-                np.testing.assert_array_equal(x[name], y[name], err_msg=name)
-        elif item.name != "seconds":
-            assert x == y, item.name
-
-
-def test_a_run_interrupted_anywhere_is_resumed_to_the_same_result(
-    tiny_study, tiny_ranking, directory, kept
-):
+def test_a_run_interrupted_anywhere_is_resumed(tiny_study, tiny_ranking, directory, kept):
     """Nothing is evaluated twice; the directory may be given as such."""
     for kept.last in (0, 17, 90, None):
         run = bs.Run(checkpoint=str(directory))
@@ -147,9 +136,7 @@ def hidden_study(one_k, **hidden):
     return bs.Study("s", [other_class(one_k, structure=Hidden(one_k.structure, **hidden))])
 
 
-def test_a_structure_without_a_description_is_resumed_unless_it_has_changed(
-    one_k, checkpoint, kept
-):
+def test_a_structure_without_a_description_is_resumed_unless_changed(one_k, checkpoint, kept):
     """The default description of an object holds its address."""
     first, second = (hidden_study(one_k, limit=2.0) for _ in range(2))
     descriptions = {repr(study.model_classes[0].structure) for study in (first, second)}

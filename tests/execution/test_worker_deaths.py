@@ -80,23 +80,23 @@ def test_deaths_of_many_batches_add_up():
     assert crew.n_deaths == crew.most_deaths + 1
 
 
-def test_a_point_that_is_a_batch_is_tried_again_too(tmp_path):
-    def function(z):
+def test_a_point_or_call_whose_worker_dies_is_tried_again(tmp_path):
+    def dies_once():
         if not (tmp_path / "died").exists():
             (tmp_path / "died").touch()
             raise Death
+
+    def function(z):
+        dies_once()
         return z[:, 0]
 
-    assert_all_but(Crew().evaluate(function, numbered(1)), [], 1)
-
-
-def test_a_call_whose_worker_dies_is_made_again(tmp_path):
     def call(item):
-        if item == 2 and not (tmp_path / "died").exists():
-            (tmp_path / "died").touch()
-            raise Death
+        if item == 2:
+            dies_once()
         return 10 * item
 
+    assert_all_but(Crew().evaluate(function, numbered(1)), [], 1)
+    (tmp_path / "died").unlink()
     assert Crew().call_each(call, range(5)) == [0, 10, 20, 30, 40]
 
 

@@ -72,9 +72,8 @@ def population(made, name):
 def test_the_same_parameters_in_all_tests_are_those_of_one_class_of_all(made):
     """Sampled jointly, with the tests as configurations of one class."""
     error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
-    joint = bs.sample(
-        bs.ModelClass("all", configurations=list(map(configuration, FREQUENCIES)), error=error)
-    )
+    tests = list(map(configuration, FREQUENCIES))
+    joint = bs.sample(bs.ModelClass("all", configurations=tests, error=error))
     same = population(made, SAME)
     allowed = 4.0 * np.hypot(same.error, joint.evidence.error)
     assert same.error < 0.3

@@ -124,10 +124,9 @@ def test_rows_with_joint_errors(error, pairing):
     data = as_identified(structure, (1, 2, 3), (1, 3))
     factor = 0.01 * np.random.default_rng(0).standard_normal((15, 15))
     data = replace(data, covariance=factor @ factor.T)
-    given = {str(number): number for number in (1, 2, 3)}
-    model_class = bs.ModelClass(
-        "rows", structure, data, error, pairing=given if pairing == "given" else "any"
-    )
+    if pairing == "given":
+        pairing = {str(number): number for number in (1, 2, 3)}
+    model_class = bs.ModelClass("rows", structure, data, error, pairing=pairing)
     assert_rows_are_independent(model_class)
 
 
@@ -154,22 +153,19 @@ def test_rows_of_a_fixed_structure():
     assert_rows_are_independent(explained(structure, bs.ErrorModel(), (1, 2, 3), (1, 3)))
 
 
+TWELVE = tuple(range(1, 13))
+
+
 @pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
 @pytest.mark.parametrize(
     ("numbers", "shapes"),
-    [
-        (range(1, 13), ()),
-        ((1,), ()),
-        ((1, 2), (1,)),
-        ((1, 2), (1, 2)),
-        (range(1, 13), range(1, 13)),
-    ],
+    [(TWELVE, ()), ((1,), ()), ((1, 2), (1,)), ((1, 2), (1, 2)), (TWELVE, TWELVE)],
     ids=["many pairs", "many missed", "many sensors", "two shapes", "many shapes"],
 )
 def test_rows_of_a_tall_building(numbers, shapes, error):
     """Sums of eight terms and more, which numpy may add up in different orders."""
     structure = building(12)
-    assert_rows_are_independent(explained(structure, error, tuple(numbers), tuple(shapes)))
+    assert_rows_are_independent(explained(structure, error, numbers, shapes))
 
 
 def test_rows_that_break_down_leave_the_others_alone():
