@@ -65,9 +65,7 @@ def alone(tiny_study):
     return sample_all(tiny_study.model_classes, 7, COARSE)
 
 
-def test_as_many_classes_as_workers_are_sampled_whole(
-    tiny_study, alone, copied_workers, shared, tmp_path
-):
+def test_as_many_classes_as_workers_go_whole(tiny_study, alone, copied_workers, shared, tmp_path):
     """Their evaluations are kept, and a run that is begun again makes none."""
     calls, checkpoint = [], Checkpoint(tmp_path / "c")
     run = bs.Run(copied_workers, checkpoint, progress=lambda *call: calls.append(call))
@@ -106,9 +104,8 @@ def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, copied
 def test_fewer_classes_share_their_evaluations_unless_they_are_small(tiny_study, alone, shared):
     small, other = tiny_study.model_classes
     other = replace(other, structure=DelegatingStructure(other.structure))
-    assert_same(
-        sample_all([small, other], 7, COARSE, bs.Run(Workers(n_workers=3, copies=True))), alone
-    )
+    run = bs.Run(Workers(n_workers=3, copies=True))
+    assert_same(sample_all([small, other], 7, COARSE, run), alone)
     assert shared == {other.name}
 
 
@@ -123,9 +120,7 @@ class DiesOnce(bs.ShearBuilding):
         return super().modes(values)
 
 
-def test_classes_whose_worker_died_are_sampled_all_the_same(
-    tiny_study, alone, tmp_path, monkeypatch, shared
-):
+def test_classes_whose_worker_died_are_sampled(tiny_study, alone, tmp_path, monkeypatch, shared):
     monkeypatch.setenv("DIES_ONCE", str(tmp_path / "died"))
     monkeypatch.setenv("DIES_NOT", str(os.getpid()))
     classes = [with_structure(each, DiesOnce, each.name) for each in tiny_study.model_classes]
@@ -178,12 +173,9 @@ def test_one_class_shares_its_evaluations_and_their_failures(copied_workers, tin
 
 # ArviZ: there are more chains than steps.
 @pytest.mark.filterwarnings("ignore:(More chains|Found chain):UserWarning")
-def test_the_command_gives_the_same_with_workers(
-    run, alone, tiny_study_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(
-        "bayes_ssi.inference.sampling.settings.SamplingSettings", lambda **_: COARSE
-    )
+def test_the_command_does_the_same_with_workers(run, alone, tiny_study_file, tmp_path, monkeypatch):
+    settings = "bayes_ssi.inference.sampling.settings.SamplingSettings"
+    monkeypatch.setattr(settings, lambda **_: COARSE)
     result = run(
         "rank", tiny_study_file, "--class", "one k", "--seed", 7, "--workers", 2,
         "--accept-failed-checks", "--out", tmp_path / "r",
@@ -194,11 +186,8 @@ def test_the_command_gives_the_same_with_workers(
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--workers", "0"], "0 is not in the range"),
-        (["--workers", "two"], "'two' is not a valid integer"),
-    ],
+    ("workers", "words"),
+    [("0", "0 is not in the range"), ("two", "'two' is not a valid integer")],
 )
-def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, options, words):
-    assert_one_line_error(run("rank", tiny_study_file, *options), words)
+def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, workers, words):
+    assert_one_line_error(run("rank", tiny_study_file, "--workers", workers), words)
