@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from chains import membrane
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.sparse_modes import lowest_modes
@@ -69,13 +70,6 @@ def test_a_likelihood_does_not_hang_on_the_solver():
     np.testing.assert_allclose(
         candidate.likelihoods[0].compared_modes(values).shape_distances, 0.0, atol=1e-9
     )
-
-
-def membrane(n):
-    """A square membrane of n by n points: its modes come in pairs of equal frequency."""
-    diagonals = [np.full(n, 2.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)]
-    line = sp.diags_array(diagonals, offsets=[0, 1, -1])
-    return sp.csc_array(sp.kron(sp.eye_array(n), line) + sp.kron(line, sp.eye_array(n)))
 
 
 @pytest.mark.parametrize("half_width", [11, 5])

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from chains import spring_chain
 from scipy.special import logsumexp
 from searches import exact_modes
 
@@ -15,6 +16,9 @@ from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
 
 N, PLACES = 40, (12, 24, 30, 38)
+
+
+TRUE = PLACES.index(30)
 
 
 class Chain(NamedTuple):
@@ -31,20 +35,11 @@ def chain():
 
     The data have one at degree of freedom 30, in resonance with the second mode.
     """
-    lower, upper = np.zeros((N, N)), np.zeros((N, N))
-    for i in range(N):
-        drift = np.zeros(N)
-        drift[i], drift[i - 1] = 1.0, -1.0 if i else 1.0
-        whole = lower if i < N // 2 else upper
-        whole += 4000.0 * np.outer(drift, drift)
-    factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.1)) for i in (1, 2)]
+    factors = [4000.0 * bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.1)) for i in (1, 2)]
     model = bs.MatrixStructure(
-        list(zip(factors, (lower, upper), strict=True)),
-        np.eye(N),
-        labels=[str(i) for i in range(N)],
-        sensors=["6", "15", "26", "39"],
-        n_modes=4,
-    )
+        [*zip(factors, spring_chain(N, 2), strict=True)], np.eye(N),
+        labels=[str(i) for i in range(N)], sensors=["6", "15", "26", "39"], n_modes=4,
+    )  # fmt: skip
     frequencies = model.modes(np.array([[1.05, 0.9]])).frequencies_hz[0]
     carrying = model.with_element(bs.Pendulum("30", 0.8, float(frequencies[1])))
     band = (0.0, float(1.1 * carrying.modes(np.array([[1.05, 0.9]])).frequencies_hz[0, 3]))
@@ -76,12 +71,11 @@ def together(chain):
 def test_the_greatest_likelihood_is_that_of_screening(chain, together):
     """Within a few nats, at the true place within a hundredth; evidences are well below it."""
     _, hypotheses, screened = chain
-    names = [made.name for made, _ in hypotheses]
+    assert hypotheses[TRUE][0].name == "pendulum 30"
     for i, (hypothesis, full) in enumerate(zip(hypotheses, screened, strict=True)):
-        of_class = hypothesis[0].log_likelihood_at
+        of_class, look = hypothesis[0].log_likelihood_at, together[i]
         at_maxima = of_class(full.maxima).max()
-        within = 0.01 if names[i] == "pendulum 30" else 6.0
-        look = together[i]
+        within = 0.01 if i == TRUE else 6.0
         assert look.log_evidence == pytest.approx(at_maxima, abs=within)
         assert look.log_evidence > full.log_evidence + 5.0
         assert look.log_evidence == pytest.approx(of_class(look.z).max(), abs=1e-9)
@@ -101,8 +95,7 @@ def test_what_a_first_look_leaves_out_does_not_matter(chain):
     steps = screen_best(hypotheses, [1.0] * len(hypotheses), 1, 0, bs.Run(), most_full=2)
     left_out = [i for i, each in enumerate(steps) if np.isnan(each.laplace)]
     assert len(left_out) == len(hypotheses) - 2
-    true = [made.name for made, _ in hypotheses].index("pendulum 30")
-    assert steps[true].log_evidence == full[true].log_evidence
+    assert steps[TRUE].log_evidence == full[TRUE].log_evidence
     total = logsumexp([each.log_evidence for each in full])
     bounds = {i: steps[i].log_evidence + 3.0 * steps[i].error for i in left_out}
     assert logsumexp(list(bounds.values())) < total + np.log(SHARE_LEFT_OUT)
@@ -115,10 +108,8 @@ def test_what_a_first_look_leaves_out_does_not_matter(chain):
 def test_several_appendages_are_screened_in_full_only_where_they_matter(chain):
     """Next to hypotheses with fewer that have a thousand times as much, quick screening does."""
     _, hypotheses, full = chain
-    true = [made.name for made, _ in hypotheses].index("pendulum 30")
-    some = [hypotheses[true], hypotheses[true - 1]]
-    in_full = full[true]
-    much = full[true].log_evidence + np.log(1000.0)
+    some, in_full = [hypotheses[TRUE], hypotheses[TRUE - 1]], full[TRUE]
+    much = in_full.log_evidence + np.log(1000.0)
     quick = screen_best(some, [1.0, 1.0], 2, 0, bs.Run(), log_mass_of_fewer=much)[0]
     assert quick.log_evidence == pytest.approx(in_full.log_evidence, abs=3.0 * quick.error + 0.1)
     assert quick.n_evaluations < 0.2 * in_full.n_evaluations
@@ -126,10 +117,8 @@ def test_several_appendages_are_screened_in_full_only_where_they_matter(chain):
 
 def test_the_basis_that_all_share_is_accurate_where_the_best_one_lies(chain):
     """To a tenth of the data's errors, also with the pendulum, and in few combinations of it."""
-    true = [made.name for made, _ in chain.hypotheses].index("pendulum 30")
-    screened = chain.screened[true]
-    model_class = chain.hypotheses[true][0]
-    features = (chain.baselines.appendages("chain")[true],)
+    screened, (model_class, _) = chain.screened[TRUE], chain.hypotheses[TRUE]
+    features = (chain.baselines.appendages("chain")[TRUE],)
     best = Hypothesis(Key("chain", features), model_class, 1.0, screened)
     accurate = chain.baselines.accurate(best)
     names = accurate.parameter_names

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from chains import spring_chain
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
@@ -120,21 +121,12 @@ N = 120
 
 def chain():
     """A chain with two stiffnesses and a few sensors, too large to be solved in batches."""
-    stiffness = 2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
-    stiffness[-1, -1] = 1.0
-    left = np.zeros((N, N))
-    for spring in range(N // 2):
-        at = [spring - 1, spring] if spring else [spring]
-        left[np.ix_(at, at)] += [[1.0, -1.0], [-1.0, 1.0]] if spring else [[1.0]]
-    right = stiffness - left
+    left, right = (N**2 * part for part in spring_chain(N, 2))
     kl, kr = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("left", "right"))
     return bs.MatrixStructure(
-        [(kl * N**2, left), (kr * N**2, right)],
-        np.eye(N),
-        sensors={f"s{i}": i for i in range(9, N, 10)},
-        n_modes=4,
-        influence=np.ones(N),
-    ), (left * N**2, right * N**2)
+        [(kl, left), (kr, right)], np.eye(N), sensors={f"s{i}": i for i in range(9, N, 10)},
+        n_modes=4, influence=np.ones(N),
+    ), (left, right)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chains import spring_chain
 from click.testing import CliRunner
 
 import bayes_ssi as bs
@@ -104,11 +105,7 @@ def test_the_evidence_is_that_of_quadrature(kind, economical):
 
 def test_a_reduced_basis_without_sensors_bounds_frequencies_alone():
     n = 60
-    below, above = np.zeros((2, n, n))
-    for i in range(n):
-        direction = np.zeros(n)
-        direction[max(i - 1, 0) : i + 1] = [-1.0, 1.0][-min(i + 1, 2) :]
-        (below if i < n // 2 else above)[:] += np.outer(direction, direction)
+    below, above = spring_chain(n, 2)
     a, b = STUDY_OF("building").model_classes[0].parameters
     full = bs.MatrixStructure([(a, below), (b, above)], np.eye(n), sensors={}, n_modes=2)
     reduced = full.reduced()

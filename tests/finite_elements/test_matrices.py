@@ -8,6 +8,7 @@ import pytest
 import scipy.io
 import scipy.linalg
 import scipy.sparse as sp
+from chains import membrane
 from scipy.sparse.linalg import splu
 
 import bayes_ssi as bs
@@ -36,13 +37,6 @@ def chain_hz(n, modes):
     """f_j = (1/π) sin((2j - 1)π/(2(2n + 1)))."""
     j = np.arange(1, modes + 1)
     return np.sin((2 * j - 1) * math.pi / (2 * (2 * n + 1))) / math.pi
-
-
-def membrane(n):
-    """A square membrane of n by n points: its modes come in pairs of equal frequency."""
-    line = sp.diags_array([np.full(n, 2.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)],
-                          offsets=[0, 1, -1])  # fmt: skip
-    return sp.csc_array(sp.kron(sp.eye_array(n), line) + sp.kron(line, sp.eye_array(n)))
 
 
 def membrane_eigenvalues(n, modes):

@@ -5,34 +5,25 @@ import pickle
 
 import numpy as np
 import pytest
+from chains import spring_chain
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements.projected_structure import modes_at_places
 
-N, MASS, STIFFNESS = 60, 1.0, 4000.0
+N, MASS = 60, 1.0
+LOWER, UPPER = (4000.0 * part for part in spring_chain(N, 2))
 SENSORS = {f"s{i}": i for i in (5, 20, 40, 59)}
 k = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
 m, f = bs.Parameter("m", bs.LogNormal(1.0, 0.5)), bs.Parameter("f", bs.LogNormal(1.0, 0.5))
 
 
-def matrices(factor):
-    """A chain of springs, the upper half of which has a common factor."""
-    whole = np.zeros((N, N))
-    for i in range(N):
-        ends = [i - 1, i] if i else [i]
-        w = np.array([-1.0, 1.0])[-len(ends) :]
-        whole[np.ix_(ends, ends)] += STIFFNESS * (factor if i >= N // 2 else 1.0) * np.outer(w, w)
-    return whole
-
-
 @pytest.fixture(scope="module")
 def chain():
-    upper = matrices(1.0) - matrices(0.0)
-    model = bs.MatrixStructure(
-        [(k, upper), matrices(0.0)], MASS * np.eye(N), sensors=SENSORS, n_modes=4
-    )
-    return model.reduced()
+    """A chain of springs, the upper half of which has a common factor."""
+    return bs.MatrixStructure(
+        [(k, UPPER), LOWER], MASS * np.eye(N), sensors=SENSORS, n_modes=4
+    ).reduced()
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +36,7 @@ def test_it_is_smaller_and_as_accurate_where_it_was_made(chain, projected):
     values = np.random.default_rng(1).lognormal(0.0, 0.05, (20, 1))
     assert len(projected.motions[0]) < chain.basis.size
     for row, frequencies in zip(values, projected.modes(values).frequencies_hz, strict=True):
-        squared = eigh(matrices(row[0]), eigvals_only=True, subset_by_index=[0, 3])
+        squared = eigh(LOWER + row[0] * UPPER, eigvals_only=True, subset_by_index=[0, 3])
         assert frequencies == pytest.approx(np.sqrt(squared / MASS) / (2.0 * math.pi), rel=1e-4)
 
 
@@ -54,7 +45,7 @@ def test_what_the_basis_lacks_of_the_flexibility(projected):
     assert projected.places == ("s40", "s20")
     motion, missing = projected.motions[0], projected.flexibilities[0]
     moved_sensors = projected.moved_sensors[0]
-    flexibility = np.linalg.inv(matrices(1.0))
+    flexibility = np.linalg.inv(LOWER + UPPER)
     # Under a unit force, by the basis alone; at the median the factor k is 1.
     moved = np.linalg.solve(sum(matrix for _, matrix in projected.stiffness), motion)
     lacking = flexibility[40, 40] - motion @ moved
@@ -143,9 +134,8 @@ def test_alternative_places_are_those_of_each_structure(projected, elements):
 def test_a_mass_with_parameters_is_kept_as_it_is():
     """Coordinates of unit mass are those of all values only where the mass is known."""
     density = bs.Parameter("density", bs.LogNormal(1.0, 0.1))
-    model = bs.MatrixStructure(
-        matrices(1.0), [(density, MASS * np.eye(N))], sensors=SENSORS, n_modes=4
-    )
+    mass = [(density, MASS * np.eye(N))]
+    model = bs.MatrixStructure(LOWER + UPPER, mass, sensors=SENSORS, n_modes=4)
     light = model.reduced().projected(np.ones((1, 1)), ["s40"])
     carrying = light.with_element(bs.Pendulum("s40", 2.0, 0.4, label="a"))
     ours = carrying.modes(np.array([[1.2]])).frequencies_hz

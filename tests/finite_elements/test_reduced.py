@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from chains import spring_chain
 
 import bayes_ssi as bs
 from bayes_ssi.structures.finite_elements import sparse_modes
@@ -20,14 +21,7 @@ ROUNDING = np.finfo(float).eps * 4 * N**2 / (np.pi / 2) ** 2
 
 def beam(n=N, parts=PARTS):
     """A chain of springs in groups, each with a stiffness of its own: K of every group."""
-    matrices = []
-    for part in np.array_split(np.arange(n), parts):
-        rows = np.zeros((len(part), n))
-        rows[np.arange(len(part)), part] = 1.0
-        inner = part > 0
-        rows[np.flatnonzero(inner), part[inner] - 1] = -1.0
-        matrices.append(sp.csc_array(rows.T @ rows) * float(n) ** 2)
-    return matrices
+    return [sp.csc_array(float(n) ** 2 * part) for part in spring_chain(n, parts)]
 
 
 def factors(n=PARTS, cov=0.3):
