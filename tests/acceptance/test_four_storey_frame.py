@@ -36,12 +36,6 @@ def calibration(shape_weight=SHAPE_WEIGHT):
     return bs.calibrate(each, shape_weight)
 
 
-def test_the_modes_that_were_identified():
-    data = study().model_classes[0].data
-    np.testing.assert_allclose(data.frequencies_hz, [0.882898, 2.747738, 4.299764, 5.529474])
-    assert data.sensors == ("floor 1", "floor 2", "floor 3", "floor 4")
-
-
 def test_calibrated_stiffnesses():
     # Nominal stiffnesses are 10 lb/in; parameters multiply them.
     np.testing.assert_allclose(10.0 * np.array(calibration().best.values), STIFFNESSES, atol=0.02)
@@ -54,16 +48,11 @@ def test_calibrated_modes():
     np.testing.assert_allclose([mode.mac for mode in modes], MACS, atol=5.1e-4)
 
 
-@pytest.mark.parametrize("shape_weight", [None, SHAPE_WEIGHT, 1.0])
+@pytest.mark.parametrize("shape_weight", [None, 1.0])
 def test_every_mode_fits_whatever_the_weight_of_shapes(shape_weight):
     for mode in calibration(shape_weight).best.modes:
         assert mode.mac >= 0.99
         assert mode.model_hz == pytest.approx(mode.identified_hz, rel=0.01)
-
-
-def test_nominal_stiffnesses_do_not_fit():
-    worst = max(abs(m.model_hz / m.identified_hz - 1.0) for m in calibration().before.modes)
-    assert worst > 0.05
 
 
 def test_each_storey_needs_its_own_stiffness(posteriors):

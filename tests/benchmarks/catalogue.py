@@ -9,11 +9,5 @@ from known_evidence import Problem
 
 
 def all_problems() -> list[Problem]:
-    modules = (
-        problems,
-        problems_regions,
-        problems_shapes,
-        problems_scales,
-        problems_modal,
-    )
+    modules = (problems, problems_regions, problems_shapes, problems_scales, problems_modal)
     return [problem for module in modules for problem in module.problems()]

@@ -87,13 +87,10 @@ def sum_of_gaussians(
         return lambda z: terms(z).argmax(1) == k
 
     return Problem(
-        name,
-        n_dimensions,
-        lambda z: np.logaddexp.reduce(terms(z), axis=1),
-        math.log(shares.sum()),
+        name, n_dimensions, lambda z: np.logaddexp.reduce(terms(z), axis=1), math.log(shares.sum()),
         {f"region {k + 1}": (member(k), share) for k, share in enumerate(shares / shares.sum())},
         hidden_mass,
-    )
+    )  # fmt: skip
 
 
 def of_distance(
@@ -116,8 +113,6 @@ def of_distance(
         quad(mass, low, high, epsabs=0.0, epsrel=1e-9)[0] for low, high in itertools.pairwise(edges)
     ]
     return Problem(
-        name,
-        n_dimensions,
-        lambda z: log_likelihood(np.linalg.norm(z - centre, axis=1)),
+        name, n_dimensions, lambda z: log_likelihood(np.linalg.norm(z - centre, axis=1)),
         math.log(math.fsum(pieces)),
-    )
+    )  # fmt: skip

@@ -35,22 +35,16 @@ def frequencies_alone(
     """The lowest frequencies of n storeys, in a band that ends just above them."""
     modes = tuple(bs.IdentifiedMode(str(i), float(f)) for i, f in enumerate(observed, 1))
     return bs.ModelClass(
-        name,
-        storeys(n, spread),
-        bs.ModalData(modes, (0.0, 1.2 * float(observed[-1]))),
+        name, storeys(n, spread), bs.ModalData(modes, (0.0, 1.2 * float(observed[-1]))),
         bs.ErrorModel(frequency_cov=error, shape_sd=0.05),
         pairing={mode.label: i for i, mode in enumerate(modes, 1)},
-    )
+    )  # fmt: skip
 
 
 def as_problem(candidate: bs.ModelClass, log_evidence: float) -> Problem:
-    return Problem(
-        candidate.name,
-        len(candidate.parameters),
-        candidate.log_likelihood_at,
-        log_evidence,
-        model_class=candidate,
-    )
+    d = len(candidate.parameters)
+    at = candidate.log_likelihood_at
+    return Problem(candidate.name, d, at, log_evidence, model_class=candidate)
 
 
 def razor_ridge(n: int, error: float = 3e-4) -> Problem:
@@ -102,6 +96,14 @@ def any_pairing_of_shear_building(name: str, error: float) -> bs.ModelClass:
     )
 
 
+def exact_modes(true: bs.Structure, n: int, end_hz: float | None = None) -> bs.ModalData:
+    """The n lowest modes at all degrees of freedom; the band ends 5 % above, or where told so."""
+    frequencies, shapes = (each[0] for each in true.modes(np.empty((1, 0))))
+    band = (0.0, end_hz or 1.05 * float(frequencies[n - 1]))
+    given = frequencies[:n], shapes[:, :n], band, true.degrees_of_freedom
+    return bs.ModalData.from_arrays(*given)
+
+
 def any_pairing_of_twelve_degrees_of_freedom(error: float) -> bs.ModelClass:
     """Four storeys that move in x, y and torsion; stiffnesses of the first storey and the others.
 
@@ -112,22 +114,12 @@ def any_pairing_of_twelve_degrees_of_freedom(error: float) -> bs.ModelClass:
     factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in names]
 
     def building(kx1, kx, ky1, ky) -> bs.ShearBuilding3D:
-        return bs.ShearBuilding3D(
-            masses=(3.2, 2.6, 2.6, 1.8),
-            radii_of_gyration=(1.0,) * 4,
-            stiffnesses_x=(1000.0 * kx1, *[1000.0 * kx] * 3),
-            stiffnesses_y=(1100.0 * ky1, *[1100.0 * ky] * 3),
-            torsional_stiffnesses=(1900.0,) * 4,
-            eccentricities=((0.05, 0.1),) * 4,
-        )
+        along = (1000.0 * kx1, *[1000.0 * kx] * 3), (1100.0 * ky1, *[1100.0 * ky] * 3)
+        masses, ones = (3.2, 2.6, 2.6, 1.8), (1.0,) * 4
+        return bs.ShearBuilding3D(masses, ones, *along, (1900.0,) * 4, ((0.05, 0.1),) * 4)
 
     true = building(0.9, 1.1, 1.1, 1.0)
-    frequencies, shapes = true.modes(np.empty((1, 0)))
-    sensors = tuple(true.degrees_of_freedom)
-    modes = tuple(
-        bs.IdentifiedMode(str(i + 1), float(frequencies[0, i]), shapes[0, :, i]) for i in range(6)
-    )
-    data = bs.ModalData(modes, (0.0, 1.05 * float(frequencies[0, 5])), sensors)
+    data = exact_modes(true, 6)
     return bs.ModelClass(
         f"any pairing, 12 degrees of freedom, {error:.0e}", building(*factors), data,
         bs.ErrorModel(frequency_cov=error, shape_sd=5.0 * error), pairing="any",
@@ -148,16 +140,10 @@ def repeated_modes() -> Problem:
         )
 
     true = building(1.0, 1.0001)
-    frequencies, shapes = true.modes(np.empty((1, 0)))
-    modes = tuple(
-        bs.IdentifiedMode(str(i + 1), float(frequencies[0, i]), shapes[0, :, i]) for i in range(2)
-    )
+    data = exact_modes(true, 2, end_hz=2.0)
+    error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.03)
     candidate = bs.ModelClass(
-        "repeated modes d=2",
-        building(kx, ky),
-        bs.ModalData(modes, (0.0, 2.0), tuple(true.degrees_of_freedom)),
-        bs.ErrorModel(frequency_cov=0.005, shape_sd=0.03),
-        pairing={"1": 1, "2": 2},
+        "repeated modes d=2", building(kx, ky), data, error, pairing={"1": 1, "2": 2}
     )
     # The posterior's standard deviation is 0.034, that of 2 · 0.005 over that of ln k.
     side, n = 0.4, 100
@@ -178,12 +164,9 @@ def error_size_inferred() -> Problem:
     mode = bs.IdentifiedMode("1", 1.0)
     size = bs.Parameter("frequency_cov", bs.LogNormal(0.01, 1.0))
     candidate = bs.ModelClass(
-        "error size inferred d=2",
-        storeys(1, 0.3),
-        bs.ModalData((mode,), (0.0, 2.0)),
-        bs.ErrorModel(frequency_cov=size, shape_sd=0.05),
-        pairing={"1": 1},
-    )
+        "error size inferred d=2", storeys(1, 0.3), bs.ModalData((mode,), (0.0, 2.0)),
+        bs.ErrorModel(frequency_cov=size, shape_sd=0.05), pairing={"1": 1},
+    )  # fmt: skip
     kappa = 0.5 * math.sqrt(math.log1p(0.3**2))
     axis = np.arange(-8.0, 8.0 + 0.025, 0.05)
     sizes = np.asarray(size.prior.from_normal(axis))[:, None]

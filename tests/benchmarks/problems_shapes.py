@@ -29,10 +29,6 @@ def banana(d: int, width: float) -> Problem:
 
     The other coordinates integrate in closed form, the first by quadrature.
     """
-
-    def log_likelihood(z: Array) -> Array:
-        return log_normal_pdf(z[:, 1:] + z[:, :1] ** 2, 1.0, width).sum(1)
-
     spread = math.hypot(1.0, width)
     exact = log_integral(
         lambda x: (
@@ -40,17 +36,20 @@ def banana(d: int, width: float) -> Problem:
             + (d - 1) * float(log_normal_pdf(1.0 - x * x, 0.0, spread))
         )
     )
-    return Problem(f"banana {width:g} d={d}", d, log_likelihood, exact)
+    return Problem(
+        f"banana {width:g} d={d}", d,
+        lambda z: log_normal_pdf(z[:, 1:] + z[:, :1] ** 2, 1.0, width).sum(1), exact,
+    )  # fmt: skip
 
 
 def bananas(n: int) -> Problem:
     """n independent bananas of width 0.1, in 2n dimensions."""
     one = banana(2, 0.1)
-
-    def log_likelihood(z: Array) -> Array:
-        return sum(one.log_likelihood(z[:, 2 * i : 2 * i + 2]) for i in range(n))
-
-    return Problem(f"{n} bananas d={2 * n}", 2 * n, log_likelihood, n * one.log_evidence)
+    return Problem(
+        f"{n} bananas d={2 * n}", 2 * n,
+        lambda z: sum(one.log_likelihood(z[:, 2 * i : 2 * i + 2]) for i in range(n)),
+        n * one.log_evidence,
+    )  # fmt: skip
 
 
 def funnel(d: int) -> Problem:
@@ -58,17 +57,16 @@ def funnel(d: int) -> Problem:
 
     The others integrate in closed form, z_1 by quadrature.
     """
-
-    def log_likelihood(z: Array) -> Array:
-        return log_normal_pdf(z[:, 1:], 0.0, np.exp(1.5 * z[:, :1])).sum(1)
-
     exact = log_integral(
         lambda x: (
             float(log_normal_pdf(x, 0.0, 1.0))
             - 0.5 * (d - 1) * math.log(2.0 * math.pi * (1.0 + math.exp(3.0 * x)))
         )
     )
-    return Problem(f"funnel d={d}", d, log_likelihood, exact)
+    return Problem(
+        f"funnel d={d}", d,
+        lambda z: log_normal_pdf(z[:, 1:], 0.0, np.exp(1.5 * z[:, :1])).sum(1), exact,
+    )  # fmt: skip
 
 
 def ring() -> Problem:
@@ -102,31 +100,28 @@ def hard_ball(d: int, prior_mass: float) -> Problem:
     """Likelihood 1 inside a ball with that prior mass, 1 from the prior's centre; 0 outside."""
     radius = math.sqrt(ncx2.ppf(prior_mass, d, 1.0))
     centre = np.full(d, 1.0 / math.sqrt(d))
-
-    def log_likelihood(z: Array) -> Array:
-        return np.where(np.linalg.norm(z - centre, axis=1) < radius, 0.0, -np.inf)
-
-    return Problem(f"hard ball {prior_mass:.0e} d={d}", d, log_likelihood, math.log(prior_mass))
+    return Problem(
+        f"hard ball {prior_mass:.0e} d={d}", d,
+        lambda z: np.where(np.linalg.norm(z - centre, axis=1) < radius, 0.0, -np.inf),
+        math.log(prior_mass),
+    )  # fmt: skip
 
 
 def flat_top() -> Problem:
     """Constant inside a ball of five dimensions; outside it falls within 0.05."""
-
-    def log_likelihood(r: Array) -> Array:
-        return -0.5 * (np.maximum(r - 0.8, 0.0) / 0.05) ** 2
-
-    return of_distance("flat top d=5", 5, 1.0, log_likelihood, np.array([0.8, 1.0, 1.4]))
+    return of_distance(
+        "flat top d=5", 5, 1.0, lambda r: -0.5 * (np.maximum(r - 0.8, 0.0) / 0.05) ** 2,
+        np.array([0.8, 1.0, 1.4]),
+    )  # fmt: skip
 
 
 def beyond_a_threshold() -> Problem:
     """Positive only where z_1 exceeds a value with prior probability 1e-4: exp(z_2) there."""
     threshold = 3.719016485455709  # Φ(-3.719…) = 1e-4
-
-    def log_likelihood(z: Array) -> Array:
-        return np.where(z[:, 0] > threshold, z[:, 1], -np.inf)
-
-    exact = math.log(ndtr(-threshold)) + 0.5
-    return Problem("beyond a threshold d=3", 3, log_likelihood, exact)
+    return Problem(
+        "beyond a threshold d=3", 3, lambda z: np.where(z[:, 0] > threshold, z[:, 1], -np.inf),
+        math.log(ndtr(-threshold)) + 0.5,
+    )  # fmt: skip
 
 
 def between_walls() -> Problem:
@@ -185,51 +180,32 @@ def staircase() -> Problem:
 
 def cliff() -> Problem:
     """A Gaussian of four dimensions, e^10 lower behind a wall. Closed form."""
-
-    def log_likelihood(z: Array) -> Array:
-        return log_normal_pdf(z, 0.5, 0.3).sum(1) - 10.0 * (z[:, 0] > 0.6)
-
     whole = 4.0 * float(log_normal_pdf(0.5, 0.0, math.hypot(1.0, 0.3)))
     sd = 0.3 / math.hypot(1.0, 0.3)
     before = ndtr((0.6 - 0.5 / 1.09) / sd)
-    exact = whole + math.log(before + math.exp(-10.0) * (1.0 - before))
-    return Problem("cliff d=4", 4, log_likelihood, exact)
+    return Problem(
+        "cliff d=4", 4, lambda z: log_normal_pdf(z, 0.5, 0.3).sum(1) - 10.0 * (z[:, 0] > 0.6),
+        whole + math.log(before + math.exp(-10.0) * (1.0 - before)),
+    )  # fmt: skip
 
 
 def checkerboard() -> Problem:
     """Squares of side 0.5, every other e^5 lower. Sums of normal probabilities."""
     first, side = 0.1, 0.5
-
-    def log_likelihood(z: Array) -> Array:
-        return -5.0 * (np.floor((z - first) / side).sum(1) % 2)
-
     numbers = np.arange(-40, 40)
     masses = ndtr(first + side * (numbers + 1)) - ndtr(first + side * numbers)
     even = masses[numbers % 2 == 0].sum()
     same = even**2 + (1.0 - even) ** 2
     return Problem(
-        "checkerboard", 2, log_likelihood, math.log(same + math.exp(-5.0) * (1.0 - same))
-    )
+        "checkerboard", 2, lambda z: -5.0 * (np.floor((z - first) / side).sum(1) % 2),
+        math.log(same + math.exp(-5.0) * (1.0 - same)),
+    )  # fmt: skip
 
 
 def problems() -> list[Problem]:
     return [
-        banana(2, 0.1),
-        banana(2, 0.01),
-        banana(5, 0.1),
-        bananas(2),
-        bananas(5),
-        *(funnel(d) for d in (2, 5, 10)),
-        ring(),
-        nested_shells(),
-        hard_ball(6, 1e-3),
-        flat_top(),
-        beyond_a_threshold(),
-        between_walls(),
-        corner(8, 0.005),
-        two_corners(),
-        beyond_the_edge(),
-        staircase(),
-        cliff(),
-        checkerboard(),
-    ]
+        banana(2, 0.1), banana(2, 0.01), banana(5, 0.1), bananas(2), bananas(5),
+        *(funnel(d) for d in (2, 5, 10)), ring(), nested_shells(), hard_ball(6, 1e-3), flat_top(),
+        beyond_a_threshold(), between_walls(), corner(8, 0.005), two_corners(), beyond_the_edge(),
+        staircase(), cliff(), checkerboard(),
+    ]  # fmt: skip

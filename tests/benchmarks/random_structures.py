@@ -168,13 +168,6 @@ def case(seed: int) -> Case:
     shapes = shapes / np.linalg.norm(shapes, axis=0)
     record = bs.Record(samples, rate_hz, names, "acceleration", "m/s2")
     return Case(
-        record,
-        band,
-        f[inside],
-        dampings[inside],
-        shapes[:, inside],
-        clear_at(range(len(sensors))),
-        is_ground,
-        of_ground,
-        clear_at,
-    )
+        record, band, f[inside], dampings[inside], shapes[:, inside], clear_at(range(len(sensors))),
+        is_ground, of_ground, clear_at,
+    )  # fmt: skip

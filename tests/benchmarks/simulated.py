@@ -22,9 +22,7 @@ class IdentificationErrors(NamedTuple):
 
 
 def simulate(
-    candidate: bs.ModelClass,
-    rng: np.random.Generator,
-    stated: IdentificationErrors | None = None,
+    candidate: bs.ModelClass, rng: np.random.Generator, stated: IdentificationErrors | None = None
 ) -> tuple[np.ndarray, bs.ModalData, dict[str, int]]:
     """Parameter values, identified modes and their pairing, drawn from prior and likelihood.
 
@@ -35,9 +33,7 @@ def simulate(
 
 
 def simulate_tests(
-    candidate: bs.ModelClass,
-    rng: np.random.Generator,
-    stated: IdentificationErrors | None = None,
+    candidate: bs.ModelClass, rng: np.random.Generator, stated: IdentificationErrors | None = None
 ) -> tuple[np.ndarray, list[tuple[bs.ModalData, dict[str, int]]]]:
     """Parameter values, and identified modes and their pairing in every configuration.
 
