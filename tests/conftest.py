@@ -23,7 +23,11 @@ from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.inference.posterior.model_at_draws import ConfigurationModes, UpdatedModes
+from bayes_ssi.inference.posterior.model_at_draws import (
+    ConfigurationModes,
+    UpdatedModes,
+    configuration_modes,
+)
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.workers import Workers
@@ -109,6 +113,14 @@ def model_classes(rigid, augmented, case_c, fixed_error):
         name: bs.ModelClass(name, structure, case_c, fixed_error, pairing=pairing)
         for name, (structure, pairing) in choices.items()
     }
+
+
+@pytest.fixture
+def updated(model_classes):
+    """Modes of class 3 at draws near its medians."""
+    values = np.exp(0.05 * np.random.default_rng(5).standard_normal((50, 4)))
+    (modes,) = configuration_modes(model_classes["3"], values)
+    return modes.updated
 
 
 # A study that is sampled in half a second: a uniform two-storey shear building of unit masses
@@ -253,32 +265,25 @@ def fake_sampling(monkeypatch, make_posterior):
             known = {name for level in levels for name in level}
             if new := [each.name for each in classes if each.name not in known]:
                 levels.append(new)
-            return [
-                searches.screened(each, (approximately or log_evidence)(each)) for each in classes
-            ]
+            evidence = approximately or log_evidence
+            return [searches.screened(each, evidence(each)) for each in classes]
 
         def sample_all(candidates, seed, settings, run, refinement, known_starts):
             del seed, settings, refinement, known_starts
             if run.checkpoint is not None:  # as its caches do
                 run.checkpoint.directory.mkdir(exist_ok=True)
             install.sampled.append([candidate.name for candidate in candidates])
-            posteriors = []
-            for candidate in candidates:
-                n = len(candidate.parameters)
-                rng = np.random.default_rng(list(candidate.name.encode()))
-                centre = rng.normal(1.0, 0.3, n)
-                posteriors.append(
-                    make_posterior(
-                        candidate.name,
-                        log_evidence(candidate),
-                        names=candidate.parameter_names,
-                        draws=centre * np.exp(0.5 * rng.standard_normal((4, 250, n))),
-                        log_likelihoods=rng.standard_normal((4, 250)),
-                        data_digest=candidate.data_digest,
-                        **changes,
-                    )
-                )
-            return posteriors
+            return [drawn(candidate) for candidate in candidates]
+
+        def drawn(candidate):
+            n = len(candidate.parameters)
+            rng = np.random.default_rng(list(candidate.name.encode()))
+            return make_posterior(
+                candidate.name, log_evidence(candidate), names=candidate.parameter_names,
+                draws=rng.normal(1.0, 0.3, n) * np.exp(0.5 * rng.standard_normal((4, 250, n))),
+                log_likelihoods=rng.standard_normal((4, 250)), data_digest=candidate.data_digest,
+                **changes,
+            )  # fmt: skip
 
         for module in ("appendages.appendage_search", "search.ladder"):
             monkeypatch.setattr(f"bayes_ssi.studies.{module}.screen_all", screen_all)
@@ -289,25 +294,19 @@ def fake_sampling(monkeypatch, make_posterior):
 
 
 @pytest.fixture(scope="session")
-def found_in_case_c(request, tmp_path_factory):
+def found_in_case_c(bare, tmp_path_factory):
     """The search on the numerical study's data, sampled once, also if several processes test."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
-        return _search_of_case_c(request)
+        return _search_of_case_c(bare)
     shared = tmp_path_factory.getbasetemp().parent / "found_in_case_c"
     with shared.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not shared.exists():
-            shared.write_bytes(pickle.dumps(_search_of_case_c(request)))
+            shared.write_bytes(pickle.dumps(_search_of_case_c(bare)))
     return pickle.loads(shared.read_bytes())
 
 
-def _search_of_case_c(request):
-    k = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in (1, 2, 3)]
-    one = (math.pi / math.sin(math.pi / 14.0)) ** 2
-    frame = bs.ShearBuilding((1.0, 1.0, 1.0), [one * x for x in k])
-    path = request.config.rootpath / "model_classes" / "data" / "case_c.csv"
-    error = bs.ErrorModel(frequency_cov=0.01, shape_sd=0.05)
-    baseline = bs.ModelClass("bare", frame, bs.read_modal_data(path), error, pairing={})
+def _search_of_case_c(baseline):
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     with pytest.MonkeyPatch.context() as patched:
         screen_quickly(patched)
@@ -316,10 +315,8 @@ def _search_of_case_c(request):
 
 def screen_quickly(patched):
     """Searches screen all hypotheses with the quick effort at first."""
-    patched.setattr(
-        "bayes_ssi.studies.search.family_search.screened_hypotheses",
-        partial(screened_hypotheses, most_full=0),
-    )
+    quick = partial(screened_hypotheses, most_full=0)
+    patched.setattr("bayes_ssi.studies.search.family_search.screened_hypotheses", quick)
 
 
 @pytest.fixture

@@ -9,17 +9,9 @@ class DelegatingStructure(Structure):
     def __init__(self, structure):
         self.structure = structure
 
-    @property
-    def parameters(self):
-        return self.structure.parameters
-
-    @property
-    def degrees_of_freedom(self):
-        return self.structure.degrees_of_freedom
-
-    @property
-    def n_modes(self):
-        return self.structure.n_modes
+    parameters = property(lambda self: self.structure.parameters)
+    degrees_of_freedom = property(lambda self: self.structure.degrees_of_freedom)
+    n_modes = property(lambda self: self.structure.n_modes)
 
     def modes(self, values):
         return self.structure.modes(values)

@@ -30,12 +30,8 @@ def exact_modes(structure, sensors, band_hz, n=None, values=None, **sizes):
     """
     values = structure.prior_medians() if values is None else np.array([values])
     frequencies, shapes = structure.modes(values)
-    at_sensors = structure.sensor_matrix(sensors).apply(shapes)[0]
-    modes = [
-        bs.IdentifiedMode(str(j + 1), float(frequency), at_sensors[:, j], **sizes)
-        for j, frequency in enumerate(frequencies[0, :n])
-    ]
-    return bs.ModalData(tuple(modes), band_hz, tuple(sensors))
+    at_sensors = structure.sensor_matrix(sensors).apply(shapes)[0, :, :n]
+    return bs.ModalData.from_arrays(frequencies[0, :n], at_sensors, band_hz, sensors, **sizes)
 
 
 def places_of_building(structure):
@@ -69,18 +65,16 @@ def place_record(place, probability):
 def search_of(places, geometry=None):
     """What drawings take of a search that found these places."""
     ordered = tuple(sorted(places, key=lambda each: -each.probability))
-    return SimpleNamespace(
-        places=tuple(places), places_by_probability=ordered, geometry=geometry,
-        a_feature="an appendage",
-    )  # fmt: skip
+    found = {"places": tuple(places), "places_by_probability": ordered, "geometry": geometry}
+    return SimpleNamespace(**found, a_feature="an appendage")
 
 
-def places_in_space(probabilities, directions=(None,), **options):
+def places_in_space(probabilities, directions=(None,)):
     """Candidates along a line in space, a direction each, with these probabilities."""
     records = []
     for i, probability in enumerate(probabilities):
         direction = directions[i % len(directions)]
         at = (float(i // len(directions)), 0.0, 2.0)
-        candidate = bs.Candidate(f"p{i}", f"p{i}", coordinates=at, direction=direction, **options)
+        candidate = bs.Candidate(f"p{i}", f"p{i}", coordinates=at, direction=direction)
         records.append(place_record(PendulumPlace(candidate), probability))
     return records

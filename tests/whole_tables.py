@@ -1,5 +1,6 @@
-"""Whether a table shows every cell, whatever the width of the terminal."""
+"""Whether a table shows every cell, whatever the width of the terminal; and tables in files."""
 
+import csv
 import io
 import re
 
@@ -11,6 +12,11 @@ def printed(table, width=80):
     file = io.StringIO()
     Console(file=file, width=width).print(table)
     return [line.rstrip() for line in file.getvalue().splitlines()]
+
+
+def rows_of_csv(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def assert_every_cell_is_whole(table, width):

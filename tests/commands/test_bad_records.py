@@ -19,13 +19,11 @@ STATED = {"rate_hz": 50.0, "quantity": "acceleration", "unit": "m/s2"}
         ({"samples": SAMPLES[:1], "sensors": NAMES[:1]}, (), "no mode is identified from 0.6 to"),
         ({"samples": SAMPLES[:, :3]}, (), "the wrong way round?"),
         ({}, ("--mode", 1.0, "--mode", 9.0), "at: frequencies must be within 0.6 to 4.6 Hz, got"),
-        (
-            {"samples": SAMPLES[:, :100]},
-            ("--mode", 1.0, "--mode", 1.1, "--mode", 1.2, "--mode", 1.3),
-            "the band has 8 lines of 3 sensors, fewer than the 40 unknowns of 4 modes",
-        ),
+        ({"samples": SAMPLES[:, :100]},
+         ("--mode", 1.0, "--mode", 1.1, "--mode", 1.2, "--mode", 1.3),
+         "the band has 8 lines of 3 sensors, fewer than the 40 unknowns of 4 modes"),
     ],
-)
+)  # fmt: skip
 def test_a_record_that_cannot_be_used_is_one_line(run, changed, options, words):
     np.savez("setup.npz", **({"samples": SAMPLES, "sensors": NAMES} | STATED | changed))
     done = run("identify", "setup.npz", "--band", 0.6, 4.6, *options, "--out", "modes.csv")

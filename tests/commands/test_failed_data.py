@@ -41,19 +41,6 @@ def ranking(path):
     return bs.rank(bs.load_study(path), seed=7)
 
 
-@pytest.fixture
-def saved(ranking, path, tmp_path):
-    """Saves the ranking, the failed checks accepted or not."""
-
-    def save(accept_failed_checks=False):
-        return bs.save_result(
-            ranking, tmp_path / "result", study_file=str(path),
-            accept_failed_checks=accept_failed_checks,
-        ).directory  # fmt: skip
-
-    return save
-
-
 def flat(text):
     return " ".join(text.split())
 
@@ -90,14 +77,12 @@ def test_calibrate(run, path):
     assert says_both(run("calibrate", path, "--class", "one k", "--starts", 4))
 
 
-def test_what_if_and_predict(run, saved):
-    result = saved()
-    assert says_both(run("what-if", result, "--spurious", "2"))
-    assert says_both(run("predict", result, "--draws", 20))
-
-
 @pytest.mark.parametrize("command", [("what-if", "--spurious", "2"), ("predict", "--draws", "20")])
-def test_of_a_result_that_was_accepted_they_are_said(run, saved, command):
-    done = run(command[0], saved(accept_failed_checks=True), *command[1:])
-    assert done.exit_code == 0, done.output
-    assert f"{WORDS} (accepted when the result was saved)" in flat(done.stdout)
+def test_of_a_result(run, path, ranking, tmp_path, command):
+    """Where it was accepted, they are said and no failure."""
+    for accepted in (False, True):
+        out = tmp_path / str(accepted)
+        bs.save_result(ranking, out, study_file=str(path), accept_failed_checks=accepted)
+        done = run(command[0], out, *command[1:])
+        said = f"{WORDS} (accepted when the result was saved)" in flat(done.stdout)
+        assert (done.exit_code == 0 and said) if accepted else says_both(done)

@@ -9,17 +9,11 @@ import pytest
 from searches import places_in_space, search_of
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import figure_style
+from bayes_ssi.plots import shape_plots as shapes
 from bayes_ssi.plots.class_plots import plot_corner, plot_evidence, plot_frequencies
 from bayes_ssi.plots.figure_style import FIGURE_WIDTH, SMALL_TEXT, figures_for_files, whole_figure
 from bayes_ssi.plots.place_plots import plot_place_bars
-from bayes_ssi.plots.shape_plots import (
-    BEYOND,
-    plot_identified_modes,
-    plot_mode_shapes,
-    plot_shape_components,
-)
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.posterior_draws import Band
 
@@ -33,13 +27,6 @@ def posteriors(make_posterior):
 
 
 @pytest.fixture
-def updated(model_classes):
-    values = np.exp(0.05 * np.random.default_rng(5).standard_normal((50, 4)))
-    (modes,) = configuration_modes(model_classes["3"], values)
-    return modes.updated
-
-
-@pytest.fixture
 def plots(posteriors, updated, case_c, make_posterior):
     """Name → how a figure of a report is drawn, of a study with long names."""
     small = make_posterior("4", names=("mass ratio, infill 1-2", "E", "k"))
@@ -47,8 +34,8 @@ def plots(posteriors, updated, case_c, make_posterior):
     return {
         "evidence": lambda: plot_evidence(bs.compare(posteriors)),
         "frequencies": lambda: plot_frequencies(case_c, posteriors),
-        "identified": lambda: plot_identified_modes(case_c, configuration="as built"),
-        "shapes": lambda: plot_mode_shapes(updated, case_c),
+        "identified": lambda: shapes.plot_identified_modes(case_c, configuration="as built"),
+        "shapes": lambda: shapes.plot_mode_shapes(updated, case_c),
         "bars": lambda: plot_place_bars(search_of(places_in_space([0.2] + 20 * [0.01]))),
         "corner": lambda: plot_corner(posteriors[0]),
         "corner of small ranges": lambda: plot_corner(small),
@@ -69,11 +56,8 @@ def texts_of(figure):
     return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
-NAMES = ("evidence", "frequencies", "identified", "shapes",
-         "bars", "corner", "corner of small ranges")  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["evidence", "frequencies", "identified", "shapes",
+                                  "bars", "corner", "corner of small ranges"])  # fmt: skip
 def test_text_is_large_enough_and_neither_cut_nor_covered(plots, name):
     with figures_for_files():
         figure = whole_figure(plots[name]())
@@ -117,12 +101,12 @@ def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(upd
         replace(mode, shape_after=(at - 0.1, at, at + 0.1))
         for mode, at in zip(updated.modes, (near, far), strict=False)
     )
-    figure = plot_mode_shapes(replace(updated, modes=modes), case_c)
+    figure = shapes.plot_mode_shapes(replace(updated, modes=modes), case_c)
     figure.draw_without_rendering()
     legend = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
-    assert {"appendage", BEYOND} <= set(legend)
+    assert {"appendage", shapes.BEYOND} <= set(legend)
     ax = figure.axes[1]
-    (mark,) = [line for line in ax.lines if line.get_label() == BEYOND]
+    (mark,) = [line for line in ax.lines if line.get_label() == shapes.BEYOND]
     at = ax.transData.transform(mark.get_xydata())[0]
     half = 0.5 * mark.get_markersize() * figure.dpi / 72
     assert ax.bbox.x0 <= at[0] - half < at[0] + half <= ax.bbox.x1
@@ -131,7 +115,7 @@ def test_an_appendage_beyond_the_scale_is_in_the_legend_and_within_its_panel(upd
 def test_components_of_one_direction_stand_together(augmented):
     places = [f"floor {i} {way}" for i in (1, 2) for way in ("x", "y", "torsion")]
     shape = Band(*(np.arange(6.0) / 5.0 + d for d in (-0.1, 0.0, 0.1)))
-    ax = plot_shape_components(augmented, places, shape)
+    ax = shapes.plot_shape_components(augmented, places, shape)
     assert [text.get_text() for text in ax.get_yticklabels()] == [
         f"floor {i} {way}" for way in ("x", "y", "torsion") for i in (1, 2)
     ]

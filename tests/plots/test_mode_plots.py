@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots.class_plots import plot_corner
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
 
 pytestmark = pytest.mark.usefixtures("close_figures")
-
-
-@pytest.fixture
-def updated(model_classes):
-    values = np.exp(0.05 * np.random.default_rng(5).standard_normal((50, 4)))
-    (modes,) = configuration_modes(model_classes["3"], values)
-    return modes.updated
 
 
 def points(ax):

@@ -21,8 +21,9 @@ from bayes_ssi.structures.geometry import Geometry, stick
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
-def scene_of(structure, modes, pairing, sensors=(), band=(0.0, 100.0)):
-    data = bs.ModalData(tuple(modes), band, tuple(sensors))
+def scene_of(structure, modes, pairing, sensors=(), at_draws=lambda: None):
+    """The scene of a class; ``at_draws`` is called once its modes at draws are known."""
+    data = bs.ModalData(tuple(modes), (0.0, 100.0), tuple(sensors))
     candidate = bs.ModelClass("a", structure, data, pairing=pairing)
     values = candidate.values(np.zeros((3, len(candidate.parameter_names))))
     posterior = SimpleNamespace(
@@ -30,6 +31,7 @@ def scene_of(structure, modes, pairing, sensors=(), band=(0.0, 100.0)):
         parameter_names=candidate.parameter_names,
         maxima=values[:1],
     )
+    at_draws()
     (scene,) = class_scenes(candidate, posterior)
     return scene
 
@@ -79,9 +81,8 @@ def test_intervals_of_measured_motion_are_in_the_scale_of_the_model():
 
 
 def test_an_appendage_that_moves_far_is_drawn_three_times_as_far_as_the_rest():
-    frame = bs.ShearBuilding((1.0,), (40.0,)).with_element(
-        bs.Pendulum(on=1, mass=0.001, frequency=1.0, label="mast")
-    )
+    mast = bs.Pendulum(on=1, mass=0.001, frequency=1.0, label="mast")
+    frame = bs.ShearBuilding((1.0,), (40.0,)).with_element(mast)
     scene = scene_of(frame, [bs.IdentifiedMode("1", 1.0)], {"1": 2})
     lengths = np.linalg.norm(scene["modes"][0]["moves"], axis=1)
     assert lengths.max() == pytest.approx(3.0, abs=1e-3)
@@ -108,12 +109,8 @@ def test_a_floor_that_turns_moves_its_corners_at_right_angles_to_their_radii():
 
 
 def test_a_space_frame_has_its_own_dimensions():
-    frame = bs.SpaceFrame(
-        storey_heights=(2.0, 3.0), x_lines=(-4.0, 0.0, 4.0), y_lines=(-3.0, 3.0),
-        elastic_modulus=1.0, column_inertias_x=(1.0,) * 2, column_inertias_y=(1.0,) * 2,
-        beam_inertias_x=(1.0,) * 2, beam_inertias_y=(1.0,) * 2, masses=(1.0,) * 2,
-        rotational_inertias=(1.0,) * 2,
-    )  # fmt: skip
+    lines = (-4.0, 0.0, 4.0), (-3.0, 3.0)
+    frame = bs.SpaceFrame((2.0, 3.0), *lines, 1.0, *[(1.0,) * 2] * 6)
     geometry, _ = frame.drawing()
     nodes = np.array(list(geometry.nodes.values()))
     np.testing.assert_array_equal(np.ptp(nodes, axis=0), [8.0, 6.0, 5.0])
@@ -169,15 +166,8 @@ def test_a_function_is_not_called_again():
 
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.1))
     structure = bs.FunctionStructure(modes, {"k": k}, n_modes=2, sensors=("a", "b"))
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1.0, 2.0]),), (0.0, 3.0), ("a", "b"))
-    candidate = bs.ModelClass("a", structure, data, bs.ErrorModel(0.01, 0.05), pairing={"1": 1})
-    values = candidate.values(np.zeros((2, 1)))
-    configurations = configuration_modes(candidate, values)
-    calls.clear()
-    posterior = SimpleNamespace(
-        configurations=configurations, parameter_names=("k",), maxima=values[:1]
-    )
-    (scene,) = class_scenes(candidate, posterior)
+    given = [bs.IdentifiedMode("1", 1.0, [1.0, 2.0])], {"1": 1}, ("a", "b")
+    scene = scene_of(structure, *given, at_draws=calls.clear)
     assert not calls
     np.testing.assert_allclose(np.abs(scene["modes"][0]["model"]), [0.5, 1.0])
 

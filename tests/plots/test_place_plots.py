@@ -8,6 +8,7 @@ from searches import place_record, places_in_space, search_of
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import MOST_VECTORS, figures_for_files
 from bayes_ssi.plots.place_plots import MOST_BARS, plot_place_map, plot_places
+from bayes_ssi.studies.appendages.candidates import PendulumPlace
 
 GEOMETRY = bs.Geometry({"a": (0.0, 0.0, 0.0), "b": (9.0, 0.0, 4.0)}, (("a", "b"),), "m")
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -24,6 +25,12 @@ def draw():
         return ax
 
     return drawn
+
+
+def loose(probabilities):
+    """Places without coordinates."""
+    return [place_record(PendulumPlace(bs.Candidate(f"s{i}", f"s{i}")), probability)
+            for i, probability in enumerate(probabilities)]  # fmt: skip
 
 
 def darkness(colours):
@@ -85,9 +92,7 @@ def test_places_without_direction_have_the_marker_of_their_kind(draw):
 
 
 def test_places_without_coordinates_are_left_out_of_a_map(draw):
-    loose = places_in_space((0.4,))[0].place.candidate
-    place = type(places_in_space((0.4,))[0].place)(bs.Candidate("loose", loose.place))
-    ax = draw([*places_in_space((0.3, 0.3)), place_record(place, 0.4)])
+    ax = draw([*places_in_space((0.3, 0.3)), *loose([0.4])])
     assert title_of(ax).startswith("Most probable: pendulum p")
     assert len(ax.collections) == 2
 
@@ -108,11 +113,7 @@ def test_a_map_says_of_what_the_probability_is():
 
 def test_without_coordinates_the_most_probable_places_are_bars(draw):
     probabilities = np.array([0.5, 0.2, *np.full(30, 0.01)])
-    places = [
-        place_record(type(each.place)(bs.Candidate(f"s{i}", f"s{i}")), each.probability)
-        for i, each in enumerate(places_in_space(probabilities[::-1]))
-    ]
-    ax = draw(places)
+    ax = draw(loose(probabilities[::-1]))
     lengths = [bar.get_width() for bar in ax.patches]
     assert lengths[:3] == [0.5, 0.2, 0.01]
     assert len(lengths) == MOST_BARS + 1
@@ -122,7 +123,6 @@ def test_without_coordinates_the_most_probable_places_are_bars(draw):
 
 
 def test_no_tick_of_a_probability_is_above_one(draw):
-    ax = draw([place_record(type(each.place)(bs.Candidate(f"s{i}", f"s{i}")), each.probability)
-               for i, each in enumerate(places_in_space([0.999, 0.001]))])  # fmt: skip
+    ax = draw(loose([0.999, 0.001]))
     assert max(ax.get_xticks()) == pytest.approx(1.0)
     assert ax.get_xlim() == (0.0, pytest.approx(1.25 * 0.999))

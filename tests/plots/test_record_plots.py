@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from simulated_records import simulated_record, with_infill
@@ -11,20 +10,14 @@ import bayes_ssi as bs
 from bayes_ssi.plots import plot_singular_values, plot_stabilisation, plot_whitened_residuals
 from bayes_ssi.plots.figure_style import ORANGE
 
+pytestmark = pytest.mark.usefixtures("close_figures")
+
 
 @pytest.fixture(scope="module")
 def identified():
-    sensors = ("floor 1", "floor 2", "floor 3")
-    record = simulated_record(
-        with_infill(), sensors, np.random.default_rng(0), duration_s=300.0, rate_hz=20.0
-    )
+    sensors, rng = ("floor 1", "floor 2", "floor 3"), np.random.default_rng(0)
+    record = simulated_record(with_infill(), sensors, rng, duration_s=300.0, rate_hz=20.0)
     return bs.identify(record, (0.6, 4.6))
-
-
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    plt.close("all")
 
 
 def test_spectra_and_poles_have_the_modes_with_their_90_percent_widths(identified):

@@ -61,19 +61,11 @@ def test_csv(tmp_path):
         frequencies, columns, *rows = csv.reader(file)
     np.testing.assert_array_equal(np.array(frequencies[1:], float), modes.frequencies_hz)
     # Only directions in which some mode moves.
-    assert columns[:7] == [
-        "node",
-        "x_coord",
-        "y_coord",
-        "z_coord",
-        "mode 1 x",
-        "mode 1 y",
-        "mode 1 ry",
-    ]
+    assert ", ".join(columns[:4]) == "node, x_coord, y_coord, z_coord"
+    assert columns[4:7] == ["mode 1 x", "mode 1 y", "mode 1 ry"]
     assert rows[2][:4] == ["7", "1.5", "-2.0", "6.0"]
-    np.testing.assert_allclose(
-        np.array(rows[2][4:7], float), modes.displacements[0, 2, [0, 1, 4]], rtol=1e-8
-    )
+    moved = modes.displacements[0, 2, [0, 1, 4]]
+    np.testing.assert_allclose(np.array(rows[2][4:7], float), moved, rtol=1e-8)
 
 
 def test_universal_file(tmp_path):
@@ -91,18 +83,15 @@ def test_universal_file(tmp_path):
     np.testing.assert_allclose(first["r5"], modes.displacements[0, :, 4], rtol=1e-5)
     back = bs.read_modal_data(path, band_hz=(0.0, 10.0))
     rows = [back.sensors.index(name) for name in ("7 x", "2 x")]
-    for mode, frequency, shape in zip(
-        back.modes, modes.frequencies_hz, modes.displacements, strict=True
-    ):
-        assert mode.frequency_hz == pytest.approx(frequency, rel=1e-5)
+    np.testing.assert_allclose(back.frequencies_hz, modes.frequencies_hz, rtol=1e-5)
+    for mode, shape in zip(back.modes, modes.displacements, strict=True):
         np.testing.assert_allclose(mode.shape[rows], shape[[2, 1], 0], rtol=1e-5)
 
 
 def test_nodes_that_have_names_are_numbered(tmp_path):
     pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
-    named = bs.MatrixStructure(
-        np.eye(2), np.eye(2), labels=["Top right x", "Top left x"], n_modes=1
-    )
+    labels = ["Top right x", "Top left x"]
+    named = bs.MatrixStructure(np.eye(2), np.eye(2), labels=labels, n_modes=1)
     modes = nodal_modes(named, np.empty(0))
     write_universal_file(tmp_path / "modes.uff", modes, "named")
     text = [*map(str.rstrip, (tmp_path / "modes.uff").read_text().splitlines())]

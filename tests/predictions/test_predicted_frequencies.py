@@ -30,24 +30,19 @@ class Fixed(bs.Structure):
 def configurations(identified, frequency_cov):
     """Tests with these identified frequencies of the first modes, (n_tests, n)."""
     for t, frequencies in enumerate(identified):
-        modes = tuple(
+        modes = [
             bs.IdentifiedMode(f"mode {i}", f, frequency_cov=frequency_cov)
             for i, f in enumerate(frequencies, 1)
-        )
-        pairing = {f"mode {i}": i for i in range(1, len(frequencies) + 1)}
-        yield bs.Configuration(
-            f"test {t}", Fixed(), bs.ModalData(modes, (0.0, 9.0)), pairing=pairing
-        )
+        ]
+        data, pairing = bs.ModalData(modes, (0.0, 9.0)), {m.label: int(m.label[-1]) for m in modes}
+        yield bs.Configuration(f"test {t}", Fixed(), data, pairing=pairing)
 
 
 @pytest.fixture(scope="module")
 def sampled():
     identified = [[1.03, 2.01], [1.02, 2.03]]
-    candidate = bs.ModelClass(
-        "fixed",
-        configurations=tuple(configurations(identified, 0.01)),
-        error=bs.ErrorModel(SD, 0.05, RHO, 0.5),
-    )
+    error, tests = bs.ErrorModel(SD, 0.05, RHO, 0.5), tuple(configurations(identified, 0.01))
+    candidate = bs.ModelClass("fixed", configurations=tests, error=error)
     return candidate, bs.sample(candidate, settings=COARSE)
 
 
@@ -56,12 +51,9 @@ def expected(further):
     paired = [(t, i) for t in (0, 1) for i in (1, 2)]
     residuals = np.array([1 / 1.03, 2 / 2.01, 1 / 1.02, 2 / 2.03]) - 1.0
     everything = [*paired, *further]
-    covariance = np.array(
-        [
-            [SD**2 * (1.0 if t == s else RHO) * 0.5 ** abs(i - j) for s, j in everything]
-            for t, i in everything
-        ]
-    )
+    t, i = np.transpose(everything)
+    shared = np.where(np.equal.outer(t, t), 1.0, RHO)
+    covariance = SD**2 * shared * 0.5 ** np.abs(np.subtract.outer(i, i))
     n = len(paired)
     known = covariance[:n, :n] + 0.01**2 * np.eye(n)
     gain = covariance[n:, :n] @ np.linalg.inv(known)

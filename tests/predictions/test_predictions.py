@@ -100,15 +100,11 @@ def test_shapes_of_a_uniform_building_have_a_closed_form(classes, posteriors):
     # A shape points the way that it was identified, or else with its largest component upwards.
     (each,) = one.classes
     data = each.likelihood.data
-    turned, without = (
-        replace(one, classes=(replace(each, likelihood=replace(each.likelihood, data=other)),))
-        for other in (
-            replace(data, modes=tuple(replace(mode, shape=-mode.shape) for mode in data.modes)),
-            data.without_shapes(),
-        )
-    )
-    np.testing.assert_allclose(turned.shapes(2, FLOORS).draws, -second, rtol=1e-12)
-    np.testing.assert_allclose(without.shapes(2, FLOORS).draws, second, rtol=1e-12)
+    turned = replace(data, modes=tuple(replace(m, shape=-m.shape) for m in data.modes))
+    for other, expected in ((turned, -second), (data.without_shapes(), second)):
+        alike = replace(each, likelihood=replace(each.likelihood, data=other))
+        shown = replace(one, classes=(alike,)).shapes(2, FLOORS).draws
+        np.testing.assert_allclose(shown, expected, rtol=1e-12)
 
 
 def test_shapes_are_those_of_the_record(model_classes):
@@ -143,19 +139,13 @@ def test_all_draws_of_a_shape_point_the_same_way(predicted, monkeypatch):
 def test_responses_are_those_of_the_draws(predicted):
     (each,) = predicted.classes
     motion = GroundMotion(np.random.default_rng(0).standard_normal(100), 0.02)
-    whole = (each.structure, each.values)
-    np.testing.assert_allclose(
-        predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws,
-        np.abs(transfer_functions(*whole, FREQUENCIES, ACCELERATION, 0.02)),
-    )
-    np.testing.assert_allclose(
-        predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02, force_at="floor 1").draws,
-        np.abs(transfer_functions(*whole, FREQUENCIES, ACCELERATION, 0.02, force_at="floor 1")),
-    )
-    np.testing.assert_allclose(
-        predicted.time_histories(motion, ACCELERATION, 0.02).draws,
-        time_histories(*whole, motion, ACCELERATION, 0.02),
-    )
+    whole, asked = (each.structure, each.values), (FREQUENCIES, ACCELERATION, 0.02)
+    for force_at in (None, "floor 1"):
+        actual = predicted.transfer_functions(*asked, force_at=force_at).draws
+        expected = np.abs(transfer_functions(*whole, *asked, force_at=force_at))
+        np.testing.assert_allclose(actual, expected)
+    actual = predicted.time_histories(motion, ACCELERATION, 0.02).draws
+    np.testing.assert_allclose(actual, time_histories(*whole, motion, ACCELERATION, 0.02))
 
 
 def test_blas_has_one_thread(predicted):
@@ -224,9 +214,8 @@ def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
 
 
 def test_unknown_modes(predicted, average):
-    with pytest.raises(
-        ValueError, match=r"each k: no model mode is paired .* '7'; choose from '1'"
-    ):
+    unpaired = r"each k: no model mode is paired .* '7'; choose from '1'"
+    with pytest.raises(ValueError, match=unpaired):
         predicted.frequencies_hz("7")
     for number in (0, 3):
         with pytest.raises(ValueError, match=rf"each k: no mode {number}; choose from 1 to 2"):

@@ -1,12 +1,12 @@
 """Responses predicted from a stored result: tables, CSV files and figures."""
 
-import csv
 from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from whole_tables import assert_every_cell_is_whole, printed
+from whole_tables import rows_of_csv as rows
 
 import bayes_ssi as bs
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
@@ -43,11 +43,6 @@ def response_request():
 @pytest.fixture(scope="module")
 def responses(predicted, response_request):
     return [predict_responses(predicted, name, response_request) for name in ("average", "one k")]
-
-
-def rows(path):
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture
@@ -158,13 +153,11 @@ def test_defaults(predicted):
     assert default_output(average, "acceleration").places == ("floor 2",)
     assert default_output(average, "drift").places == (("ground", "floor 2"),)
     ratio, source = default_damping(predicted.data)
-    assert ratio == 0.02
-    assert "assumed" in source
-    modes = [replace(mode, damping=d) for mode, d in zip(predicted.data.modes, (0.01, 0.03),
-                                                         strict=True)]  # fmt: skip
-    ratio, source = default_damping(replace(predicted.data, modes=tuple(modes)))
-    assert ratio == pytest.approx(0.02)
-    assert "identified" in source
+    assert (ratio, "assumed" in source) == (0.02, True)
+    first, second = predicted.data.modes
+    modes = replace(first, damping=0.01), replace(second, damping=0.03)
+    ratio, source = default_damping(replace(predicted.data, modes=modes))
+    assert (ratio, "identified" in source) == (pytest.approx(0.02), True)
 
 
 def test_without_a_request_transfer_functions_at_the_top_are_predicted(predicted):
