@@ -42,10 +42,14 @@ def modes_with_pendulum(stiffness, mass, hz):
     return np.sqrt(values) / (2.0 * np.pi), (half @ vectors)[:3].T
 
 
+def real_of(hz, shapes):
+    """Modes of frequencies (m,) and shapes (m, 3) at the floors."""
+    return module._Real(hz, dict(zip(FLOORS.sensors, shapes.T, strict=True)))
+
+
 def test_the_table_has_the_modes_of_the_structure_with_the_appendage(spots):
     hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 3.0)
-    moved = {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)}
-    data = module._Real(hz, moved).table(FLOORS, 3, {"frequency_cov": 0.01})
+    data = real_of(hz, shapes).table(FLOORS, 3, {"frequency_cov": 0.01})
     assert data.labels == ("1", "2", "4")
     assert data.frequencies_hz == pytest.approx(hz[[0, 1, 3]])
     assert spots.frequencies_hz == pytest.approx(
@@ -59,15 +63,15 @@ def test_modes_that_may_be_missed_bracket_the_structures_own(own, missed):
     hz, shapes = modes_with_pendulum(STIFFNESS, 0.1, 5.9)
     bare = np.sqrt(STIFFNESS) / np.pi * np.sin(np.array([1, 3, 5]) * np.pi / 14.0)
     assert hz[own] < bare[own] < hz[own + 1]
-    real = module._Real(hz, {name: shapes[:, i] for i, name in enumerate(FLOORS.sensors)})
+    real = real_of(hz, shapes)
     assert real.pair(own, FLOORS) == missed
     wide = FLOORS._replace(band_hz=(0.0, 9.0))
     assert real.pair(own, wide) == [own + 1, own + 2]
 
 
 def test_modes_that_hardly_move_a_sensor_are_not_in_the_table():
-    moved = {name: np.array([1.0, 0.04, 0.06]) for name in FLOORS.sensors}
-    assert module._Real(np.array([1.0, 2.0, 3.0]), moved).seen(FLOORS) == [1, 3]
+    shapes = np.outer([1.0, 0.04, 0.06], np.ones(3))
+    assert real_of(np.array([1.0, 2.0, 3.0]), shapes).seen(FLOORS) == [1, 3]
 
 
 def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spots):
@@ -97,32 +101,23 @@ def test_the_structure_carries_the_appendage_besides_its_own_mass():
         assert macs == pytest.approx(lengths, rel=1e-6)
 
 
-@pytest.fixture(scope="module")
-def of_the_paper():
-    """Section 3.1: an infill between floors 1 and 2 as mass, whose other mode is not identified."""
+def test_the_papers_analyst_is_wrong_and_warned_or_has_a_blind_spot(monkeypatch):
+    """k = 0.917, 1.131, 0.901 where all are 1 (paper, approach 1-a).
+
+    Section 3.1: an infill between floors 1 and 2 as mass, whose other mode is not identified.
+    """
     (rigid, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
     modes = [mode for mode in rigid.data.modes if mode.label != "2b"]
     shapes = np.array([mode.unit_shape for mode in modes])
-    moved = {name: shapes[:, i] for i, name in enumerate(rigid.data.sensors)}
-    real = module._Real(np.array([mode.frequency_hz for mode in modes]), moved)
-    case = module.HiddenCase("infill 1-2", 0.075, 2.8, 0)
-    return rigid.with_any_pairing("rigid"), case, real
-
-
-def test_the_papers_analyst_is_wrong_and_warned(of_the_paper, monkeypatch):
-    """k = 0.917, 1.131, 0.901 where all are 1 (paper, approach 1-a)."""
+    real = real_of(np.array([mode.frequency_hz for mode in modes]), shapes)
+    best, case = rigid.with_any_pairing("rigid"), module.HiddenCase("infill 1-2", 0.075, 2.8, 0)
     monkeypatch.setattr(module, "ROUGH", replace(module.ROUGH, economical=True))
-    best, case, real = of_the_paper
     judged = module._judged(best, FLOORS, (case, real))
     assert judged.parameter == "k2"
     assert judged.error == pytest.approx(0.131, abs=0.015)
     assert judged.warning.startswith("If an appendage that no mode of the table shows")
     assert not judged.is_blind
-
-
-def test_he_has_a_blind_spot_where_nothing_is_said(of_the_paper, monkeypatch):
     monkeypatch.setattr(module, "appendage_checks", lambda *_: ())
-    best, case, real = of_the_paper
     assert module._judged(best, FLOORS, (case, real)).is_blind
 
 

@@ -8,12 +8,7 @@ import pytest
 from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.studies.appendages.appendage_search import (
-    Motions,
-    matched,
-    matched_appendages,
-    ranked_draws,
-)
+from bayes_ssi.studies.appendages import appendage_search as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
@@ -25,8 +20,7 @@ SENSORS = tuple(f"floor {i}" for i in range(1, FLOORS + 1))
 
 
 def frame(factor):
-    stiffness = [1000.0 * factor for _ in range(FLOORS)]
-    return bs.ShearBuilding(masses=[1.0] * FLOORS, stiffnesses=stiffness)
+    return bs.ShearBuilding([1.0] * FLOORS, [1000.0 * factor] * FLOORS)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +52,7 @@ def found(baseline, **settings):
     nothing_sampled = FamilySearch(SimpleNamespace(posteriors=()), tried, ())
     draws = feature_draws(baselines, nothing_sampled)
     rows = hypotheses_by_probability(nothing_sampled, draws)
-    (one,) = matched_appendages(draws, rows, baselines, tried)
+    (one,) = module.matched_appendages(draws, rows, baselines, tried)
     return one
 
 
@@ -78,10 +72,8 @@ def test_the_effective_mass_is_that_of_the_motion_of_its_place(uniform, main_str
     ratio = MASS * shapes[FLOOR - 1, 0] ** 2
     assert uniform.mode == 1
     assert uniform.effective_ratio[0] < ratio < uniform.effective_ratio[2]
-    largest = np.abs(shapes[:, 0]).max()
-    assert uniform.effective_mass[1] == pytest.approx(
-        uniform.effective_ratio[1] / largest**2, rel=0.01
-    )
+    at_largest = uniform.effective_ratio[1] / np.abs(shapes[:, 0]).max() ** 2
+    assert uniform.effective_mass[1] == pytest.approx(at_largest, rel=0.01)
 
 
 def test_a_light_appendage_may_be_at_any_place_that_moves(uniform):
@@ -121,8 +113,8 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
     of_second = draws(np.where(swapped, low, high), np.where(swapped, 0.1, 0.2))
     places = (first, second)
     both = dict(zip(places, (of_first, of_second), strict=True))
-    by_rank = ranked_draws([both], [1.0], [bs.LogUniform(0.01, 1.0)], places)
-    lower, upper = (matched(each, places, {}) for each in by_rank)
+    by_rank = module.ranked_draws([both], [1.0], [bs.LogUniform(0.01, 1.0)], places)
+    lower, upper = (module.matched(each, places, {}) for each in by_rank)
     assert lower.frequency_hz == (1.0, 1.1, 1.3)
     assert upper.frequency_hz == (4.0, 4.1, 4.3)
     for each in (lower, upper):
@@ -131,8 +123,10 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
         assert each.effective_mass is None
     # Beside the fourth mode: a mass of 2 at a place that moves by 0.9, where sensors move by 1.5.
     of_places = {first: np.array([0.5, 0.9]), second: np.array([0.5, 0.9])}
-    known = {0: Motions(np.array([3, 4]), np.array([1.2, 4.4]), of_places, np.array([1.0, 1.5]))}
-    with_motions = matched(by_rank[1], places, known)
+    known = {
+        0: module.Motions(np.array([3, 4]), np.array([1.2, 4.4]), of_places, np.array([1.0, 1.5]))
+    }
+    with_motions = module.matched(by_rank[1], places, known)
     assert with_motions.mode == 4
     assert with_motions.effective_mass == pytest.approx([2.0 * 0.9**2 / 1.5**2] * 3)
     assert with_motions.effective_ratio == pytest.approx([2.0 * 0.9**2] * 3)
@@ -152,8 +146,10 @@ def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
         )
         shares = [share_of_first, 1.0 - share_of_first]
         priors = [bs.LogUniform(0.01, 1.0)] * 2
-        (only,) = ranked_draws([{first: low}, {second: high}], shares, priors, (first, second))
-        return matched(only, (first, second), {})
+        (only,) = module.ranked_draws(
+            [{first: low}, {second: high}], shares, priors, (first, second)
+        )
+        return module.matched(only, (first, second), {})
 
     answer = of_two(0.4)
     assert (answer.frequency_hz, answer.probability) == ((17.0, 17.5, 18.0), pytest.approx(0.6))

@@ -47,11 +47,9 @@ def test_its_shape_has_an_error_of_its_own(plane):
     error, values = bs.ErrorModel(0.01, 0.03), np.array([[1.0, 1.0, 1.0, 2.02]])
 
     def log_shape(number):
-        made = bs.ModelClass(
-            "b", FurtherMode(plane, FREQUENCY, 0), data, error, pairing={"t": number}
-        )
-        likelihood = made.likelihoods[0]
-        return likelihood.terms(values).shape[0, 0]
+        structure = FurtherMode(plane, FREQUENCY, 0)
+        made = bs.ModelClass("b", structure, data, error, pairing={"t": number})
+        return made.likelihoods[0].terms(values).shape[0, 0]
 
     first = plane.modes(values[:, :3]).shapes[0, :, 0]
     distance = 1.0 - abs(shape @ first) / np.linalg.norm(first)
@@ -74,11 +72,8 @@ def test_the_sum_over_pairings_does_not_need_ascending_modes():
 
 def probabilities(plane, modes):
     """Of every hypothesis with one feature at most, and of an appendage."""
-    identified = [
-        bs.IdentifiedMode(str(i), f, shape / np.linalg.norm(shape))
-        for i, (f, shape) in enumerate(sorted(modes, key=lambda mode: mode[0]), 1)
-    ]
-    data = bs.ModalData(tuple(identified), (0.0, 1.05 * identified[-1].frequency_hz), SENSORS)
+    hz, shapes = zip(*sorted(modes, key=lambda mode: mode[0]), strict=True)
+    data = bs.ModalData.from_arrays(hz, np.transpose(shapes), (0.0, 1.05 * hz[-1]), SENSORS)
     made = bs.ModelClass("plane", plane, data, bs.ErrorModel(0.01, 0.05), pairing="any")
     one = bs.SearchSettings(number_weights=(1.0, 1.0))
     family = choose_baselines(bs.Study("s", [made]), options=one)
@@ -114,9 +109,8 @@ def test_an_appendage_moves_its_partner(plane):
 
 def test_motions_and_appendages_share_a_prior(plane):
     """Half of one feature's weight each, whatever their numbers: six places and two modes here."""
-    shapes = ((1.0, 2.0, 3.0), (1.0, 2.0, -3.0))
-    modes = [bs.IdentifiedMode(str(i), 1.8 * i, shape) for i, shape in enumerate(shapes, 1)]
-    data = bs.ModalData(tuple(modes), (0.0, 6.0), SENSORS)
+    shapes = [[1.0, 1.0], [2.0, 2.0], [3.0, -3.0]]
+    data = bs.ModalData.from_arrays((1.8, 3.6), shapes, (0.0, 6.0), SENSORS)
     options = bs.SearchSettings(number_weights=(1.0, 0.7, 0.2, 0.1))
     bare = bs.Study("s", [bs.ModelClass("b", plane, data, pairing={})])
     family = choose_baselines(bare, options=options)
@@ -126,10 +120,8 @@ def test_motions_and_appendages_share_a_prior(plane):
     assert family.prior_weight("b", 1, 0) == pytest.approx(0.7 / 12.0)
     assert family.prior_weight("b", 1, 1) == pytest.approx(0.7 / 4.0)
     for number, weight in enumerate(options.number_weights):
-        total = sum(
-            family.prior_weight("b", number, sum(each.is_common for each in chosen))
-            for chosen in combinations(features, number)
-        )
+        common = [sum(f.is_common for f in chosen) for chosen in combinations(features, number)]
+        total = sum(family.prior_weight("b", number, n) for n in common)
         assert total == pytest.approx(weight)
 
 

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,16 +13,8 @@ from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.search.approximate_evidence import (
-    FULL,
-    MOST_DRAWS,
-    QUICK,
-    WANTED_ERROR,
-    Screened,
-    ToScreen,
-    screen,
-    with_more_draws,
-)
+from bayes_ssi.studies.search import approximate_evidence as module
+from bayes_ssi.studies.search.approximate_evidence import FULL, QUICK, screen, with_more_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
 
 
@@ -38,9 +29,7 @@ def test_the_least_probable_are_left_out_as_long_as_together_they_are_below_the_
     assert to_sample(approximate, {}, 0.0075) == ["a", "b", "c"]
     assert to_sample(approximate, {}, 0.0) == ["a", "b", "c", "d"]
     assert to_sample(approximate, {"a": 0.0, "b": math.log(0.1)}, 0.0085) == []
-
-
-def test_the_most_probable_is_sampled_however_well_its_evidence_is_known():
+    # The most probable is sampled however well its evidence is known.
     assert to_sample(estimates(0.0, math.log(0.01)), {}, 0.5) == ["a"]
 
 
@@ -68,18 +57,11 @@ def none(bare):
     return screen((hypothesis(bare, ()), None), 0)
 
 
-class Screenings(NamedTuple):
-    """A hypothesis of one appendage, screened with much effort and with little."""
-
-    candidate: ToScreen
-    full: Screened
-    quick: Screened
-
-
 @pytest.fixture(scope="module")
 def screenings(bare, none):
+    """A hypothesis of one appendage, screened with much effort and with little."""
     candidate = hypothesis(bare, (INFILL_12,)), none
-    return Screenings(candidate, *(screen(candidate, 1, effort) for effort in (FULL, QUICK)))
+    return candidate, *(screen(candidate, 1, effort) for effort in (FULL, QUICK))
 
 
 def test_screening_agrees_with_sampling_where_another_hypothesis_is_better(bare, none):
@@ -217,9 +199,9 @@ def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeyp
 def test_more_draws_make_a_rough_evidence_accurate(screenings):
     (candidate, _), full, quick = screenings
     better = with_more_draws((candidate, replace(quick, log_evidence=-99.0, error=1.0)), 2)
-    assert better.error <= WANTED_ERROR
+    assert better.error <= module.WANTED_ERROR
     assert abs(better.log_evidence - full.log_evidence) < 3.0 * math.hypot(better.error, full.error)
-    assert better.n_evaluations <= quick.n_evaluations + MOST_DRAWS
+    assert better.n_evaluations <= quick.n_evaluations + module.MOST_DRAWS
     means = [each.weights @ candidate.values(each.z) for each in (better, full)]
     np.testing.assert_allclose(*means, rtol=0.1)
 

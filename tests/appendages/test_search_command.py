@@ -49,9 +49,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
 
 
 @pytest.mark.usefixtures("one_place")
-def test_the_baseline_is_chosen_by_name_and_results_go_to_runs(
-    run, tiny_study_file, tmp_path, fake_sampling
-):
+def test_a_baseline_is_named_and_results_go_to_runs(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(by_count(1.0, 0.0))
     result = run("search", tiny_study_file, "--class", "each k")
     assert "Appendages hidden in 'each k'" in result.stdout
@@ -60,10 +58,8 @@ def test_the_baseline_is_chosen_by_name_and_results_go_to_runs(
 
 @pytest.mark.usefixtures("one_place")
 def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fake_sampling):
-    def log_evidence(made):
-        return 2.0 * made.name.startswith("each k") - len(made.structure.appendages)
-
-    fake_sampling(log_evidence)
+    fake_sampling(lambda made: 2.0 * made.name.startswith("each k")
+                  - len(made.structure.appendages))  # fmt: skip
     result = run("search", tiny_study_file, "--verbose", "--out", tmp_path / "r")
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
@@ -72,13 +68,13 @@ def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fa
     share = e(2.0) / (1.0 + e(2.0))
     assert f"'each k' ({share:.4f}) and 'one k' ({1.0 - share:.4f})" in text
     record = json.loads((tmp_path / "r" / "search.json").read_text(encoding="utf-8"))
-    assert {row["name"]: row["probability"] for row in record["hypotheses"]} == pytest.approx(
-        {
-            f"{baseline}: {name}": own * factor / (1.0 + e(-1.0))
-            for baseline, own in (("each k", share), ("one k", 1.0 - share))
-            for name, factor in (("no appendage", 1.0), ("pendulum 1", e(-1.0)))
-        }
-    )
+    expected = {
+        f"{baseline}: {name}": own * factor / (1.0 + e(-1.0))
+        for baseline, own in (("each k", share), ("one k", 1.0 - share))
+        for name, factor in (("no appendage", 1.0), ("pendulum 1", e(-1.0)))
+    }
+    found = {row["name"]: row["probability"] for row in record["hypotheses"]}
+    assert found == pytest.approx(expected)
 
 
 @pytest.mark.usefixtures("one_place")
@@ -160,24 +156,19 @@ def test_candidates_of_a_file_are_tried(run, tiny_study_file, tmp_path, fake_sam
     assert_one_line_error(refused, "model class 'one k': candidate 'roof': ", "'floor 9'")
 
 
-@pytest.fixture
-def all_sampled(monkeypatch):
-    """The search samples every hypothesis."""
-    monkeypatch.setattr(
-        "bayes_ssi.studies.search.family_search.to_sample",
-        lambda approximate, sampled, *_: [each for each in approximate if each not in sampled],
-    )
-
-
 def stop(*_):
     raise KeyboardInterrupt
 
 
-@pytest.mark.usefixtures("all_sampled", "no_motions")
+@pytest.mark.usefixtures("no_motions")
 def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     run, tiny_study_file, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_01,))
+    monkeypatch.setattr(
+        "bayes_ssi.studies.search.family_search.to_sample",  # every hypothesis
+        lambda approximate, sampled, *_: [each for each in approximate if each not in sampled],
+    )
     out = tmp_path / "r"
     arguments = ("search", tiny_study_file, *ONE_K, "--error", 0.5, "--accept-failed-checks",
                  "--out", out)  # fmt: skip

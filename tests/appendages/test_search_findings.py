@@ -1,5 +1,6 @@
 """What a search finds, sampled coarsely, and its tables and notes."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -85,13 +86,8 @@ def test_improbable_hypotheses_are_not_on_the_first_screen(found_in_case_c):
 @pytest.fixture
 def of_a_tall_building(fake_sampling):
     """Twenty storeys, masses in kg, two appendages: the longest names and numbers."""
-    fake_sampling(
-        lambda model_class: (
-            10.0 * model_class.name.startswith("pendulum 20")
-            + 9.0 * ("infill 19-20" in model_class.name)
-            - 5.0
-        )
-    )
+    fake_sampling(lambda made: 10.0 * made.name.startswith("pendulum 20")
+                  + 9.0 * ("infill 19-20" in made.name) - 5.0)  # fmt: skip
     k = bs.Parameter("stiffness multiplier of all storeys", bs.LogNormal(1.0, 0.3))
     structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)
     data = bs.ModalData((bs.IdentifiedMode("1", 0.98),), (0.0, 6.0))
@@ -99,11 +95,12 @@ def of_a_tall_building(fake_sampling):
     return search(bs.Study("tower", [tower], mass_unit="kg"))
 
 
-def test_tables_are_at_most_80_columns_wide_and_cut_nothing(of_a_tall_building):
+def test_tables_cut_nothing_in_narrow_and_wide_terminals(of_a_tall_building):
     record = of_a_tall_building.record
-    tables = [averaged_table(record), appendage_place_table(record)]
-    for table in (*tables, table_of(of_a_tall_building)):
-        assert_every_cell_is_whole(table, 80)
+    tables = averaged_table(record), appendage_place_table(record), table_of(of_a_tall_building)
+    for table, width in itertools.product(tables, (60, 80, 120)):
+        assert "…" not in "\n".join(printed(table, width))
+        assert_every_cell_is_whole(table, width)
     assert max(map(len, search_notes(record))) <= 80
 
 
@@ -122,13 +119,20 @@ def test_hypotheses_are_in_the_order_of_their_probability(found_in_case_c):
     assert priors["infill 1-2"] == "0.0417"
 
 
-def test_masses_have_the_unit_of_the_study(of_a_tall_building):
+def test_masses_have_the_study_s_unit_and_places_that_no_row_shows_are_summed(of_a_tall_building):
     record = of_a_tall_building.record
     assert record.mass_unit == of_a_tall_building.ranking.study.mass_unit == "kg"
     headings = [str(column.header) for column in appendage_place_table(record).columns]
     assert "vibrating mass (kg)" in headings
     older = {key: value for key, value in to_record(record).items() if key != "mass_unit"}
     assert from_record(SearchRecord, older) == replace(record, mass_unit="")
+    names, probabilities, *_ = ([*map(str, c.cells)] for c in appendage_place_table(record).columns)
+    assert len(record.matched) == 2
+    assert len(names) == 18
+    for last, appendage in zip((8, 17), record.matched, strict=True):
+        rest = [place.probability for place in appendage.places[8:]]
+        assert names[last] == f"{len(rest)} others"
+        assert probabilities[last] == probability_text(sum(rest))
 
 
 def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
@@ -145,28 +149,13 @@ def test_every_place_has_its_probability_mass_and_frequency(found_in_case_c):
     assert frequencies[0] == quantity(*infill.amounts["frequency_hz"])
 
 
-def test_the_places_that_no_row_shows_are_summed(of_a_tall_building):
-    record = of_a_tall_building.record
-    names, probabilities, *_ = ([*map(str, c.cells)] for c in appendage_place_table(record).columns)
-    assert len(record.matched) == 2
-    assert len(names) == 18
-    for last, appendage in zip((8, 17), record.matched, strict=True):
-        rest = [place.probability for place in appendage.places[8:]]
-        assert names[last] == f"{len(rest)} others"
-        assert probabilities[last] == probability_text(sum(rest))
-
-
 def test_the_table_always_shows_no_appendage_and_counts_what_it_leaves_out(of_a_tall_building):
-    """Eight by probability, and no appendage in addition."""
-    rows = of_a_tall_building.record.hypotheses
-    assert "no appendage" not in [row.name for row in rows[:8]]
-    assert "-5.00" in "\n".join(printed(table_of(of_a_tall_building)))
-    note = f"{len(rows) - 9} less probable hypotheses are in the saved result."
-    assert note in search_notes(of_a_tall_building.record)
-
-
-def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
+    """Eight by probability, and no appendage in addition; what was not sampled has a sign."""
     record, table = of_a_tall_building.record, table_of(of_a_tall_building)
+    rows, notes = record.hypotheses, search_notes(record)
+    assert "no appendage" not in [row.name for row in rows[:8]]
+    assert "-5.00" in "\n".join(printed(table))
+    assert f"{len(rows) - 9} less probable hypotheses are in the saved result." in notes
     sampled = {row.name for row in of_a_tall_building.ranking.comparison.classes}
     signed = {
         str(name): str(evidence).startswith("≈")
@@ -174,6 +163,6 @@ def test_what_was_not_sampled_has_a_sign_and_a_note(of_a_tall_building):
     }
     assert set(signed.values()) == {True, False}
     assert all(signed[name] == (name not in sampled) for name in signed)
-    n, n_all = len(record.hypotheses) - len(sampled), len(record.hypotheses)
-    (note,) = [note for note in search_notes(of_a_tall_building.record) if "not sampled" in note]
-    assert note.startswith(f"≈: not sampled, {n} of {n_all} hypotheses")
+    (note,) = [note for note in notes if "not sampled" in note]
+    n = len(rows) - len(sampled)
+    assert note.startswith(f"≈: not sampled, {n} of {len(rows)} hypotheses")

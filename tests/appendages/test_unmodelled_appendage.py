@@ -85,16 +85,11 @@ def test_a_test_of_torsion_alone_has_no_places_of_appendages():
         frequencies = structure.modes(structure.prior_medians()).frequencies_hz[0]
         seen = [hz for hz in frequencies.tolist() if hz < 6.0]
         modes = tuple(bs.IdentifiedMode(f"{name} {i}", hz) for i, hz in enumerate(seen, 1))
-        data, pairing = (
-            bs.ModalData(modes, (0.0, 6.0)),
-            {m.label: i for i, m in enumerate(modes, 1)},
-        )
-        return bs.Configuration(name, structure, data, pairing=pairing)
+        pairing = {mode.label: i for i, mode in enumerate(modes, 1)}
+        return bs.Configuration(name, structure, bs.ModalData(modes, (0.0, 6.0)), pairing=pairing)
 
-    made = bs.ModelClass(
-        "frame", configurations=[test("bending", bending), test("torsion", torsion)],
-        error=bs.ErrorModel(0.01),
-    )  # fmt: skip
+    tests = [test("bending", bending), test("torsion", torsion)]
+    made = bs.ModelClass("frame", configurations=tests, error=bs.ErrorModel(0.01))
     ranking = bs.rank(bs.Study("frame", [made]), settings=COARSE)
     assert {each.label.split()[0] for each in hidden_appendages(ranking, Run())} <= {"bending"}
     near = module._places_near(choose_baselines(ranking.study), made, ranking.posteriors[0])
