@@ -33,14 +33,10 @@ def identified(structure=BUILDING, stiffnesses=None, rng=None, labels=("1", "2",
     data = exact_modes(structure, SENSORS, (0.0, 3.0), values=stiffnesses, **sizes)
     scatter = np.zeros((len(labels), 4)) if rng is None else rng.standard_normal((len(labels), 4))
     modes = [
-        replace(
-            mode,
-            label=label,
-            frequency_hz=mode.frequency_hz * (1.0 + 0.002 * own[0]),
-            shape=mode.unit_shape + 0.01 * own[1:],
-        )
+        replace(mode, label=label, frequency_hz=mode.frequency_hz * (1.0 + 0.002 * own[0]),
+                shape=mode.unit_shape + 0.01 * own[1:])
         for mode, label, own in zip(data.modes, labels, scatter, strict=True)
-    ]
+    ]  # fmt: skip
     return replace(data, modes=tuple(modes))
 
 
@@ -62,10 +58,8 @@ TWO = model_class(a=SAME, b=SAME)
 def of_second_storey():
     """Storey 2 lost 30 % of its stiffness."""
     rng = np.random.default_rng(1)
-    tests = model_class(
-        before=identified(stiffnesses=(1.05, 0.95, 1.0), rng=rng),
-        after=identified(stiffnesses=(1.05, 0.665, 1.0), rng=rng),
-    )
+    before, after = (identified(stiffnesses=(1.05, k2, 1.0), rng=rng) for k2 in (0.95, 0.665))
+    tests = model_class(before=before, after=after)
     one = bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=True)
     return bs.changes(tests, ["before"], ["after"], one, settings=COARSE, visible=False)
 
@@ -175,15 +169,12 @@ def test_frequencies_that_no_loss_mass_or_appendage_explains_are_something_else(
 def test_the_mode_of_an_appendage_is_one_more_in_order_of_frequency():
     both = model_class(a=SAME, b=WITH_NEW)
     family = choose_changes(bs.Study("s", [both]), ["a"], ["b"])
-    place = next(
-        e for e in family.features["building"] if e.name == "appendage on floor 1, mode new"
-    )
+    places = {each.name: each for each in family.features["building"]}
+    assert {"mass on floor 1", "mass gone from floor 3", "something else"} <= places.keys()
+    place = places["appendage on floor 1, mode new"]
     made = family.hypothesis(family.classes[0], (place,), "one")
     assert made.configurations[0].pairing == {"1": 1, "2": 2, "3": 3}
     assert made.configurations[1].pairing == {"1": 1, "2": 2, "new": 3, "3": 4}
-    assert {e.name for e in family.features["building"]} >= {
-        "mass on floor 1", "mass gone from floor 3", "something else"
-    }  # fmt: skip
     # The other way round, it stood there before.
     back = choose_changes(bs.Study("s", [both]), ["b"], ["a"])
     place = next(e for e in back.features["building"] if e.name.startswith("appendage gone"))
@@ -193,14 +184,9 @@ def test_the_mode_of_an_appendage_is_one_more_in_order_of_frequency():
 
 def test_a_mass_on_a_node_moves_in_all_its_directions():
     x, y = (bs.Parameter(name, PRIOR) for name in ("x", "y"))
-    frame = bs.MatrixStructure(
-        [(x, np.diag([40.0, 0.0])), (y, np.diag([0.0, 90.0]))],
-        np.eye(2),
-        labels=["top x", "top y"],
-        n_modes=2,
-    )
-    (mass,) = [e for e in element_places(frame, ["top x", "top y"], {False: (), True: ()})
-               if not e.has_gone]  # fmt: skip
+    terms, top = [(x, np.diag([40.0, 0.0])), (y, np.diag([0.0, 90.0]))], ["top x", "top y"]
+    frame = bs.MatrixStructure(terms, np.eye(2), labels=top, n_modes=2)
+    (mass,) = [e for e in element_places(frame, top, {False: (), True: ()}) if not e.has_gone]
     assert (mass.name, mass.ends) == ("mass on top", ("top x", "top y"))
 
 
@@ -290,28 +276,20 @@ def test_a_changed_structure_asks_the_other_one_at_what_is_left():
         (TWO, ["x"], ["b"], {}, "no configuration 'x'; choose from 'a', 'b'"),
         (TWO, ["a"], ["a"], {}, "configuration 'a' cannot be both before and after"),
         (TWO, [], ["a"], {}, "give one configuration or more before"),
-        (
-            model_class(a=SAME, b=identified(labels=("m1", "m2", "m3"))), ["a"], ["b"], {},
-            "no paired mode has the same label before and after",
-        ),
+        (model_class(a=SAME, b=identified(labels=("m1", "m2", "m3"))), ["a"], ["b"], {},
+         "no paired mode has the same label before and after"),
         (TWO, ["a"], ["b"], {"left_out": ["m"]}, "no parameter 'm'; choose from 'k1', 'k2', 'k3'"),
         (TWO, ["a"], ["b"], {"left_out": NAMES}, "every parameter is left out"),
-        (
-            TWO, ["a"], ["b"], {"joined": {"p": ["k1"]}, "places": {"q": ["k1"]}},
-            "parameter 'k1' is named twice",
-        ),
+        (TWO, ["a"], ["b"], {"joined": {"p": ["k1"]}, "places": {"q": ["k1"]}},
+         "parameter 'k1' is named twice"),
         (TWO, ["a"], ["b"], {"joined": {"k3": ["k1", "k2"]}}, "place 'k3' is named twice"),
         (TWO.with_any_pairing("any"), ["a"], ["b"], {}, "has pairing 'any', for which tests"),
-        (
-            TWO, ["a"], ["b"],
-            {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0})},
-            "covariate: no value of test 'b'",
-        ),
-        (
-            TWO, ["a"], ["b"],
-            {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0, "b": 1.0})},
-            "it is the same in all tests",
-        ),
+        (TWO, ["a"], ["b"],
+         {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0})},
+         "covariate: no value of test 'b'"),
+        (TWO, ["a"], ["b"],
+         {"change_settings": bs.ChangeSettings(common_sd=0.1, covariate={"a": 1.0, "b": 1.0})},
+         "it is the same in all tests"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_one_line(tests, before, after, options, message):
@@ -392,11 +370,9 @@ def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file
     [
         (("--from", "x", "--to", "b"), "no configuration 'x'"),
         (("--from", "a", "--to", "b", "--loss", "0", "2"), "negative stiffness"),
-        (
-            ("--from", "a", "--to", "b", "--place", "p"),
-            "--place: must be NAME=PARAMETER,…, got 'p'",
-        ),
+        (("--from", "a", "--to", "b", "--place", "p"),
+         "--place: must be NAME=PARAMETER,…, got 'p'"),
     ],
-)
+)  # fmt: skip
 def test_the_command_refuses_bad_input(run, study_file, options, message):
     assert_one_line_error(run("changes", study_file, *options), message)

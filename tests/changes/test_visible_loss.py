@@ -22,9 +22,7 @@ MODES = exact_modes(BUILDING, SENSORS, (0.0, 9.0), frequency_cov=0.002, shape_sd
 
 
 def test_nine_in_ten_are_above_where_the_normal_distribution_has_them():
-    """Log odds of 1/2 (x/s + n)^2 - 8 with standard-normal n: nine in ten exceed 2 from
-    x = s (sqrt(20) + 1.2816) on.
-    """
+    """Log odds of ½ (x/s + n)² - 8 with normal n: nine in ten exceed 2 from s (√20 + 1.2816) on."""
     s, rng = 0.05, np.random.default_rng(0)
     losses = np.geomspace(0.15, 0.5, 4000)
     log_odds = 0.5 * (losses / s + rng.standard_normal(4000)) ** 2 - 8.0
@@ -61,11 +59,9 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     """As 60 more tests of that loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
     building = bs.ShearBuilding((1.0,), [K * bs.Parameter("k1", PRIOR)])
     data = exact_modes(building, (), (0.0, 9.0), frequency_cov=0.002).without_shapes()
-    tests = bs.ModelClass(
-        "building",
-        error=bs.ErrorModel(0.01, between_tests=0.9),
-        configurations=[bs.Configuration(name, building, data, pairing={"1": 1}) for name in "ab"],
-    )
+    both = [bs.Configuration(name, building, data, pairing={"1": 1}) for name in "ab"]
+    error = bs.ErrorModel(0.01, between_tests=0.9)
+    tests = bs.ModelClass("building", error=error, configurations=both)
     losses = bs.ChangeSettings(losses_only=True)
     family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], losses)
     family.features["building"] = family.features["building"][:1]

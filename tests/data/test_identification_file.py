@@ -10,15 +10,11 @@ import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode
 
 RECORD = identified(
-    "a.csv",
-    method="NExT-ERA",
-    cycles_of_decay=0.7,
-    modes=(EstimatedMode(1.0, 0.002, None, None, None),),
-    remarks=("sensor 'x': clipped",),
-    doubts=("the methods differ",),
-    figures=("figures/shapes.png",),
+    "a.csv", method="NExT-ERA", cycles_of_decay=0.7,
+    modes=(EstimatedMode(1.0, 0.002, None, None, None),), remarks=("sensor 'x': clipped",),
+    doubts=("the methods differ",), figures=("figures/shapes.png",),
     not_identified=((3.2, "its shape is not determined"),),
-)
+)  # fmt: skip
 
 
 def data(record=RECORD, frequency=1.0):
@@ -62,9 +58,6 @@ def test_a_file_of_an_earlier_version_is_named(csv):
     csv.with_suffix(".identification.json").write_text(json.dumps({"identifications": [{}]}))
     with pytest.raises(ValueError, match=r"modes.identification.json: .* sensors: missing"):
         bs.read_modal_data(csv)
-
-
-def test_a_covariance_of_an_earlier_version_is_refused(csv):
     csv.write_text("# covariance, modes.covariance.json\n" + csv.read_text())
     with pytest.raises(ValueError, match="line 1: of an earlier version; identify again"):
         bs.read_modal_data(csv)

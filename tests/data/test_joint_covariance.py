@@ -51,11 +51,8 @@ def test_modes_are_sorted_with_their_covariance():
     np.testing.assert_allclose(turned.covariance, data().covariance, atol=1e-20)
 
 
-def test_frequencies_alone_keep_their_covariance():
+def test_frequencies_alone_keep_their_covariance_and_without_it_the_sizes_remain():
     np.testing.assert_array_equal(data().without_shapes().covariance, data().covariance[:2, :2])
-
-
-def test_without_covariance_the_sizes_remain():
     alone = data().without_covariance()
     assert alone.covariance is None
     assert [m.shape_sd for m in alone.modes] == [m.shape_sd for m in data().modes]
@@ -68,20 +65,13 @@ def test_without_covariance_the_sizes_remain():
         ({"covariance": np.full((8, 8), np.nan)}, "entries that are not finite"),
         ({"covariance": np.triu(covariance())}, "is not symmetric"),
         ({"covariance": -np.eye(8)}, "not positive semi-definite: an eigenvalue is -1"),
-        (
-            {"covariance": np.diag([0.0, *np.ones(7)])},
-            "mode '1' has no variance of its frequency",
-        ),
-        (
-            {"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
-            "mode '1' has no variance of its shape",
-        ),
-        (
-            {"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
-            "mode '1': frequency_cov is 0.5, but the covariance gives 0.0",
-        ),
+        ({"covariance": np.diag([0.0, *np.ones(7)])}, "mode '1' has no variance of its frequency"),
+        ({"covariance": np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])},
+         "mode '1' has no variance of its shape"),
+        ({"modes": (replace(modes()[0], frequency_cov=0.5), modes()[1])},
+         "mode '1': frequency_cov is 0.5, but the covariance gives 0.0"),
     ],
-)
+)  # fmt: skip
 def test_impossible_covariances_are_refused(changes, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         data(**changes)

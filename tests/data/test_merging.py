@@ -14,10 +14,12 @@ import bayes_ssi as bs
 BAND = (0.0, 6.0)
 
 
-def record(*modes, sensors=("x", "y"), band=BAND, covariance=None, identifications=()):
-    return bs.ModalData(
-        tuple(modes), band, sensors, covariance=covariance, identifications=identifications
-    )
+def record(*modes, sensors=("x", "y"), band=BAND, **others):
+    return bs.ModalData(tuple(modes), band, sensors, **others)
+
+
+def merged_of(**tests):
+    return bs.merge_modal_data(tests)
 
 
 def mode(label, frequency, shape=None, cov=0.002, sd=0.01, **others):
@@ -26,11 +28,9 @@ def mode(label, frequency, shape=None, cov=0.002, sd=0.01, **others):
 
 
 def test_frequencies_and_dampings_are_weighted_by_their_errors():
-    merged = bs.merge_modal_data(
-        {
-            "a": record(mode("1", 2.00, cov=0.001, damping=0.02, damping_sd=0.002), sensors=()),
-            "b": record(mode("1", 2.01, cov=0.003, damping=0.04, damping_sd=0.004), sensors=()),
-        }
+    merged = merged_of(
+        a=record(mode("1", 2.00, cov=0.001, damping=0.02, damping_sd=0.002), sensors=()),
+        b=record(mode("1", 2.01, cov=0.003, damping=0.04, damping_sd=0.004), sensors=()),
     )
     logs, weights = np.log([2.00, 2.01]), np.array([1e6, 1e6 / 9.0])
     mean = weights @ logs / weights.sum()
@@ -47,12 +47,11 @@ def test_frequencies_and_dampings_are_weighted_by_their_errors():
 
 def test_shapes_at_two_sensors_are_angles_with_weights():
     angles, sds = (0.500, 0.506), (0.002, 0.004)
-    merged = bs.merge_modal_data(
-        {
-            name: record(mode("1", 2.0, sign * np.array([math.cos(a), math.sin(a)]), sd=sd))
-            for name, a, sd, sign in zip("ab", angles, sds, (1.0, -3.0), strict=True)
-        }
-    )
+    tests = {
+        name: record(mode("1", 2.0, sign * np.array([math.cos(a), math.sin(a)]), sd=sd))
+        for name, a, sd, sign in zip("ab", angles, sds, (1.0, -3.0), strict=True)
+    }
+    merged = bs.merge_modal_data(tests)
     (joined,) = merged.data.modes
     # (4·0.500 + 0.506)/5; sines of differences below 0.006 are the differences to 10⁻⁷.
     assert math.atan2(*joined.unit_shape[::-1]) % math.pi == pytest.approx(0.5012, abs=1e-7)
@@ -66,6 +65,7 @@ SHAPES = np.array([
     [0.5, 0.9, 0.6, -0.1, -0.7, 0.3],
     [0.8, 0.2, -0.7, -0.4, 0.6, 1.0],
 ])  # fmt: skip
+WHOLE = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
 NAMES = tuple(f"s{i}" for i in range(1, 7))
 SETUPS = {"first": (0, 1, 2, 3), "second": (1, 2, 4), "third": (5, 0, 1)}
 
@@ -93,8 +93,7 @@ def test_setups_without_error_give_the_whole_shapes():
     merged = bs.merge_modal_data(setups())
     assert merged.data.sensors == ("s1", "s2", "s3", "s4", "s5", "s6")
     assert merged.data.labels == ("0", "1", "2")
-    whole = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
-    agreement = np.abs((merged.data.unit_shapes.T * whole).sum(axis=1))
+    agreement = np.abs((merged.data.unit_shapes.T * WHOLE).sum(axis=1))
     np.testing.assert_allclose(agreement, 1.0, rtol=1e-12)
     assert all(each.frequency.ratio < 1e-6 and each.shape.ratio < 1e-6 for each in merged.modes)
 
@@ -102,15 +101,14 @@ def test_setups_without_error_give_the_whole_shapes():
 def test_claimed_errors_of_merged_setups_are_right():
     """Over 80 draws: chi-square of all errors has its mean, and right claims rarely fail."""
     rng, squares, failed = np.random.default_rng(7), [], 0
-    whole = SHAPES / np.linalg.norm(SHAPES, axis=1, keepdims=True)
     for _ in range(80):
         merged = bs.merge_modal_data(setups(rng))
-        data = merged.data
-        shapes = data.unit_shapes.T
-        shapes = shapes * np.sign((shapes * whole).sum(axis=1, keepdims=True))
-        covariance = data.covariance * np.outer(*2 * [np.r_[np.ones(3), np.repeat(
-            np.sign((data.unit_shapes.T * whole).sum(axis=1)), 6)]])  # fmt: skip
-        errors = np.r_[np.log(data.frequencies_hz / [1.0, 2.6, 4.5]), (shapes - whole).ravel()]
+        data, shapes = merged.data, merged.data.unit_shapes.T
+        signs = np.sign((shapes * WHOLE).sum(axis=1, keepdims=True))
+        turned = np.r_[np.ones(3), np.repeat(signs, 6)]
+        covariance = data.covariance * np.outer(turned, turned)
+        off = (signs * shapes - WHOLE).ravel()
+        errors = np.r_[np.log(data.frequencies_hz / [1.0, 2.6, 4.5]), off]
         squares.append(errors @ np.linalg.pinv(covariance, rcond=1e-9) @ errors)
         failed += bool(merged.failed_checks)
     # Three frequencies, and five directions of each of three shapes.
@@ -120,11 +118,10 @@ def test_claimed_errors_of_merged_setups_are_right():
 
 def test_a_change_between_records_is_a_failed_check():
     shape = [0.6, 0.8]
-    tests = {
-        "morning": record(mode("1", 1.0, shape), mode("2", 2.50, [0.8, -0.6])),
-        "evening": record(mode("1", 1.001, shape), mode("2", 2.55, [0.8, -0.6])),
-    }
-    (check,) = bs.merge_modal_data(tests).failed_checks
+    (check,) = merged_of(
+        morning=record(mode("1", 1.0, shape), mode("2", 2.50, [0.8, -0.6])),
+        evening=record(mode("1", 1.001, shape), mode("2", 2.55, [0.8, -0.6])),
+    ).failed_checks
     # ln(2.55/2.50) over 0.002 √2
     assert check.startswith(
         "mode '2' at 2.525 Hz: the tests' frequencies scatter by 7.0 times their errors (p = "
@@ -133,11 +130,9 @@ def test_a_change_between_records_is_a_failed_check():
 
 def test_a_mode_that_a_test_lacks_is_said_and_labels_that_disagree_are_numbers():
     both = [[0.6, 0.8], [0.8, -0.6]]
-    merged = bs.merge_modal_data(
-        {
-            "a": record(mode("1", 1.0, both[0]), mode("2", 1.1, both[1]), mode("3", 3.0, both[0])),
-            "b": record(mode("1", 1.0, both[0]), mode("2", 3.0, both[0])),
-        }
+    merged = merged_of(
+        a=record(mode("1", 1.0, both[0]), mode("2", 1.1, both[1]), mode("3", 3.0, both[0])),
+        b=record(mode("1", 1.0, both[0]), mode("2", 3.0, both[0])),
     )
     assert merged.data.labels == ("1", "2", "3")
     assert [dict(each.labels) for each in merged.modes] == [
@@ -149,11 +144,9 @@ def test_a_mode_that_a_test_lacks_is_said_and_labels_that_disagree_are_numbers()
 
 def test_frequencies_alone_and_missing_sensors():
     first, second = mode("1", 1.0, [0.6, 0.8]), mode("1", 1.0, [0.6, np.nan, 0.7])
-    merged = bs.merge_modal_data(
-        {
-            "a": record(first, mode("2", 2.0)),
-            "b": record(second, mode("2", 2.0), sensors=("x", "y", "z")),
-        }
+    merged = merged_of(
+        a=record(first, mode("2", 2.0)),
+        b=record(second, mode("2", 2.0), sensors=("x", "y", "z")),
     )
     first, second = merged.data.modes
     np.testing.assert_allclose(first.shape / first.shape[0], [1.0, 0.8 / 0.6, 0.7 / 0.6])
@@ -166,11 +159,10 @@ FOUND = identified("tower.csv")
 
 def test_bands_that_touch_are_joined_and_their_modes_are_different():
     """However alike their shapes are, and the only modes that could be nearest to each other."""
-    tests = {
-        "high": record(mode("1", 5.0, [0.6, 0.8], cov=0.003), band=(2.5, 6.0)),
-        "low": record(mode("1", 1.0, [0.6, 0.8], cov=0.001), band=(0.5, 2.5)),
-    }
-    merged = bs.merge_modal_data(tests)
+    merged = merged_of(
+        high=record(mode("1", 5.0, [0.6, 0.8], cov=0.003), band=(2.5, 6.0)),
+        low=record(mode("1", 1.0, [0.6, 0.8], cov=0.001), band=(0.5, 2.5)),
+    )
     assert merged.data.band_hz == (0.5, 6.0)
     assert merged.data.labels == ("1", "2")
     np.testing.assert_allclose(merged.data.frequencies_hz, [1.0, 5.0], rtol=1e-12)
@@ -180,11 +172,9 @@ def test_bands_that_touch_are_joined_and_their_modes_are_different():
 
 
 def test_in_an_overlap_of_two_records_a_mode_has_the_weights_of_both_errors():
-    merged = bs.merge_modal_data(
-        {
-            "a": record(mode("1", 1.0), mode("2", 3.2), mode("3", 3.50, cov=0.001), band=LOW),
-            "b": record(mode("1", 3.51, cov=0.003), mode("2", 5.0), band=HIGH),
-        }
+    merged = merged_of(
+        a=record(mode("1", 1.0), mode("2", 3.2), mode("3", 3.50, cov=0.001), band=LOW),
+        b=record(mode("1", 3.51, cov=0.003), mode("2", 5.0), band=HIGH),
     )
     assert merged.data.band_hz == (0.0, 6.0)
     logs, weights = np.log([3.50, 3.51]), np.array([9.0, 1.0])
@@ -239,19 +229,17 @@ def test_estimates_on_both_sides_of_an_edge_are_one_mode_where_their_errors_allo
 
 def test_a_mode_that_one_did_not_identify_and_another_did_is_identified():
     seen = ((2.01, "its fit is not explained"), (2.60, "too weak"))
-    tests = {
-        "a": record(mode("1", 1.0), identifications=(replace(FOUND, not_identified=seen),)),
-        "b": record(mode("1", 1.0), mode("2", 2.0)),
-    }
-    merged = bs.merge_modal_data(tests)
+    merged = merged_of(
+        a=record(mode("1", 1.0), identifications=(replace(FOUND, not_identified=seen),)),
+        b=record(mode("1", 1.0), mode("2", 2.0)),
+    )
     assert merged.data.identifications[0].not_identified == seen[1:]
     (check,) = merged.data.all_failed_checks
     assert "2.6 Hz that is not identified (too weak)" in check
 
 
 def test_failed_checks_of_merging_stay_with_the_modes(tmp_path):
-    tests = {"a": record(mode("1", 1.0)), "b": record(mode("1", 1.05))}
-    merged = bs.merge_modal_data(tests)
+    merged = merged_of(a=record(mode("1", 1.0)), b=record(mode("1", 1.05)))
     bs.write_modal_data(merged.data, tmp_path / "ab.csv")
     read = bs.read_modal_data(tmp_path / "ab.csv")
     assert read.all_failed_checks == merged.failed_checks != ()
@@ -264,33 +252,25 @@ def test_failed_checks_of_merging_stay_with_the_modes(tmp_path):
     [
         ({"a": record(mode("1", 1.0))}, "give two tests or more, got 1"),
         (
-            {
-                "a": record(mode("1", 9.0), band=(6.5, 10.0)),
-                "b": record(mode("1", 1.0), band=(0.5, 4.0)),
-                "c": record(mode("1", 3.0), band=(2.0, 5.0)),
-            },
+            {"a": record(mode("1", 9.0), band=(6.5, 10.0)),
+             "b": record(mode("1", 1.0), band=(0.5, 4.0)),
+             "c": record(mode("1", 3.0), band=(2.0, 5.0))},
             "no modes were sought from 5 to 6.5 Hz, below the band of a; merge bands that touch or",
         ),
+        ({"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0, cov=None))},
+         "b: mode '1' has no frequency_cov; modes are merged by the weight of their errors"),
         (
-            {"a": record(mode("1", 1.0)), "b": record(mode("1", 1.0, cov=None))},
-            "b: mode '1' has no frequency_cov; modes are merged by the weight of their errors",
-        ),
-        (
-            {
-                "a": record(mode("1", 1.0, [0.6, 0.8])),
-                "b": record(mode("1", 1.0, [0.6, 0.8]), sensors=("z", "w")),
-            },
+            {"a": record(mode("1", 1.0, [0.6, 0.8])),
+             "b": record(mode("1", 1.0, [0.6, 0.8]), sensors=("z", "w"))},
             "b shares no sensor with the other tests in the mode at 1 Hz",
         ),
         (
-            {
-                "a": record(mode("1", 1.0, [0.0, 1.0])),
-                "b": record(mode("1", 1.0, [0.0, 1.0]), sensors=("x", "z")),
-            },
+            {"a": record(mode("1", 1.0, [0.0, 1.0])),
+             "b": record(mode("1", 1.0, [0.0, 1.0]), sensors=("x", "z"))},
             "sensors that the tests share do not move in a mode",
         ),
     ],
-)
+)  # fmt: skip
 def test_tests_that_cannot_be_merged_are_refused(tests, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         bs.merge_modal_data(tests)

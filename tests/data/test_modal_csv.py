@@ -118,21 +118,17 @@ def test_complex_components_with_decimal_commas(read):
     assert np.isnan(mode.shape[1])
 
 
-def test_a_row_of_empty_cells_has_no_shape(read):
+def test_a_row_of_empty_cells_and_a_file_without_sensors_have_no_shape(read):
     data = read(HEAD + "1, 1.0, , \n2, 2.0\n")
     assert [mode.shape for mode in data.modes] == [None, None]
     assert data.sensors == ("a", "b")
-
-
-def test_no_sensors_at_all(read):
     data = read("# band_hz, 0, 6\nlabel, frequency_hz, shape_sd\n1, 1.0, 0.02\n")
     assert data.sensors == ()
     assert data.modes[0].shape_sd == 0.02
 
 
 def test_band_from_the_caller(read):
-    text = "label, frequency_hz\n1, 1.0\n"
-    assert read("# band_hz, 0, 6\n" + text, band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
+    assert read(HEAD + "1, 1.0\n", band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
 
 
 TABLES = {
@@ -217,9 +213,7 @@ NO_NUMBER = "is not a number"
         (HEAD + "1, 1.0, 1 2, 3\n", f"line 3: sensor 'a': '1 2' {NO_NUMBER}"),
         (HEAD + "1, 1.0, nan, 3\n", "line 3: sensor 'a': 'nan' is not finite; leave"),
         (HEAD + "1, 1.0, 1e999, 3\n", "line 3: sensor 'a': '1e999' is not finite"),
-        (HEAD + "1, 1.0, 0, 0\n", "line 3: mode '1': shape is zero at every sensor"),
         (HEAD + "1, -1.0, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got -1.0"),
-        (HEAD + "1, nan, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got nan"),
         (HEAD + ", 1.0, 1, 2\n", "line 3: mode label must be text and not empty, got ''"),
         (HEAD + "1, 1,0, 1, 2\n", "line 3: 5 cells for 4 columns"),
         ("# band_hz, 0, 9\n" + HEAD + "1,1,1,1", r"line 2: a second line of band_hz; .* line 1"),
@@ -230,31 +224,19 @@ NO_NUMBER = "is not a number"
         ("label, hertz\n1, 1\n", "line 1: no column 'frequency_hz' among 'label', 'hertz'"),
         ("rank, frequency_hz\n1, 1\n2, 2\n", "line 1: column 'rank' counts the modes; name it"),
         ("# band_hz, 0, 6\nlabel, period_s\n1, 0\n", "line 3: period_s: must be positive, got 0"),
-        (
-            HEAD + "1, 1.0, 1∠0.5, 3\n",
-            "line 3: sensor 'a': '1∠0.5': state the unit of",
-        ),
+        (HEAD + "1, 1.0, 1∠0.5, 3\n", "line 3: sensor 'a': '1∠0.5': state the unit of"),
         ("label, frequency_hz, a re, a im\n1, 1, 1, 0.3, 5\n", "line 2: 5 cells for 4 columns"),
-        (
-            "label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
-            r"line 1: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'",
-        ),
+        ("label, frequency_hz, a mag, a phase\n1, 1, 1, 0.3\n",
+         r"line 1: column 'a phase': state its unit, 'a phase \(deg\)' or '\(rad\)'"),
         ("label, frequency_hz, , a\n1, 1\n", "line 1: column 3 has no name; name it, or"),
-        (
-            ",Mode,Frequency (Hz)\n0,1,1.5\n",
-            "line 1: column 1 has no name; .* if it counts",
-        ),
+        (",Mode,Frequency (Hz)\n0,1,1.5\n", "line 1: column 1 has no name; .* if it counts"),
         ('"Mode" "Frequency [Hz]"\n1 1.5\n', "line 1: .* separated by commas, semicolons or tabs"),
         ("label, frequency_hz, a, a\n1, 1\n", "line 1: two columns are named 'a'"),
-        (HEAD.replace("a, b", "frequency_cov") + "1, 1, -2\n", "line 3: .*frequency_cov .* -2.0"),
         (HEAD.replace("a, b", "frequency_cov") + "1, 1, 2 %\n", "line 3: frequency_cov: '2 %' is"),
-        (
-            HEAD.replace("a, b", "damping") + "1, 1, 1.2\n",
-            "line 3: damping: 1.2 is no fraction .* name the column 'dam",
-        ),
-        (HEAD.replace("a, b", "shape_sd") + "1, 1, 0\n", "line 3: .*shape_sd must be .* 0.0"),
+        (HEAD.replace("a, b", "damping") + "1, 1, 1.2\n",
+         "line 3: damping: 1.2 is no fraction .* name the column 'dam"),
     ],
-)
+)  # fmt: skip
 def test_messages_name_file_line_column_and_value(read, text, message):
     with pytest.raises(ValueError, match=f"modes.csv, {message}"):
         read(text)
@@ -268,7 +250,6 @@ def test_messages_name_file_line_column_and_value(read, text, message):
         ("# band_hz, 0, 6\n", "the file holds no table of modes"),
         (HEAD, "no mode below the column names"),
         (HEAD + "1, 1, 1, 1\n1, 2, 1, 1\n", "modal data: two modes have the label '1'"),
-        (HEAD + "1, 1, 1, 1\n2, 7.5, 1, 1\n", "mode '2': frequency_hz 7.5 lies outside"),
         ("label, frequency_hz\n1, 1.0\n", "no band; add a line such as '# band_hz, 0, 6'"),
         ("# band_hz, 6, 0\n" + HEAD[16:] + "1, 1, 1, 1\n", "band_hz must be 0 <= lowest < highest"),
         (HEAD.encode() + b"a\0b, 1.0, 1, 1\n", "not a text file; save it as CSV (UTF-8)"),

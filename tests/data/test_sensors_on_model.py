@@ -20,13 +20,15 @@ LABELS = [f"{node} {direction}" for node in "234" for direction in "xy"]
 CHAIN = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 
 
+def model_of(stiffness, **more):
+    return exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), LABELS, **more))
+
+
 def tower():
     """Three masses on springs, three times as stiff in y as in x."""
     stiffness = np.kron(CHAIN, np.diag([1e3, 3e3]))
     geometry = bs.Geometry({node: (0.0, 0.5, height) for node, height in HEIGHTS.items()})
-    return exported_model(
-        "test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS, geometry=geometry)
-    )
+    return model_of(stiffness, geometry=geometry)
 
 
 def points(scale=1.0):
@@ -40,13 +42,8 @@ def points(scale=1.0):
 def modes(frequency_factor=1.0):
     structure = bs.MatrixStructure(tower().stiffness, tower().mass, labels=LABELS, n_modes=4)
     frequencies, shapes = (each[0] for each in structure.modes(np.empty((1, 0))))
-    return bs.ModalData(
-        tuple(
-            bs.IdentifiedMode(str(i + 1), frequency_factor * float(frequencies[i]), shapes[:, i])
-            for i in range(3)
-        ),
-        (0.0, 1e4),
-        sensors=tuple(LABELS),
+    return bs.ModalData.from_arrays(
+        frequency_factor * frequencies[:3], shapes[:, :3], (0.0, 1e4), LABELS
     )
 
 
@@ -74,20 +71,20 @@ def test_two_sensors_at_one_node_and_no_such_direction():
         nearest_degrees_of_freedom([SensorPoint("a", (0.0, 0.0, 3.0), "z")], tower())
 
 
+HEAD = "sensor,direction,x_coord,y_coord,z_coord"
+
+
 def test_points_from_a_file(tmp_path):
     path = tmp_path / "points.csv"
-    path.write_text("# of 12 May\nsensor,direction,x_coord,y_coord,z_coord\nroof x,x,0.1,0.5,9.2\n")
+    path.write_text(f"# of 12 May\n{HEAD}\nroof x,x,0.1,0.5,9.2\n")
     assert read_sensor_points(path) == (SensorPoint("roof x", (0.1, 0.5, 9.2), "x"),)
-    for text, message in (
-        ("sensor,x,y,z\na,1,2,3\n", r"points.csv: must have the columns sensor, x_coord"),
-        ("sensor,direction,x_coord,y_coord,z_coord\na,-x,1,2,3\n", r"line 2: .* got '-x'; where"),
-        ("sensor,direction,x_coord,y_coord,z_coord\na,x,1,2\n", r"line 2: must have a cell in"),
-        (
-            "sensor,direction,x_coord,y_coord,z_coord\na,x,1,2,q\n",
-            r"line 2: must have three finite",
-        ),
+    for head, row, message in (
+        ("sensor,x,y,z", "a,1,2,3", r"points.csv: must have the columns sensor, x_coord"),
+        (HEAD, "a,-x,1,2,3", r"line 2: .* got '-x'; where"),
+        (HEAD, "a,x,1,2", r"line 2: must have a cell in"),
+        (HEAD, "a,x,1,2,q", r"line 2: must have three finite"),
     ):
-        path.write_text(text)
+        path.write_text(f"{head}\n{row}\n")
         with pytest.raises(ValueError, match=message):
             read_sensor_points(path)
 
@@ -108,7 +105,7 @@ def test_shapes_that_are_none_of_the_models_are_said():
     angle = math.radians(20.0)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     stiffness = np.kron(CHAIN, turn @ np.diag([1e3, 9e3]) @ turn.T)
-    model = exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS))
+    model = model_of(stiffness)
     vectors = np.linalg.eigh(CHAIN)[1]
     sway = np.kron(vectors[:, 0], turn[:, 0][::-1])
     data = bs.ModalData((bs.IdentifiedMode("1", 2.0, sway),), (0.0, 1e4), sensors=tuple(LABELS))
@@ -129,7 +126,7 @@ def test_motions_that_are_rounding_resemble_no_shape(rounding):
     load = (CHAIN * 50e3 - values[0] * np.eye(3)) @ across
     coupling = rounding * np.outer(load, vectors[:, 0])
     stiffness[1::2, ::2], stiffness[::2, 1::2] = coupling, coupling.T
-    model = exported_model("test", Matrices((stiffness, np.eye(6)), ("K", "M"), labels=LABELS))
+    model = model_of(stiffness)
     frequency = float(np.sqrt(values[0]) / (2.0 * np.pi))
     in_x = tuple(label for label in LABELS if label.endswith("x"))
     data = bs.ModalData((bs.IdentifiedMode("1", frequency, across),), (0.0, 1e4), sensors=in_x)

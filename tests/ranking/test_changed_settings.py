@@ -41,11 +41,9 @@ def test_closed_forms(tiny_result):
     for row in answer.classes:
         assert changes(row) == pytest.approx(2.0 * math.log(0.8 / 0.95) - 0.4, abs=1e-9)
         assert row.pareto_k == -math.inf
-    before, after = (
-        [getattr(of(answer, name), when) for name in ("one k", "each k")]
-        for when in ("probability_before", "probability_after")
-    )
-    assert after[1] / after[0] == pytest.approx(2.0 * before[1] / before[0], rel=1e-9)
+    one, each = (of(answer, name) for name in ("one k", "each k"))
+    odds = 2.0 * each.probability_before / one.probability_before
+    assert each.probability_after / one.probability_after == pytest.approx(odds, rel=1e-9)
     assert answer.changes == (
         "detection_probability: 0.95 → 0.8",
         "expected_spurious_modes: 0.1 → 0.5",
@@ -64,8 +62,7 @@ def test_against_sampling_with_the_changed_settings(tiny_result, tiny_study):
             bs.ErrorModel(frequency_cov=0.025, shape_sd=0.05), pairing=candidate.pairing,
             priors={"k2": prior} if candidate.name == "each k" else {},
         )  # fmt: skip
-        sampled = bs.sample(again, seed=1)
-        row = of(answer, candidate.name)
+        sampled, row = bs.sample(again, seed=1), of(answer, candidate.name)
         after = row.log_evidence_after
         tolerance = 4.0 * math.hypot(after.error, sampled.evidence.error)
         assert after.log_evidence == pytest.approx(sampled.evidence.log_evidence, abs=tolerance)
@@ -80,19 +77,13 @@ def test_the_misfit_is_that_of_the_class_with_the_changed_settings(tiny_study):
     (candidate,) = tiny_study.only(["one k"]).model_classes
     one, two = candidate.data.modes
     data = replace(candidate.data, modes=(replace(one, shape=[1.0, 1.75]), two))
-    off, exact = (
-        replace(
-            candidate,
-            configurations=[replace(candidate.configurations[0], data=data)],
-            # With this error of frequencies the two modes are not close, whatever the shape error.
-            error=replace(candidate.error, frequency_cov=0.005, shape_sd=sd),
-        )
-        for sd in (0.05, 0.008)
-    )
+    tests = [replace(candidate.configurations[0], data=data)]
+    # With this error of frequencies the two modes are not close, whatever the shape error.
+    errors = (replace(candidate.error, frequency_cov=0.005, shape_sd=sd) for sd in (0.05, 0.008))
+    off, exact = (replace(candidate, configurations=tests, error=error) for error in errors)
     economical = bs.SamplingSettings(economical=True)
-    answer = bs.what_if(
-        bs.rank(bs.Study("2°", [off]), settings=economical), bs.ChangedSettings(shape_sd=0.008)
-    )
+    ranking = bs.rank(bs.Study("2°", [off]), settings=economical)
+    answer = bs.what_if(ranking, bs.ChangedSettings(shape_sd=0.008))
     (row,) = answer.classes
     again = bs.sample(exact, settings=economical).adequacy
     assert row.misfit_before.sds < 1.0 < 2.6 < row.misfit_after.sds
@@ -140,12 +131,9 @@ def test_settings_of_no_class_are_refused(tiny_result, settings, words):
         bs.what_if(tiny_result, bs.ChangedSettings(**settings))
 
 
-def test_an_error_size_that_every_class_infers_is_refused(tiny_study):
+def test_an_error_size_that_every_class_infers_and_a_change_of_nothing_are_refused(tiny_study):
     inferred = [replace(c, error=bs.ErrorModel()) for c in tiny_study.model_classes]
     with pytest.raises(ValueError, match=r"frequency_cov: it is inferred .* 'frequency_cov'"):
         bs.ChangedSettings(frequency_cov=0.02).check(inferred)
-
-
-def test_a_change_of_nothing_is_refused():
     with pytest.raises(ValueError, match="nothing is changed; give"):
         bs.ChangedSettings()

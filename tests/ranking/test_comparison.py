@@ -12,16 +12,11 @@ from bayes_ssi.studies.ranking.comparison import bayes_factor_scale
 @pytest.mark.parametrize(
     ("twice_log_bayes_factor", "words"),
     [
-        (0.0, "not worth more than a bare mention"),
-        (1.99, "not worth more than a bare mention"),
-        (2.01, "positive"),
-        (5.99, "positive"),
-        (6.01, "strong"),
-        (9.99, "strong"),
-        (10.01, "very strong"),
-        (500.0, "very strong"),
+        (0.0, "not worth more than a bare mention"), (1.99, "not worth more than a bare mention"),
+        (2.01, "positive"), (5.99, "positive"), (6.01, "strong"), (9.99, "strong"),
+        (10.01, "very strong"), (500.0, "very strong"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_scale_of_kass_and_raftery(twice_log_bayes_factor, words, sign):
     assert bayes_factor_scale(0.5 * sign * twice_log_bayes_factor) == words
@@ -56,9 +51,7 @@ def test_the_numerical_study(make_posterior):
         (0.0, 0.01, False, "not distinguishable"),
     ],
 )
-def test_classes_that_are_not_distinguishable(
-    make_posterior, difference, error, distinguishable, against
-):
+def test_indistinguishable_classes(make_posterior, difference, error, distinguishable, against):
     comparison = bs.compare(
         [make_posterior("a", -difference, error), make_posterior("b", 0.0, error)]
     )
@@ -108,13 +101,9 @@ def test_prior_weights_multiply_the_evidences(make_posterior):
     assert comparison.classes[1].log_bayes_factor == pytest.approx(math.log(2.0))
     scaled = bs.compare(posteriors, {"a": 60.0, "b": 10.0})
     assert [row.probability for row in scaled.classes] == pytest.approx([0.75, 0.25])
-
-
-def test_a_class_that_only_prior_weights_hold_down(make_posterior):
-    posteriors = [make_posterior("a", 0.0), make_posterior("b", 5.0)]
-    comparison = bs.compare(posteriors, {"a": 1.0, "b": 1e-6})
-    assert [row.name for row in comparison.classes] == ["a", "b"]
-    assert comparison.classes[1].against == "prior probability only"
+    held_down = bs.compare([posteriors[0], make_posterior("b", 5.0)], {"a": 1.0, "b": 1e-6})
+    assert [row.name for row in held_down.classes] == ["a", "b"]
+    assert held_down.classes[1].against == "prior probability only"
 
 
 def test_what_an_unseen_region_can_be(make_posterior):
@@ -167,9 +156,7 @@ def test_an_edge_check_is_flagged_for_probable_classes_only(make_posterior, log_
 
 
 @pytest.mark.parametrize(("behind", "fails"), [(4.0, True), (14.0, True), (15.0, False)])
-def test_a_failed_check_fails_the_result_only_where_the_class_could_matter(
-    make_posterior, behind, fails
-):
+def test_a_failed_check_fails_a_result_only_where_its_class_matters(make_posterior, behind, fails):
     """A class 14.6 nats behind would have 1 % with an evidence 10 nats higher: ln 0.01 = -4.6."""
     doubtful = make_posterior("doubtful", -behind, failed_checks=("too few draws",))
     comparison = bs.compare([make_posterior("best", 0.0), doubtful])

@@ -56,9 +56,7 @@ def shift_by_quadrature(n_storeys, factor, moved):
     k = np.linspace(0.7, 1.4, 4001)
     means, sds = [], []
     for end in (factor * f[-1], moved * factor * f[-1]):
-        model = replace(building(n_storeys, factor).data, band_hz=(0.0, end))
-        candidate = replace(building(n_storeys, factor), configurations=(
-            replace(building(n_storeys, factor).configuration(), data=model),))  # fmt: skip
+        candidate = building(n_storeys, end / f[-1])
         density = candidate.log_likelihood(k[:, None]) + bs.LogNormal(1.0, 0.3).log_density(k)
         w = np.exp(density - density.max())
         w /= w.sum()
@@ -111,11 +109,8 @@ def narrow(cov, prior):
 def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
     """The shift is 0.75 z s of an s.d. for a normal posterior of width s at z of its prior."""
     comparison = ranked(narrow(cov, prior))
-    (text,) = [
-        text
-        for text in (*comparison.failed_checks, *comparison.remarks)
-        if "edge of its prior" in text
-    ]
+    said = (*comparison.failed_checks, *comparison.remarks)
+    (text,) = [each for each in said if "edge of its prior" in each]
     assert words in text
     assert (text in comparison.failed_checks) == fails
 
@@ -126,10 +121,8 @@ def test_the_size_of_an_error_is_no_answer(monkeypatch):
     # Weights for a prior wider by a factor of f have a tail of Pareto k near 1 - 1/f²: 0.75 for two
     # (0.755 by rejection), more than reweighting trusts, so that the class is sampled again.
     size = bs.Parameter("size", bs.LogNormal(0.004, 0.2))
-    modes = tuple(
-        bs.IdentifiedMode(str(i), off * f)
-        for i, (off, f) in enumerate(zip((1.009, 0.991), frequencies_of(2), strict=True), 1)
-    )
+    first, second = frequencies_of(2) * (1.009, 0.991)
+    modes = bs.IdentifiedMode("1", first), bs.IdentifiedMode("2", second)
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
     candidate = bs.ModelClass(
         "a", bs.ShearBuilding((1.0, 1.0), (K * k, K * k)), bs.ModalData(modes, (0.0, 3.0)),

@@ -41,19 +41,16 @@ def ranking(make_posterior):
         modes = (bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2a", 2.4001))
         data = bs.ModalData(modes, (0.0, 4.0), identifications=records)
         building = bs.ShearBuilding((1.0, 1.0), (k, k))
-        error = bs.ErrorModel(0.02, 0.05)
-        pairings = {"both": {"1": 1, "2a": 2}, "first": {"1": 1}}
         classes = [
-            bs.ModelClass(name, building, data, error, pairing=pairing)
-            for name, pairing in pairings.items()
+            bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing=pairing)
+            for name, pairing in (("both", {"1": 1, "2a": 2}), ("first", {"1": 1}))
         ]
         posteriors = tuple(
             make_posterior(each.name, -i, names=each.parameter_names, pairing=each.pairing,
                            data_digest=data.digest, frequencies_hz=np.full((4, 250, 2), [1.0, 2.5]))
             for i, each in enumerate(classes)
         )  # fmt: skip
-        study = bs.Study("records", classes)
-        compared = bs.compare(posteriors)
+        compared, study = bs.compare(posteriors), bs.Study("records", classes)
         result = Ranking(study, posteriors, compared, 0, bs.SamplingSettings())
         checks = [Check("data", words) for words in failed_data_checks(result.tests)]
         return replace(result, comparison=compared.with_checks(checks))
@@ -62,6 +59,10 @@ def ranking(make_posterior):
 
 
 pytestmark = pytest.mark.usefixtures("no_drawings")
+
+
+def rows_of(page):
+    return [[" ".join(cell.split()) for cell in row] for row in page.rows]
 
 
 def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking, tmp_path):
@@ -74,7 +75,7 @@ def test_the_identification_is_shown_with_what_classes_make_of_its_peaks(ranking
         "sensor 'x': clipped",
     ):
         assert words in page.text
-    rows = [[" ".join(cell.split()) for cell in row] for row in page.rows]
+    rows = rows_of(page)
     assert ["2a", "2.4", "0.1 %", "2 %", "0.3 %", "0.005"] in rows
     checks = {row[0].split()[0]: row[1:] for row in rows if row[2:3] and " " in row[2]}
     assert checks["whiteness:"] == ["1.02", "at most 1.25", "passed"]
@@ -104,7 +105,7 @@ def test_modes_that_are_not_identified_are_said_and_phases_with_the_peaks(rankin
     page = page_of(ranking(seen), tmp_path / "r")
     section = page.text[page.text.index("Identified modes with the standard") :]
     assert "3.6 Hz: its fit is not settled" in section
-    rows = [[" ".join(cell.split()) for cell in row] for row in page.rows]
+    rows = rows_of(page)
     assert ["1 (1 Hz)", "0.0001", "not known", "0.05", "1 → mode 1", "1 → mode 1"] in rows
     assert [row[1:4] for row in rows if row[0] == "2a (2.4 Hz), left out (2.9 Hz)"] == [
         ["0.9700", "0.2500", "0.15"]

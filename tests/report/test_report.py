@@ -12,14 +12,8 @@ from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
-from bayes_ssi.report.page_content import (
-    error_percent,
-    heading,
-    interval,
-    of_numbers,
-    percent,
-    settings,
-)
+from bayes_ssi.report import page_content as texts
+from bayes_ssi.report.page_content import interval, percent
 from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.report.write import write_report
@@ -37,8 +31,7 @@ def reported(tiny_ranking, tmp_path_factory):
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
-    record = {"predictions_of": ["average"], "draws": 500, "configuration": "",
-              "damping": 0.02}  # fmt: skip
+    record = {"predictions_of": ["average"], "draws": 500, "configuration": "", "damping": 0.02}
     write_json(predictions / "predictions.json", record)
     (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")
     return write_report(directory)
@@ -110,9 +103,8 @@ def test_a_report_is_not_overwritten_unless_asked(run, reported, tmp_path):
     assert_one_line_error(run("report", result), "exists already", "--overwrite")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    assert_one_line_error(
-        run("report", result, "--out", tmp_path / "mine", "--overwrite"), "is not overwritten"
-    )
+    refused = run("report", result, "--out", tmp_path / "mine", "--overwrite")
+    assert_one_line_error(refused, "is not overwritten")
     assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
     assert reported.read_bytes() == before
 
@@ -136,9 +128,8 @@ def test_a_damaged_result_is_one_line(run, reported, tmp_path, file, content, wo
 def two_classes(make_posterior, **changes):
     """A ranking of two classes of equal evidence, whose names hold markup."""
     k = bs.Parameter("k<1>", bs.LogNormal(40.0, 0.3))
-    data = bs.ModalData(
-        (bs.IdentifiedMode("a|b", 1.0), bs.IdentifiedMode("2", 2.0)), (0.0, 3.0), source="<b>x</b>"
-    )
+    modes = (bs.IdentifiedMode("a|b", 1.0), bs.IdentifiedMode("2", 2.0))
+    data = bs.ModalData(modes, (0.0, 3.0), source="<b>x</b>")
     building = bs.ShearBuilding((1.0, 1.0), (k, k))
     classes = [
         bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing={"a|b": 1})
@@ -189,9 +180,8 @@ def test_failed_checks_stand_at_the_top(make_posterior, tmp_path):
 
 @pytest.mark.usefixtures("no_drawings")
 def test_the_findings_of_a_search(found_in_case_c, tmp_path):
-    ranking = replace(
-        found_in_case_c.ranking, study=replace(found_in_case_c.ranking.study, mass_unit="kg")
-    )
+    study = replace(found_in_case_c.ranking.study, mass_unit="kg")
+    ranking = replace(found_in_case_c.ranking, study=study)
     record = replace(found_in_case_c.record, mass_unit="kg")
     shown = page_of(ranking, tmp_path / "r", extra={"search.json": record}).text
     assert "That there is an appendage is virtually certain: the probability of at least" in shown
@@ -226,15 +216,17 @@ def test_a_saved_figure_is_shown_at_its_size(tmp_path):
         embedded_file(tmp_path / "drawn.png", "a figure")
 
 
-def test_columns_and_settings_as_they_are_written():
-    assert heading("identified_hz") == "identified (Hz)"
-    assert [of_numbers(name) for name in ("low", "before_hz", "mode")] == [True, True, False]
-    assert settings(bs.SamplingSettings()).startswith("log evidence error 0.01, searches 4, ")
-
-
-def test_numbers_as_they_are_written():
+def test_columns_settings_and_numbers_as_they_are_written():
+    assert texts.heading("identified_hz") == "identified (Hz)"
+    assert [texts.of_numbers(name) for name in ("low", "before_hz", "mode")] == [
+        True,
+        True,
+        False,
+    ]
+    assert texts.settings(bs.SamplingSettings()).startswith("log evidence error 0.01, searches 4, ")
     assert number(None) == number(float("nan")) == interval(None) == percent(None) == "-"
     assert number(-0.001, ".2f") == "0.00"
     assert interval((1.0, 2.0, 3.0)) == "2 (1 to 3)"
     assert percent(0.0125) == "1.25 %"
-    assert [error_percent(model, 1.0) for model in (0.9, 0.99999)] == ["-10.0 %", "0.0 %"]
+    assert texts.error_percent(0.9, 1.0) == "-10.0 %"
+    assert texts.error_percent(0.99999, 1.0) == "0.0 %"

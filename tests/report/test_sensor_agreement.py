@@ -26,9 +26,8 @@ def test_auto_mac_is_the_squared_cosine_of_the_angle_between_shapes():
     np.testing.assert_allclose(found["matrix"], cosines**2, atol=1e-12)
     assert "cannot tell apart modes 2 and 4 (MAC 0.93): their" in found["sentence"]
     apart = auto_mac(data_of([turned(0), turned(60), turned(100)]))
-    assert apart["sentence"].endswith(
-        "tell all modes apart: the most alike are 2 and 3 (MAC 0.59)."
-    )
+    words = "tell all modes apart: the most alike are 2 and 3 (MAC 0.59)."
+    assert apart["sentence"].endswith(words)
 
 
 def test_shapes_that_cannot_be_compared():
@@ -46,37 +45,30 @@ def test_comac_of_two_modes_is_a_squared_cosine():
 
 def test_sensors_at_odds_with_the_model_are_named():
     """Modes 1 and 2 of the data are the model's 2 and 1."""
-    measured = np.array([[0.8, 0.6], [0.6, -0.8], [0.0, 0.0]]).T
-    rng = np.random.default_rng(5)
-    draws = np.array([[[0.6, 0.8], [-0.8, 0.6]]] * 400) * (
-        1.0 + 0.01 * rng.normal(size=(400, 2, 2))
-    )
+    measured = [0.8, 0.6], [0.6, -0.8]
+    scatter = 1.0 + 0.01 * np.random.default_rng(5).normal(size=(400, 2, 2))
+    draws = scatter * [[0.6, 0.8], [-0.8, 0.6]]
     modes = SimpleNamespace(pairing={"1": 2, "2": 1})
-    found = co_mac(data_of([measured[:, 0], measured[:, 1], None]), modes, draws)
+    found = co_mac(data_of([*measured, None]), modes, draws)
     assert found["sentence"].startswith("No sensor is at odds with the model: the smallest is 1")
     # Where the model moves b in one mode alone: the share of that mode, 0.6², in what is measured.
     draws[:, 1, 0] = 0.0
-    found = co_mac(data_of([measured[:, 0], measured[:, 1], None]), modes, draws)
+    found = co_mac(data_of([*measured, None]), modes, draws)
     (name, three), (other, _) = found["rows"]
     assert (name, other) == ("b", "a")
     np.testing.assert_allclose(three, 0.36)
     assert found["sentence"] == "Model and measurement are at odds at b (0.36)."
-    assert co_mac(data_of([measured[:, 0], None]), modes, draws) is None
-
-
-def test_a_test_of_one_sensor_has_no_comac():
-    """Its model has no shapes: a single component says nothing of them."""
+    assert co_mac(data_of([measured[0], None]), modes, draws) is None
+    # A test of one sensor: its model has no shapes, for a single component says nothing of them.
     unknown = np.full((20, 1, 2), np.nan)
-    modes = SimpleNamespace(pairing={"1": 1, "2": 2})
     assert co_mac(data_of([[1.0], [1.0]], ("a",)), modes, unknown) is None
 
 
 def test_sensors_that_no_paired_mode_was_measured_at_have_no_comac():
     shapes = [np.array([0.6, 0.8, np.nan]), np.array([0.8, -0.6, np.nan]), [0.0, 0.0, 1.0]]
     draws = np.stack([np.array([[0.6, 0.8, 0.3], [0.8, -0.6, 0.1]]).T] * 20)
-    found = co_mac(
-        data_of(shapes, ("a", "b", "c")), SimpleNamespace(pairing={"1": 1, "2": 2}), draws
-    )
+    modes = SimpleNamespace(pairing={"1": 1, "2": 2})
+    found = co_mac(data_of(shapes, ("a", "b", "c")), modes, draws)
     assert {name for name, _ in found["rows"]} == {"a", "b"}
     for _, three in found["rows"]:
         np.testing.assert_allclose(three, 1.0)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,16 +74,13 @@ def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_rank
         if item.name not in only_saved:
             before, after = (getattr(each.record, item.name) for each in (tiny_ranking, saved))
             assert to_record(before) == to_record(after), item.name
+    ranked = [posterior.name for posterior in saved.ranked_posteriors]
+    assert ranked == [row.name for row in saved.comparison.classes]
     assert saved.study is None
     assert tiny_ranking.directory is None
     for one in (tiny_ranking, saved):
         with pytest.raises(ValueError, match="no model class '3'; choose from 'one k', 'each k'"):
             one.posterior("3")
-
-
-def test_posteriors_by_rank(tiny_result):
-    ranked = [posterior.name for posterior in tiny_result.ranked_posteriors]
-    assert ranked == [row.name for row in tiny_result.comparison.classes]
 
 
 def test_what_a_directory_holds(directory):
@@ -139,9 +137,7 @@ def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_nothing_is_left_behind_when_writing_fails(
-    tiny_ranking, directory, tmp_path, monkeypatch, overwrite
-):
+def test_failed_writing_leaves_nothing(tiny_ranking, directory, tmp_path, monkeypatch, overwrite):
     if not overwrite:
         shutil.rmtree(directory)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*.*") if p.is_file()}
@@ -169,11 +165,8 @@ def test_class_names_need_not_be_file_names():
 
 def test_prior_weights_are_recorded(tiny_ranking, tmp_path):
     weights = {"one k": 2.0, "each k": 1.0}
-    weighted = replace(tiny_ranking.study, prior_weights=weights)
-    assert (
-        save_result(replace(tiny_ranking, study=weighted), tmp_path / "r").record.prior_weights
-        == weights
-    )
+    weighted = replace(tiny_ranking, study=replace(tiny_ranking.study, prior_weights=weights))
+    assert save_result(weighted, tmp_path / "r").record.prior_weights == weights
 
 
 @pytest.mark.parametrize("r_hat", [np.inf, np.nan])
@@ -197,10 +190,6 @@ def edited(*keys, value=None):
     return edit
 
 
-def removed(path):
-    path.unlink()
-
-
 def cut(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
@@ -222,32 +211,27 @@ def with_other_draws(path):
 
 
 RESULT, COMPARISON = "result.json", "comparison.json"
-EVIDENCE = ("posteriors", 0, "evidence")
 
 
 @pytest.mark.parametrize(
     ("file", "damage", "message"),
     [
-        (RESULT, removed, "not a result directory: no result.json"),
+        (RESULT, Path.unlink, "not a result directory: no result.json"),
         (RESULT, cut, "result.json: damaged: "),
         (RESULT, lambda path: path.write_bytes(b"\xff\xfe\0"), "result.json: damaged: "),
         (RESULT, lambda path: path.write_text("[1, 2]"), "result.json: damaged: not a record"),
         (RESULT, edited("format", value=99),
          f"of format 99, this version reads format {ResultRecord.format}"),
         (RESULT, edited("posteriors"), "result.json: posteriors: missing"),
-        (RESULT, edited("posteriors", value=[]), "result.json: changed after"),
-        (RESULT, edited(*EVIDENCE), "result.json: changed after"),
-        (COMPARISON, removed, "comparison.json: no such file; the result is incomplete"),
-        (COMPARISON, lambda path: path.write_text("{}"), "comparison.json: changed after"),
-        ("posteriors/one_k.nc", removed, "one_k.nc: no such file; the result is incomplete"),
-        ("posteriors/each_k.nc", cut, "each_k.nc: changed after"),
-        ("data.csv", removed, "data.csv: no such file; the result is incomplete"),
+        (COMPARISON, Path.unlink, "comparison.json: no such file; the result is incomplete"),
+        ("posteriors/one_k.nc", Path.unlink, "one_k.nc: no such file; the result is incomplete"),
+        ("data.csv", Path.unlink, "data.csv: no such file; the result is incomplete"),
         ("data.csv", with_text("1.618", "1.619"), "data.csv: changed after"),
-        ("digests.json", removed, "no digests.json"),
+        ("digests.json", Path.unlink, "no digests.json"),
         # Numbers that were edited, and are as good as any other.
         (COMPARISON, edited("classes", 0, "probability", value=0.99), "comparison.json: changed"),
-        (COMPARISON, edited("classes", 0, "failed_checks", value=[]), "comparison.json: changed"),
-        (RESULT, edited(*EVIDENCE, "log_evidence", value=-1.0), "result.json: changed after"),
+        (RESULT, edited("posteriors", 0, "evidence", "log_evidence", value=-1.0),
+         "result.json: changed after"),
         ("posteriors/one_k.nc", with_other_draws, "one_k.nc: changed after"),
     ],
 )  # fmt: skip
@@ -257,11 +241,6 @@ def test_a_damaged_directory_is_refused_in_one_line(directory, file, damage, mes
         load_result(directory)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_files_added_to_a_result_do_no_harm(directory, tiny_result):
-    (directory / "notes.txt").write_text("mine", "utf-8")
-    assert load_result(directory).comparison == tiny_result.comparison
 
 
 def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranking):
@@ -279,6 +258,5 @@ def test_recorded_classes_have_the_likelihoods_of_the_study(tmp_path, tiny_ranki
         assert recorded.parameters == model_class.parameters
         assert recorded.error == model_class.error
         values = posterior.values[draws_with_shapes(len(posterior.values))]
-        np.testing.assert_array_equal(
-            recorded.log_likelihood(values), model_class.log_likelihood(values)
-        )
+        ours, theirs = (each.log_likelihood(values) for each in (recorded, model_class))
+        np.testing.assert_array_equal(ours, theirs)
