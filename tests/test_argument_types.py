@@ -73,9 +73,9 @@ def test_model_classes_check_their_values(model_classes):
 
 def test_lists_are_values_and_a_row_without_modes_is_alone():
     whole = BUILDING.modes(np.array([[1.0], [2.0]]))
-    part = BUILDING.modes([[1.0], [math.nan], [2.0]])
-    np.testing.assert_array_equal(part.frequencies_hz[[0, 2]], whole.frequencies_hz)
-    assert np.isnan(part.frequencies_hz[1]).all()
+    part = BUILDING.modes([[1.0], [math.nan], [-1.0], [2.0]])
+    np.testing.assert_array_equal(part.frequencies_hz[[0, 3]], whole.frequencies_hz)
+    assert np.isnan(part.frequencies_hz[1:3]).all()
 
 
 @pytest.mark.parametrize(

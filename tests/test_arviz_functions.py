@@ -21,12 +21,8 @@ from bayes_ssi.foundations.arviz_functions import (
 
 # What each measure is where nothing can be said: none of these values passes a check.
 UNDEFINED = [
-    (r_hat, math.inf),
-    (bulk_ess, 0.0),
-    (tail_ess, 0.0),
-    (mcse_mean, math.inf),
-    (mcse_sd, math.inf),
-]
+    (r_hat, math.inf), (bulk_ess, 0.0), (tail_ess, 0.0), (mcse_mean, math.inf), (mcse_sd, math.inf),
+]  # fmt: skip
 
 
 def autoregressive(*rhos, n_chains=16, n_steps=20_000, seed=1):

@@ -62,12 +62,7 @@ def test_round_trip():
 
 
 @pytest.mark.parametrize(
-    "prior",
-    [
-        None,
-        bs.LogNormal(np.float32(4.0), 0.3),
-        bs.HalfNormal(np.int64(2)),
-    ],
+    "prior", [None, bs.LogNormal(np.float32(4.0), 0.3), bs.HalfNormal(np.int64(2))]
 )
 def test_round_trip_of_an_optional_choice(prior):
     record = through_json(RESULT) | {"prior": through_json(prior), "interval": None}

@@ -22,10 +22,8 @@ ORDER = (
 FOLDERS = {
     "structures": ("", "finite_elements", "emulation", "solver_files"),
     "measurements": ("modes", "records"),
-    "inference": (
-        "likelihood", "model_class", "workers", "sampling", "calibration", "criticism",
-        "posterior", "posterior_sampling",
-    ),
+    "inference": ("likelihood", "model_class", "workers", "sampling", "calibration", "criticism",
+                  "posterior", "posterior_sampling"),
     "studies": ("ranking", "search", "appendages", "changes", "planning", ""),
     "results": ("", "predictions", "hierarchy"),
     "report": ("tables", ""),

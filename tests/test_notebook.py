@@ -111,8 +111,7 @@ def test_pictures_moving_shapes_and_the_report_of_the_story(executed):
 
 
 def test_a_line_and_a_table(tiny_ranking):
-    ranking = tiny_ranking
-    study = ranking.study
+    study, ranking = tiny_ranking.study, tiny_ranking
     shown = [study, ranking, ranking.comparison, *ranking.posteriors, *study.model_classes]
     shown += [study.model_classes[0].configurations[0].data]
     shown += [bs.Record(np.eye(2, 40), 10.0, ("a", "b"), "acceleration", "m/s2")]
@@ -121,14 +120,6 @@ def test_a_line_and_a_table(tiny_ranking):
         assert repr(one).startswith(f"<{type(one).__name__} ")
         assert len(repr(one)) < 160
         assert len(str(one).splitlines()) == 2 + len(one.to_frame())
-
-
-def test_a_prior_is_shown_by_its_quantiles(tiny_ranking):
-    posterior = tiny_ranking.posteriors[0]
-    for candidate in tiny_ranking.study.model_classes:
-        if candidate.name == posterior.name:
-            medians = [p.prior.quantile(0.5) for p in candidate.parameters]
-    np.testing.assert_allclose(posterior.prior_quantiles[:, 1], medians, rtol=1e-12)
 
 
 def test_public_names_are_all_that_is_completed():

@@ -12,12 +12,9 @@ from bayes_ssi.structures.modal import lowest_eigenpairs, settle
 K = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
 # Alike in x and in y, which nothing couples.
 TOWER = bs.ShearBuilding3D(
-    masses=(1.0,) * 3,
-    radii_of_gyration=(1.2,) * 3,
-    stiffnesses_x=(800.0 * K,) * 3,
-    stiffnesses_y=(800.0 * K,) * 3,
-    torsional_stiffnesses=(3000.0 * K,) * 3,
-)
+    masses=(1.0,) * 3, radii_of_gyration=(1.2,) * 3, stiffnesses_x=(800.0 * K,) * 3,
+    stiffnesses_y=(800.0 * K,) * 3, torsional_stiffnesses=(3000.0 * K,) * 3,
+)  # fmt: skip
 VALUES = np.random.default_rng(0).uniform(0.5, 2.0, (50, 1))
 
 
@@ -84,6 +81,7 @@ def test_dense_and_sparse_solvers_give_the_same_modes(half_width):
     for i in range(6):
         a, b = dense.vectors[:, i], sparse.vectors[:, i]
         np.testing.assert_allclose(a * np.sign(a @ b), b, atol=1e-6 * np.abs(a).max())
+    np.testing.assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-9)
 
 
 def test_a_pair_is_whole_where_only_its_first_mode_is_wanted():

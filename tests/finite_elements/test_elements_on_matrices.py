@@ -58,6 +58,10 @@ def carrying(structure, elements):
     return structure
 
 
+def carrying_tank(structure, place):
+    return structure.with_element(bs.Pendulum(place, 0.2, 2.0, label="tank"))
+
+
 def assert_same(structure, other, values, tolerance=1e-10):
     modes, expected = structure.modes(values), other.modes(values)
     assert structure.degrees_of_freedom == other.degrees_of_freedom
@@ -86,17 +90,11 @@ def test_a_sensor_is_a_place_too():
         [bs.floor_sensor("corner", 1, (2.0, 1.0), "x")]
     )
     by_shares = {"floor 1 x": 1.0, "floor 1 torsion": -1.0}
-    at_corner, at_point = (
-        floor.with_element(bs.Pendulum(place, 0.2, 2.0, label="tank"))
-        for place in ("corner", by_shares)
-    )
+    at_corner, at_point = (carrying_tank(floor, place) for place in ("corner", by_shares))
     assert_same(at_corner, at_point, np.empty((1, 0)), 1e-14)
     assert at_corner.heights()["tank"] > 1.0
     named = as_matrices(labels=None, sensors={"roof": 2, "first": 0})
-    of_sensor, of_row = (
-        named.with_element(bs.Pendulum(place, 0.2, 2.0, label="tank"))
-        for place in ("roof", "dof 2")
-    )
+    of_sensor, of_row = (carrying_tank(named, place) for place in ("roof", "dof 2"))
     assert_same(of_sensor, of_row, np.ones((1, 1)), 1e-14)
     assert of_sensor.degrees_of_freedom == ("roof", "first", "tank")
 
@@ -108,8 +106,8 @@ def test_a_report_describes_the_elements():
 
 def test_names_of_sensors_that_count_from_one_are_no_rows():
     structure = as_matrices(labels=None, sensors={"dof 1": 0, "dof 3": 2})
-    at_first = structure.with_element(bs.Pendulum("dof 1", 0.1, 1.0, label="tank"))
-    expected = as_matrices().with_element(bs.Pendulum("floor 1", 0.1, 1.0, label="tank"))
+    at_first = carrying_tank(structure, "dof 1")
+    expected = carrying_tank(as_matrices(), "floor 1")
     frequencies = (each.modes(np.ones((1, 1))).frequencies_hz for each in (at_first, expected))
     np.testing.assert_allclose(*frequencies, rtol=1e-12)
     with pytest.raises(ValueError, match=r"'dof 2'; choose from 'dof 1', 'dof 3', or 0 for the gr"):
@@ -202,11 +200,8 @@ def test_a_reduced_basis_carries_elements_without_a_full_solution(reduced, eleme
     assert off.max() < 2e-3
     assert np.all(bounds.frequency >= off - 1e-12)
     assert np.median(bounds.frequency / np.maximum(off, 1e-12)) < 100.0
-    sensors = len(reduced.degrees_of_freedom)
-    alike = [
-        np.diag(mac(a[:sensors], b[:sensors]))
-        for a, b in zip(exact.shapes, modes.shapes, strict=True)
-    ]
+    at_sensors = (each.shapes[:, : len(reduced.degrees_of_freedom)] for each in (exact, modes))
+    alike = [np.diag(mac(a, b)) for a, b in zip(*at_sensors, strict=True)]
     assert np.min(alike) > 0.999
     assert np.mean(bounds.shape >= np.sqrt(np.maximum(1.0 - np.array(alike), 0.0)) - 1e-7) > 0.95
     assert full.degrees_of_freedom == whole.degrees_of_freedom

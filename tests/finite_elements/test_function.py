@@ -139,9 +139,8 @@ def test_each_set_of_values_is_computed_once():
 def test_errors_and_nan_of_a_function_are_reported(copied_workers, in_workers, values, message):
     data = bs.ModalData((bs.IdentifiedMode("1", 0.1),), (0.0, 1.0))
     candidate = bs.ModelClass(
-        "f", structure(modes, ("x", "y")), data,
-        bs.ErrorModel(0.01, 0.05), pairing={"1": 1},
-    )  # fmt: skip
+        "f", structure(modes, ("x", "y")), data, bs.ErrorModel(0.01, 0.05), pairing={"1": 1}
+    )
     z = importance.coordinates(candidate, [[1.0, 1.0], values])
     target = Target(candidate.log_likelihood_at, 2, copied_workers if in_workers else None)
     likelihoods = target.log_likelihood(z)

@@ -71,13 +71,6 @@ class TestModes:
         ratio = np.sin(201 * angle) / np.sin(400 * angle)
         np.testing.assert_allclose(shapes[0, 1] / shapes[0, 0], ratio, rtol=1e-6)
 
-    def test_pairs_of_equal_frequency_are_all_found(self):
-        structure = bs.MatrixStructure(membrane(25), sp.eye_array(625), n_modes=12)
-        frequencies, shapes = structure.modes(np.zeros((1, 0)))
-        expected = np.sqrt(membrane_eigenvalues(25, 12)) / (2 * math.pi)
-        np.testing.assert_allclose(frequencies[0], expected, rtol=1e-9)
-        np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(12), atol=1e-7)
-
     def test_degrees_of_freedom_without_mass(self):
         # Every second mass of the chain is taken away: two springs in series are half as stiff.
         n = 300

@@ -1,4 +1,4 @@
-"""Ground motion: units, peaks in closed form, rotation, and what is refused."""
+"""Ground motion: what is refused, and what is warned of."""
 
 import math
 
@@ -6,14 +6,6 @@ import numpy as np
 import pytest
 
 from bayes_ssi.structures.response import GroundMotion
-
-
-def test_peak_of_a_sine():
-    t = 0.001 * np.arange(2001)
-    motion = GroundMotion(3.0 * np.sin(2.0 * math.pi * 2.0 * t), 0.001)
-    assert motion.peak_acceleration == pytest.approx(3.0, rel=1e-4)
-    assert len(motion) == 2001
-    np.testing.assert_allclose(motion.times, t, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -34,13 +26,10 @@ def test_invalid_records(samples, dt, message):
         GroundMotion(samples, dt)
 
 
-def test_a_peak_beyond_any_earthquake_is_reported():
+def test_a_peak_beyond_any_earthquake_and_modes_above_half_the_sampling_rate_are_reported():
     (text,) = GroundMotion([0.0, 1961.33], 0.01, "roof").warnings(np.array([1.0]))
     assert text.startswith("record roof: its peak, 200 g, is beyond")
     assert GroundMotion([0.0, 39.2], 0.01).warnings(np.array([1.0])) == []
-
-
-def test_modes_above_half_the_sampling_frequency_are_reported():
     motion = GroundMotion([0.0, 1.0], 0.05, "slow")
     (text,) = motion.warnings(np.array([1.0, 9.9, 10.1, 30.0]))
     assert "carry frequencies up to 10 Hz; mode 3 of the structure, at 10.1 Hz" in text

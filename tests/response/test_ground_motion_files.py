@@ -38,20 +38,11 @@ def test_at2(load, counts):
 @pytest.mark.parametrize(
     ("unit", "in_si"),
     [
-        ("G", G),
-        ("G's. FILTER POINTS: 0.1", G),
-        ("CM/S/S", 0.01),
-        ("cm/s^2", 0.01),
-        ("CM/SEC/SEC", 0.01),
-        ("CM/SEC**2", 0.01),
-        ("GAL", 0.01),
-        ("M/S**2", 1.0),
-        ("m·s⁻²", 1.0),
-        ("MM/SEC/SEC", 0.001),
-        ("IN/SEC2", 0.0254),
-        ("ft/s2", 0.3048),
+        ("G", G), ("G's. FILTER POINTS: 0.1", G), ("CM/S/S", 0.01), ("cm/s^2", 0.01),
+        ("CM/SEC/SEC", 0.01), ("CM/SEC**2", 0.01), ("GAL", 0.01), ("M/S**2", 1.0), ("m·s⁻²", 1.0),
+        ("MM/SEC/SEC", 0.001), ("IN/SEC2", 0.0254), ("ft/s2", 0.3048),
     ],
-)
+)  # fmt: skip
 def test_units_as_at2_files_spell_them(load, unit, in_si):
     motion = load("quake.AT2", AT2.format(unit=unit, counts="NPTS= 6, DT= .005 SEC"))
     np.testing.assert_allclose(motion.acceleration, in_si * np.array(SAMPLES), rtol=1e-12)

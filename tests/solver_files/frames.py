@@ -3,6 +3,8 @@
 import numpy as np
 
 LABELS = ("2 x", "2 z", "2 ry", "7 x", "7 z", "7 ry")
+# Nodes, and their degrees of freedom as programs number them.
+PLACES = [(node, number) for node in (2, 7) for number in (1, 3, 5)]
 
 
 def portal():
@@ -15,16 +17,10 @@ def portal():
     column = np.diag([12 * ei / h**3, ea / h, 4 * ei / h])
     column[0, 2] = column[2, 0] = 6 * ei / h**2
     a, b, c = ea / span, 12 * ei / span**3, 6 * ei / span**2
-    beam = np.array(
-        [
-            [a, 0, 0, -a, 0, 0],
-            [0, b, -c, 0, -b, -c],
-            [0, -c, 4 * ei / span, 0, c, 2 * ei / span],
-            [-a, 0, 0, a, 0, 0],
-            [0, -b, c, 0, b, c],
-            [0, -c, 2 * ei / span, 0, c, 4 * ei / span],
-        ]
-    )
+    beam = np.array([
+        [a, 0, 0, -a, 0, 0], [0, b, -c, 0, -b, -c], [0, -c, 4 * ei / span, 0, c, 2 * ei / span],
+        [-a, 0, 0, a, 0, 0], [0, -b, c, 0, b, c], [0, -c, 2 * ei / span, 0, c, 4 * ei / span],
+    ])  # fmt: skip
     beam[:3, :3] += column
     beam[3:, 3:] += column
     return beam, np.diag([2e3, 2e3, 0.0, 3e3, 3e3, 0.0])

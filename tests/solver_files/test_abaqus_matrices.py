@@ -2,28 +2,24 @@
 
 import numpy as np
 import pytest
-from frames import LABELS, assert_is_portal, lower_entries, portal
+from frames import LABELS, PLACES, assert_is_portal, lower_entries, portal
 
 import bayes_ssi as bs
 
-NUMBERS = {"x": 1, "z": 3, "ry": 5}
 # Node 1 is restrained, and node -4 is a multiplier of Abaqus's own.
 RESTRAINED = ["1,1, 1,1, 1.000000000000000e+36", "1,3, 1,3, 1.000000000000000e+36"]
 
 
-def place(row):
-    node, direction = LABELS[row].split()
-    return f"{node},{NUMBERS[direction]}"
-
-
-def labelled(matrix):
-    return [f"{place(i)}, {place(j)}, {value!r}" for i, j, value in lower_entries(matrix)]
+def labelled(entries):
+    places = [f"{node},{number}" for node, number in PLACES]
+    return [f"{places[i]}, {places[j]}, {float(value)!r}" for i, j, value in entries]
 
 
 def written(folder, *, stiffness=None, mass=None, name="Frame"):
     k, m = portal()
-    stiffness = [*RESTRAINED, *labelled(k)] if stiffness is None else stiffness
-    mass = ["1,1, 1,1, 500.0", *labelled(m)] if mass is None else mass
+    k, m = (labelled(lower_entries(matrix)) for matrix in (k, m))
+    stiffness = [*RESTRAINED, *k] if stiffness is None else stiffness
+    mass = ["1,1, 1,1, 500.0", *m] if mass is None else mass
     (folder / f"{name}_STIF2.mtx").write_text("\n".join([*stiffness, ""]))
     (folder / f"{name}_MASS2.mtx").write_text("\n".join([*mass, ""]))
     return folder / f"{name}_STIF2.mtx"
@@ -40,15 +36,12 @@ def test_read_back_exactly_without_held_rows(tmp_path):
 
 
 def test_both_triangles_and_own_nodes(tmp_path):
-    whole = [
-        f"{place(i)}, {place(j)}, {float(portal()[0][i, j])!r}"
-        for i, j in np.ndindex(6, 6)
-        if portal()[0][i, j]
-    ]
+    k, _ = portal()
+    whole = labelled([(i, j, k[i, j]) for i, j in np.argwhere(k)])
     path = written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])
     assert_is_portal(bs.read_model(path))
-    path = written(tmp_path, stiffness=[*RESTRAINED, *labelled(portal()[0]), "-4,1, -4,1, 7.0"])
-    model = bs.read_model(path)
+    half = labelled(lower_entries(k))
+    model = bs.read_model(written(tmp_path, stiffness=[*RESTRAINED, *half, "-4,1, -4,1, 7.0"]))
     assert model.labels[0] == "internal 4 x"
     # An own node is no point that moves.
     assert model.total_mass["x"] == 5e3
@@ -68,12 +61,10 @@ def test_without_labels(tmp_path):
         ({"mass": ["3,1, 3,1, 2.0"]}, r"MASS2.mtx: node 3, degree of freedom 1 is not in the stif"),
         ({"mass": ["2,1, 2,1"]}, r"MASS2.mtx: line 1: expected row node, .* got 2 1 2 1"),
         ({"stiffness": ["2,1, 2,1, 1.0", "2,1, 2.5,1, 1"]}, r"STIF2.mtx: line 2: node and degree"),
-        (
-            {"stiffness": ["2,1, 7,1, 1.0", "7,1, 2,1, 2.0"], "mass": ["2,1, 2,1, 5"]},
-            r"STIF2.mtx must be symmetric",
-        ),
+        ({"stiffness": ["2,1, 7,1, 1.0", "7,1, 2,1, 2.0"], "mass": ["2,1, 2,1, 5"]},
+         r"STIF2.mtx must be symmetric"),
     ],
-)
+)  # fmt: skip
 def test_wrong_files_are_refused_in_one_line(tmp_path, changed, message):
     path = written(tmp_path, **changed)
     with pytest.raises(ValueError, match=message) as refused:

@@ -83,13 +83,7 @@ def test_the_error_of_a_check_is_its_worst_entry_in_either_matrix(which):
     assert matrices.errors[check.file] == pytest.approx(4e-9, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    "exports",
-    [
-        ([1.2, 1.4, 0.8], [export(0.9, 1.1)]),
-        ([1.2, 1.4, 0.8], []),
-    ],
-)
+@pytest.mark.parametrize("exports", [([1.2, 1.4, 0.8], [export(0.9, 1.1)]), ([1.2, 1.4, 0.8], [])])
 def test_a_thickness_enters_by_its_first_and_third_power(exports):
     factors, checks = exports
     changed = [export(1.1), *(export(1.0, factor) for factor in factors)]
@@ -144,45 +138,24 @@ def test_rows_may_stand_in_another_order():
     [
         ([export(1.0, 1.2), export(1.0, 0.8)], [], r"slab: stiffness: no power .* misses them by"),
         ([export(1.0, 1.2)], [export(1.0, 0.8)], r"0.8.sti: its stiffness is missed by 0\.\d|e-"),
-        (
-            [export(1.2, coupled=0.1), export(1.0, 1.2), export(1.0, 0.8), export(1.0, 1.4)],
-            [export(0.9, 1.1, coupled=0.1)],
-            r"0.9-1.1.sti: its stiffness is missed by",
-        ),
-        (
-            [export(1.1, digits=6)],
-            [export(0.7, digits=6)],
-            r"missed by \d\.\de-0[56] .* more digits",
-        ),
-        (
-            [export(1.1, 1.2)],
-            [],
-            r"1.1-1.2.sti: must alter one property, got {'columns': 1.1, 'slab': 1.2}; exp",
-        ),
+        ([export(1.2, coupled=0.1), export(1.0, 1.2), export(1.0, 0.8), export(1.0, 1.4)],
+         [export(0.9, 1.1, coupled=0.1)], r"0.9-1.1.sti: its stiffness is missed by"),
+        ([export(1.1, digits=6)], [export(0.7, digits=6)],
+         r"missed by \d\.\de-0[56] .* more digits"),
+        ([export(1.1, 1.2)], [],
+         r"1.1-1.2.sti: must alter one property, got {'columns': 1.1, 'slab': 1.2}; exp"),
         ([export()], [], r"1.0-1.0.sti: must alter one property"),
         ([export(1.1), export(1.1)], [], r"another export has the same factor of 'columns'"),
-        (
-            [export(1.1)],
-            [export(1.0, 1.1)],
-            r"no other export alters alone 'slab'; choose from 'columns'",
-        ),
-        (
-            [AlteredModel("f", {"columns": 1.1}, NOMINAL)],
-            [],
-            r"f: 'columns' changes neither stiffness",
-        ),
-        (
-            [AlteredModel("f", {"columns": -1.0}, NOMINAL)],
-            [],
-            r"factor of 'columns' must be positive",
-        ),
-        (
-            [export(1.1, labels=["a x", *LABELS[1:]])],
-            [],
-            r"1.1-1.0.sti: its labels are not those of the nominal export",
-        ),
+        ([export(1.1)], [export(1.0, 1.1)],
+         r"no other export alters alone 'slab'; choose from 'columns'"),
+        ([AlteredModel("f", {"columns": 1.1}, NOMINAL)], [],
+         r"f: 'columns' changes neither stiffness"),
+        ([AlteredModel("f", {"columns": -1.0}, NOMINAL)], [],
+         r"factor of 'columns' must be positive"),
+        ([export(1.1, labels=["a x", *LABELS[1:]])], [],
+         r"1.1-1.0.sti: its labels are not those of the nominal export"),
     ],
-)
+)  # fmt: skip
 def test_what_is_refused(changed, checks, message):
     with pytest.raises(ValueError, match=message) as refused:
         parameter_matrices(NOMINAL, changed, checks)

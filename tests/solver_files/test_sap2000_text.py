@@ -19,6 +19,8 @@ EQUATIONS = [
     "Top right\t4\t0\t5\t0\t6\t0",
     "4\t0\t0\t0\t0\t0\t0",
 ]
+CONSTRAINED = {"TXE": [*EQUATIONS, "5\t4\t0\t0\t0\t0\t0", "6\t-1\t0\t0\t0\t0\t0"],
+               "TXC": ["-1\t1\t1.0", "-1\t3\t-3.0"]}  # fmt: skip
 LABELS = ("2 x", "2 z", "2 ry", "Top right x", "Top right z", "Top right ry")
 
 
@@ -60,13 +62,9 @@ def test_read_back_exactly(tmp_path, ending):
 
 def test_constraints_tie_displacements_to_rows(tmp_path):
     """A joint that shares an equation, and one of a diaphragm: u = u_2 - 3 θ."""
-    equations = [*EQUATIONS, "5\t4\t0\t0\t0\t0\t0", "6\t-1\t0\t0\t0\t0\t0"]
-    written(tmp_path, TXE=equations, TXC=["-1\t1\t1.0", "-1\t3\t-3.0"])
+    written(tmp_path, **CONSTRAINED)
     model = bs.read_model(tmp_path / "Portal.TXK")
-    assert dict(model.dependent) == {
-        "5 x": {"Top right x": 1.0},
-        "6 x": {"2 x": 1.0, "2 ry": -3.0},
-    }
+    assert dict(model.dependent) == {"5 x": {"Top right x": 1.0}, "6 x": {"2 x": 1.0, "2 ry": -3.0}}
     assert any("constraints tie" in note for note in model.notes)
     # In mm, the rotation moves by 3 mm per radian.
     in_si = bs.read_model(tmp_path / "Portal.TXK", units="N, mm")
@@ -75,8 +73,7 @@ def test_constraints_tie_displacements_to_rows(tmp_path):
 
 def test_rows_for_displacements_that_constraints_move(tmp_path):
     """The modes stay, and the rows move as the constraints say, whatever the spring."""
-    equations = [*EQUATIONS, "5\t4\t0\t0\t0\t0\t0", "6\t-1\t0\t0\t0\t0\t0"]
-    written(tmp_path, TXE=equations, TXC=["-1\t1\t1.0", "-1\t3\t-3.0"])
+    written(tmp_path, **CONSTRAINED)
     model = bs.read_model(tmp_path / "Portal.TXK")
     plain = bs.MatrixStructure(model.stiffness, model.mass, labels=model.labels, n_modes=3)
     expected, shapes = (each[0] for each in plain.modes(np.empty((1, 0))))

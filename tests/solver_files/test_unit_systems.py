@@ -10,12 +10,9 @@ from bayes_ssi.structures.solver_files.model_files import SYSTEMS, in_si
 
 # Newtons and metres in the units, by their definitions.
 IN_UNITS = {
-    "N, mm": (1.0, 1e-3),
-    "kN, m": (1e3, 1.0),
-    "kgf, cm": (9.80665, 0.01),
-    "kip, in": (4448.2216152605, 0.0254),
-    "lbf, ft": (4.4482216152605, 0.3048),
-}
+    "N, mm": (1.0, 1e-3), "kN, m": (1e3, 1.0), "kgf, cm": (9.80665, 0.01),
+    "kip, in": (4448.2216152605, 0.0254), "lbf, ft": (4.4482216152605, 0.3048),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("units", IN_UNITS)

@@ -69,22 +69,16 @@ def test_they_stay_on_a_reduced_model_with_an_element():
     exact = structure.with_element(tank)
     reduced = structure.reduced().with_element(tank)
     sensors = ("halfway", "tank")
-    for one, other in zip(
-        frequencies_and_shapes(exact, sensors),
-        frequencies_and_shapes(reduced, sensors),
-        strict=True,
-    ):
+    both = (frequencies_and_shapes(each, sensors) for each in (exact, reduced))
+    for one, other in zip(*both, strict=True):
         np.testing.assert_allclose(np.abs(one), np.abs(other), rtol=1e-5, atol=1e-7)
 
 
 def test_a_search_hangs_appendages_on_what_they_measure():
     structure = matrices().with_sensors([HALFWAY, SLOPED])
     frequencies, shapes = frequencies_and_shapes(structure, ("halfway", "sloped"), 1.0)
-    modes = [
-        bs.IdentifiedMode(str(i), float(f), shape)
-        for i, (f, shape) in enumerate(zip(frequencies, shapes.T, strict=True), 1)
-    ]
-    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("halfway", "sloped"))
+    sensors = ("halfway", "sloped")
+    data = bs.ModalData.from_arrays(frequencies, shapes, (0.0, 6.0), sensors)
     candidate = bs.ModelClass("points", structure, data, pairing="any")
     family = choose_baselines(bs.Study("points", [candidate]))
     places = family.appendages("points")

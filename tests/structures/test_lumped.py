@@ -23,29 +23,6 @@ def test_a_structure_without_parameters_answers_for_every_row(fixed):
     np.testing.assert_array_equal(modes.shapes, np.broadcast_to(modes.shapes[0], (5, 2, 2)))
 
 
-def test_one_parameter_in_a_mass_and_a_stiffness_is_tied():
-    t = bs.Parameter("t", bs.LogNormal(1.0, 0.3))
-    building = bs.ShearBuilding((2.0 * t,), (50.0 * t**3,))
-    assert building.parameters == (t,)
-    frequencies = building.modes(np.array([[1.0], [2.0]])).frequencies_hz[:, 0]
-    np.testing.assert_allclose(frequencies, np.array([5.0, 10.0]) / math.tau, rtol=1e-13)
-
-
-def test_rows_that_are_not_positive_definite_are_nan(frame):
-    values = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, np.nan, 1.0], [4.0, 4.0, 4.0]])
-    frequencies = frame.modes(values).frequencies_hz
-    assert np.isnan(frequencies[1:3]).all()
-    bare = np.array([1.0, 2.80193774, 4.04891734])
-    np.testing.assert_allclose(frequencies[[0, 3]], [bare, 2.0 * bare], rtol=1e-8)
-
-
-def test_medians_are_one_row(augmented):
-    k = bs.Parameter("k", bs.Uniform(2.0, 6.0))
-    building = bs.ShearBuilding((1.0,), (k,))
-    np.testing.assert_allclose(building.prior_medians(), [[4.0]], rtol=1e-14)
-    np.testing.assert_allclose(augmented.prior_medians(), np.ones((1, 4)), rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("element", "message"),
     [

@@ -51,9 +51,7 @@ def test_a_storey_with_an_eccentric_centre_of_stiffness(centre, own, coupled):
 @pytest.mark.parametrize(
     ("centre", "force", "turn"), [((0.4, 0.0), (0.0, 1.0), -0.4), ((0.0, 0.4), (1.0, 0.0), 0.4)]
 )
-def test_a_force_at_the_centre_of_mass_turns_the_floor_about_the_centre_of_stiffness(
-    centre, force, turn
-):
+def test_a_force_at_the_mass_turns_the_floor_about_the_centre_of_stiffness(centre, force, turn):
     # The moment of the force about the centre of stiffness is (-x, -y) × F.
     stiffness, _ = one_storey(centre).matrices(NONE)
     x, y, rotation = np.linalg.solve(stiffness[0], [*force, 0.0])
