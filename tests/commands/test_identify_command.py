@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from conftest import assert_one_line_error
 from identified_records import identified
 from simulated_records import simulated_record, with_infill
 
@@ -72,9 +73,8 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    record = simulated_record(
-        with_infill(), SENSORS, np.random.default_rng(0), duration_s=300.0, rate_hz=20.0
-    )
+    rng = np.random.default_rng(0)
+    record = simulated_record(with_infill(), SENSORS, rng, duration_s=300.0, rate_hz=20.0)
     path = tmp_path_factory.mktemp("record") / "setup.npz"
     np.savez(path, samples=record.samples, sensors=SENSORS, rate_hz=20.0, unit="m/s2")
     return path
@@ -113,16 +113,15 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     np.testing.assert_array_equal(covariance, modes.covariance)
     covs = [mode.frequency_cov for mode in modes.modes]
     np.testing.assert_allclose(covs, np.sqrt(covariance.diagonal()[:4]), rtol=1e-12)
-    again = run(path, *BAND, "--quantity", "acceleration", "--out", out)
-    assert (again.exit_code, "modes.csv exists" in again.stderr) == (2, True)
-    again = run(path, *BAND, "--quantity", "acceleration", "--figures", figures)
-    assert (again.exit_code, "figures exists" in again.stderr) == (2, True)
+    for option, there in (("--out", out), ("--figures", figures)):
+        again = run(path, *BAND, "--quantity", "acceleration", option, there)
+        assert_one_line_error(again, f"{there.name} exists")
 
 
 def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
-    done = run(path, *BAND, "--quantity", "velocity")
-    assert done.exit_code == 2
-    assert "unit of velocity must be one of" in done.stderr
+    assert_one_line_error(
+        run(path, *BAND, "--quantity", "velocity"), "unit of velocity must be one"
+    )
     # One mode at two peaks: what it becomes is neither of them.
     between = ["--band", "2.2", "3.5", "--mode", 2.8]
     wrong = run(path, *between, "--quantity", "acceleration")
@@ -172,9 +171,7 @@ def test_the_first_screen_of_eight_modes_has_40_lines(path):
     assert "The record shows independent loads; chi-square" in verbose
 
 
-def test_a_place_for_the_modes_is_made_or_refused_before_they_are_identified(
-    path, tmp_path, monkeypatch
-):
+def test_a_place_for_modes_is_made_or_refused_before_they_are_sought(path, tmp_path, monkeypatch):
     def identify(*_, **__):
         raise RuntimeError
 
@@ -184,5 +181,4 @@ def test_a_place_for_the_modes_is_made_or_refused_before_they_are_identified(
     assert isinstance(run(*stated, "--out", new / "modes.csv").exception, RuntimeError)
     assert new.is_dir()
     for option in ("--out", "--figures"):
-        refused = run(*stated, option, path / "modes")
-        assert (refused.exit_code, "setup.npz is not a directory" in refused.stderr) == (2, True)
+        assert_one_line_error(run(*stated, option, path / "modes"), "setup.npz is not a directory")

@@ -1,6 +1,5 @@
 """``bayes-ssi predict``: what it prints and saves, and what it refuses."""
 
-import csv
 import json
 import shutil
 
@@ -8,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from conftest import TINY_STUDY, assert_one_line_error
+from whole_tables import rows_of_csv as rows
 
 from bayes_ssi.measurements.records.record_files import read_ground_motion
 from bayes_ssi.results.predictions.predictions import load_predictions
@@ -25,11 +25,6 @@ def saved(tiny_result):
 
 
 @pytest.fixture
-def no_figures(monkeypatch):
-    monkeypatch.setattr("bayes_ssi.plots.prediction_plots.save_prediction_figures", lambda *_: None)
-
-
-@pytest.fixture
 def predict(run, saved, tmp_path):
     """Runs the command with few draws, saving in ``out``."""
 
@@ -39,20 +34,12 @@ def predict(run, saved, tmp_path):
     return call
 
 
-def rows(path):
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_from_another_directory_the_study_and_its_data_are_found(
-    run, tiny_ranking, tmp_path, monkeypatch
-):
+@pytest.mark.usefixtures("no_drawings")
+def test_from_elsewhere_the_study_and_its_data_are_found(run, tiny_ranking, tmp_path, monkeypatch):
     """Paths started where the result was made, a directory above it."""
     (tmp_path / "studies").mkdir()
-    (tmp_path / "studies" / "tiny.py").write_text(
-        'open("data.txt").close()\n' + TINY_STUDY, "utf-8"
-    )
+    text = 'open("data.txt").close()\n' + TINY_STUDY
+    (tmp_path / "studies" / "tiny.py").write_text(text, "utf-8")
     (tmp_path / "data.txt").touch()
     (tmp_path / "results").mkdir()
     out = tmp_path / "results" / "tiny"
@@ -62,7 +49,7 @@ def test_from_another_directory_the_study_and_its_data_are_found(
     assert run("predict", ".", "--draws", 5, "--out", tmp_path / "p").exit_code == 0
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_modes_alone_of_no_more_draws_than_are_stored(predict, saved, tmp_path):
     n_stored = max(len(each.values) for each in load_result(saved).posteriors)
     result = predict("--draws", 10**8, "--class", "one k", "--transfer", "none")
@@ -108,7 +95,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     assert load_predictions(out).n_draws == 1000
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_all_options(predict, saved, tmp_path):
     for name, unit in (("first", "G"), ("second", "CM/S2")):
         (tmp_path / f"{name}.AT2").write_text(AT2.replace("OF G", f"OF {unit}"), "utf-8")
@@ -138,7 +125,7 @@ def test_all_options(predict, saved, tmp_path):
     np.testing.assert_allclose([float(r["high"]) for r in transfer[:10]], band.high[0], rtol=1e-5)
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
     """Modes of a function, or of matrices without ``influence``."""
 
@@ -152,12 +139,12 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
     assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_a_warning_about_narrow_peaks(predict):
     assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
     small = 40 * 4 - 1
@@ -166,7 +153,7 @@ def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_warnings_about_damping_and_records(predict, tmp_path):
     (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
     out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
@@ -175,7 +162,7 @@ def test_warnings_about_damping_and_records(predict, tmp_path):
     assert "carry frequencies up to 1 Hz; mode 2 of the structure, at 1.6" in out
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_drawings")
 def test_nothing_is_overwritten_silently(predict, tmp_path):
     assert predict().exit_code == 0
     before = (tmp_path / "out" / "peaks.csv").read_text("utf-8")

@@ -152,16 +152,11 @@ def test_colours_and_the_time_left_are_for_terminals_only(run, tiny_study_file, 
     ],
 )
 def test_an_option_of_another_name_is_named(run, arguments, words):
-    done = run(*arguments)
-    assert done.exit_code == 2
-    assert words in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert_one_line_error(run(*arguments), words)
 
 
 @pytest.mark.parametrize(("encoding", "column"), [("ascii", "shape +/-"), ("cp1252", "shape ±")])
-def test_output_of_any_encoding_and_a_closed_standard_error(
-    tmp_path, monkeypatch, encoding, column
-):
+def test_output_of_any_encoding_and_closed_standard_error(tmp_path, monkeypatch, encoding, column):
     path = tmp_path / "modes.csv"
     path.write_text("# band_hz, 0, 9\nlabel,frequency_hz,σ≈1\n1,1.5,1\n", encoding="utf-8")
     written = io.BytesIO()
