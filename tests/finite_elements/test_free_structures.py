@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import COARSE
+from searches import COARSE, exact_modes
 
 import bayes_ssi as bs
 
@@ -132,13 +132,7 @@ def test_soft_supports_are_no_rigid_body_modes():
 def test_a_free_beam_is_ranked_and_searched():
     free = structure(4)
     truth = free.with_element(bs.Pendulum(on="middle", mass=0.02, frequency=3.5))
-    found = truth.modes(np.array([[1.1]]))
-    rows = truth.sensor_matrix(("left", "middle", "right")).apply(found.shapes)[0]
-    modes = tuple(
-        bs.IdentifiedMode(str(i + 1), f, rows[:, i])
-        for i, f in enumerate(found.frequencies_hz[0, :4])
-    )
-    data = bs.ModalData(modes, (0.5, 25.0), ("left", "middle", "right"))
+    data = exact_modes(truth, ("left", "middle", "right"), (0.5, 25.0), 4, (1.1,))
     error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.02)
     baseline = bs.ModelClass("beam", free, data, error, pairing="any")
     one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
