@@ -1,7 +1,7 @@
 """The checkpoint of a run: resuming from it gives the result of an uninterrupted run."""
 
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -68,9 +68,9 @@ def kept(monkeypatch):
 
 def plain(posterior):
     """What a posterior holds, but for the time that it took."""
-    of_fields = {**vars(posterior), "seconds": 0.0}
-    terms = {name: vars(x) for name, x in of_fields.items() if isinstance(x, DatumTerms)}
-    return of_fields | terms
+    held = {each.name: getattr(posterior, each.name) for each in fields(posterior)}
+    terms = {name: vars(x) for name, x in held.items() if isinstance(x, DatumTerms)}
+    return held | terms | {"seconds": 0.0}
 
 
 def assert_equal(a, b):

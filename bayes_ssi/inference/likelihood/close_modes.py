@@ -52,6 +52,7 @@ NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -12.0  # exponent below the maximum
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
+UNSEEN = 1e-4  # squared length, over its mean over turns, of which rounding leaves few digits
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
@@ -213,6 +214,13 @@ class TurningShapes(NamedTuple):
         above /= below
         return np.asarray(1.0 - np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above))
 
+    def are_unseen(self, cos2: FloatArray, sin2: FloatArray) -> NDArray[np.bool_]:
+        """Whether sensors see next to nothing of one of the shapes at turns (n, E), (n, E)."""
+        constant, of_cos, of_sin = self.lengths[:, :, None]
+        lengths = constant + of_cos * cos2 + of_sin * sin2
+        unseen = (lengths < UNSEEN * constant) & np.isfinite(self.variances)[:, None]
+        return np.asarray(unseen.any(axis=0))
+
     @property
     def highest_exponents(self) -> FloatArray:
         """What -Σ (1 - |φ_e·φ(t)|)/σ² can be at most, each shape at the best turn for it, (E,)."""
@@ -280,8 +288,9 @@ class Turned(NamedTuple):
         if len(left):
             means[:, left] = _about_turns(kappa[left], shapes.cases(left))
         log_means, top, angles = means
-        at_mean = shapes.exponents(kappa, *_cosines(angles[None]))[0]
-        unfit = np.flatnonzero(turns & (at_mean < top + IMPROBABLE))
+        cosines = _cosines(angles[None])
+        improbable = shapes.exponents(kappa, *cosines)[0] < top + IMPROBABLE
+        unfit = np.flatnonzero(turns & (improbable | shapes.are_unseen(*cosines)[0]))
         if len(unfit):
             cos2, sin2 = _highest(kappa[unfit], shapes.cases(unfit))[0]
             angles[unfit] = 0.5 * np.arctan2(sin2, cos2)
@@ -372,7 +381,9 @@ def _highest(
     spacing, has_others = math.pi / GRID, np.zeros(len(kappa), dtype=bool)
     for level in range(FINER_GRIDS):
         tried = turns + spacing * steps
-        exponents = shapes.exponents(kappa, *_cosines(tried))
+        cosines = _cosines(tried)
+        exponents = shapes.exponents(kappa, *cosines)
+        exponents[shapes.are_unseen(*cosines)] = -np.inf
         if level == 0:
             before, after = (np.roll(exponents, step, axis=0) for step in (1, -1))
             maxima = (exponents > before) & (exponents > after)
