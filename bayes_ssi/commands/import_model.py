@@ -76,7 +76,12 @@ def import_model(
     by differences of the exports; without --changed, the whole stiffness has one factor. Nothing is
     overwritten.
     """
-    from bayes_ssi import api
+    from bayes_ssi.measurements.modes.modal_files import read_modal_data
+    from bayes_ssi.structures.solver_files.model_files import read_model
+    from bayes_ssi.structures.solver_files.parameter_matrices import (
+        AlteredModel,
+        parameter_matrices,
+    )
 
     study, folder = new_paths(name, ".py", "_matrices")  # refused before large files are read
     data = _data(files)
@@ -85,7 +90,7 @@ def import_model(
         return
     if nominal is None or properties or design:
         raise ValueError("give --nominal, an export, or --runs, where there are no matrices")
-    tests = [api.read_modal_data(path, band_hz=band) for path in data.values()]
+    tests = [read_modal_data(path, band_hz=band) for path in data.values()]
     of_sensors = named_values(
         "--sensor", sensors, "SENSOR=LABEL", r"([^=]*[^=\s])\s*=\s*(\S.*)", str
     )
@@ -97,7 +102,7 @@ def import_model(
         """The model of a file, or of that of its stiffness and, after a plus, that of its mass."""
         path, plus, mass = (text, "", "") if Path(text).exists() else text.partition("+")
         files = Path(path), Path(mass) if plus else None
-        return api.read_model(*files, keys=names, labels=labels, units=units, numbered=number_rows)
+        return read_model(*files, keys=names, labels=labels, units=units, numbered=number_rows)
 
     to_alter = [_factors_and_file(text, "--changed") for text in changed]
     to_check = [_factors_and_file(text, "--check") for text in checks]
@@ -108,13 +113,13 @@ def import_model(
     model = model.with_rows(tied, spring)
 
     altered, checked = (
-        [api.AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
+        [AlteredModel(f, factors, exported(f).with_rows(tied, spring)) for factors, f in given]
         for given in (to_alter, to_check)
     )
     if not altered:  # all of the stiffness has one factor
         doubled = replace(model, stiffness=2.0 * model.stiffness)
-        altered = [api.AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
-    matrices = api.parameter_matrices(model, altered, checked)
+        altered = [AlteredModel(nominal, {"stiffness": 2.0}, doubled)]
+    matrices = parameter_matrices(model, altered, checked)
     places, said = _sensors(model, tests, of_sensors, points)
     to_come = "" if data else f" Put the modes into {study.with_suffix('.csv')}."
     data = data or {"": study.with_suffix(".csv")}

@@ -32,15 +32,17 @@ def what_if(
     again. It is also 3 where the most probable class does not explain the data after the change,
     and where a failed check of the data was not accepted when RESULT was saved.
     """
-    from bayes_ssi import api
     from bayes_ssi.parameters.priors import prior_from_text
     from bayes_ssi.report.tables import ranking_tables
+    from bayes_ssi.results.stored_result import load_result
+    from bayes_ssi.results.stored_what_if import what_if as ask
     from bayes_ssi.results.wording import data_warnings
+    from bayes_ssi.studies.ranking.changed_settings import ChangedSettings
     from bayes_ssi.studies.ranking.comparison import probability_text
 
-    stored = api.load_result(result)
+    stored = load_result(result)
     record = stored.record
-    settings = api.ChangedSettings(
+    settings = ChangedSettings(
         # The name may itself hold "=", but is not followed by the name of a distribution there.
         priors=options.named_values(
             "--prior",
@@ -57,7 +59,7 @@ def what_if(
             "--weight", weights, "NAME=WEIGHT", r"(.+)=([^=]*)", _number
         ),
     )
-    answer = api.what_if(stored, settings)
+    answer = ask(stored, settings)
     terminal.say(f"{record.study}: draws of {result} reweighted; nothing was sampled.")
     accepted = record.failed_checks_accepted
     terminal.say_warnings(data_warnings(answer.failed_data_checks, accepted))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.maxima import ascend, find_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
@@ -121,3 +121,31 @@ def test_maxima_at_the_edges_of_stripes_are_not_one(starts):
 def test_no_start_is_possible(starts):
     with pytest.raises(ValueError, match="the likelihood is zero at every start"):
         find_maxima(Target(lambda z: np.full(len(z), -np.inf), 2), starts)
+
+
+def test_an_ascent_that_creeps_up_to_an_edge_ends(monkeypatch):
+    """The posterior rises to a curved edge, over which it falls: no step of usual length rises."""
+    batches = []
+
+    def log_likelihood(z):
+        batches.append(len(z))
+        return z[:, 0] - np.where(z[:, 0] > 0.5 - (z[:, 1] - 0.5) ** 2, 20.0, 0.0)
+
+    start = Target(log_likelihood, 2), np.zeros((1, 2)), np.eye(2)[None]
+    _, (height,) = ascend(*start)
+    n_batches = len(batches)
+    monkeypatch.setattr("bayes_ssi.inference.sampling.maxima.MOST_CREEPING", 1000)
+    _, (of_all_steps,) = ascend(*start)
+    assert height == pytest.approx(of_all_steps, abs=1e-3)
+    assert n_batches < 60 < len(batches) - n_batches
+
+
+def test_the_precision_of_a_narrow_maximum():
+    """Steps that suit one of a thousandth of the prior fall too far, and become shorter."""
+    precision = np.array([[4.0e8, 1.0e8], [1.0e8, 1.0e8]])
+
+    def log_likelihood(z):
+        return -0.5 * np.einsum("ni,ij,nj->n", z - 0.3, precision, z - 0.3)
+
+    (found,) = find_maxima(Target(log_likelihood, 2), np.full((1, 2), 0.31)).precisions
+    np.testing.assert_allclose(found, precision + np.eye(2), rtol=1e-3)

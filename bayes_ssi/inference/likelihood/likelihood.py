@@ -31,8 +31,6 @@ from bayes_ssi.foundations.arrays import FloatArray, Places, row_sums
 from bayes_ssi.inference.likelihood.close_modes import (
     CloseCases,
     ClosePairs,
-    Turned,
-    TurningShapes,
     close_pairs,
     relative_distances,
 )
@@ -41,6 +39,7 @@ from bayes_ssi.inference.likelihood.joint_errors import JointPairs
 from bayes_ssi.inference.likelihood.paired_modes import PairedModes
 from bayes_ssi.inference.likelihood.pairings import InferredPairing
 from bayes_ssi.inference.likelihood.shape_density import log_shape_normaliser, log_sphere_area
+from bayes_ssi.inference.likelihood.turning_shapes import Turned, TurningShapes
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.parameters.parameters import (

@@ -174,7 +174,7 @@ def sample_as_it_is(
         at_values = _at_draws(model_class, values, run.workers)
         remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
     configurations = configuration_modes(model_class, values)
-    draws, few = sampled.importance, evenly_spaced_indices(len(values), N_DRAWS)
+    few = evenly_spaced_indices(len(values), N_DRAWS)
     of_few = values[few], at_values.rows(few).modes, np.random.default_rng([seed, 2])
     return Posterior(
         name=model_class.name,
@@ -184,15 +184,7 @@ def sample_as_it_is(
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.chains.bulk_sizes,
         tail_effective_sample_sizes=sampled.chains.tail_sizes,
-        evidence=Evidence(
-            log_evidence=sampled.evidence.log_evidence,
-            error=sampled.evidence.error,
-            effective_sample_size=draws.effective_sample_size,
-            pareto_k=draws.pareto_k,
-            n_draws=len(draws.z),
-            mean_log_likelihood=draws.log_likelihood_mean,
-            checks=sampled.evidence_checks,
-        ),
+        evidence=_evidence(sampled),
         regions=_regions(sampled, z_rows, values),
         maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
@@ -224,7 +216,7 @@ def sample_as_it_is(
             rng,
         ),
         adequacy=adequacy(model_class, *of_few),
-        importance_draws=draws.arrays,
+        importance_draws=sampled.importance.arrays,
     )
 
 
@@ -240,6 +232,19 @@ def _sampled(
     except ValueError as error:
         failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
         raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
+
+
+def _evidence(sampled: SamplingResult) -> Evidence:
+    draws = sampled.importance
+    return Evidence(
+        log_evidence=sampled.evidence.log_evidence,
+        error=sampled.evidence.error,
+        effective_sample_size=draws.effective_sample_size,
+        pareto_k=draws.pareto_k,
+        n_draws=len(draws.z),
+        mean_log_likelihood=draws.log_likelihood_mean,
+        checks=sampled.evidence_checks,
+    )
 
 
 def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:

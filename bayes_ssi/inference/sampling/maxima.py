@@ -63,7 +63,9 @@ STEP_LENGTHS = (1.0, 0.4, 0.1, 0.01)  # tried together, as shares of the BFGS st
 # coordinate of a maximum.
 LEAST_RISE = 1e-3
 ENDS_WITHIN = 0.1
-CREEPING = 0.1  # times the least rise
+# Or where so many steps rise by less than this share of it: they creep up to an edge, over which
+# the log posterior falls.
+MOST_CREEPING, CREEPING = 6, 0.1
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -206,7 +208,7 @@ def ascend(
     gradient = np.zeros((n, len(axes)))
     active = np.flatnonzero(np.isfinite(value))
     gradient[active] = _gradient(target, z[active], value[active], axes)
-    reach = np.full(n, 1.0)
+    reach, n_creeping = np.full(n, 1.0), np.zeros(n, dtype=int)
     step_lengths = np.array(STEP_LENGTHS)
     least_rise = max(LEAST_RISE, 3.0 * target.noise)
     for _ in range(STEPS_OF_ASCENT):
@@ -224,11 +226,9 @@ def ascend(
         rows = np.arange(len(active))
         rise = values[best, rows] - value[active]
         better = rise > 0
-        # An ascent without a rise tries shorter steps; after a rise it returns to full steps, but
-        # not from where it creeps up to an edge, over which the log posterior falls.
-        reach[active] = np.where(
-            rise > CREEPING * least_rise, 1.0, reach[active] * step_lengths[-1]
-        )
+        # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
+        reach[active] = np.where(better, 1.0, reach[active] * step_lengths[-1])
+        n_creeping[active] += better & (rise < CREEPING * least_rise)
         moved = active[better]
         step = tried[best, rows][better]
         z[moved] = tried_z[best, rows][better]
@@ -236,9 +236,8 @@ def ascend(
         new_gradient = _gradient(target, z[moved], value[moved], axes)
         _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
         gradient[moved] = new_gradient
-        finished = (better & (rise < least_rise) & (expected < 10 * least_rise)) | (
-            reach[active] < 1e-5
-        )
+        finished = better & (rise < least_rise) & (expected < 10 * least_rise)
+        finished |= (reach[active] < 1e-5) | (n_creeping[active] >= MOST_CREEPING)
         active = active[~finished]
     return z, value
 
@@ -281,7 +280,7 @@ def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:
         points = [z + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]
         return np.reshape(points, (-1, d))
 
-    # All in one batch: a small one takes as long as a row of it.
+    # All in one batch: of a small structure, one more takes as long as many more points.
     first = np.full(d, HESSIAN_STEP if not target.noise else NOISY_HESSIAN_STEP)
     near = [z + np.diag(first), z - np.diag(first), corners(first)]
     beside, values = np.split(target.log_posterior(np.concatenate(near)), [2 * d])

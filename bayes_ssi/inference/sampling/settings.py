@@ -39,9 +39,11 @@ class SamplingSettings:
     economical: bool = False
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            is_size = name not in ("r_hat", "economical") and value is not None
-            if is_size and not 0 < value < math.inf:
+        for name in (
+            "log_evidence_error", "particles", "searches", "effective_sample_size", "max_steps",
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
                 raise ValueError(
                     f"SamplingSettings: {name} must be positive and finite, got {value!r}"
                 )
