@@ -288,18 +288,25 @@ def test_the_number_of_evaluations_is_bounded():
 
 @pytest.mark.parametrize("noise", [1e-4, 1e-2, 0.1])
 def test_noise_does_not_split_a_maximum(noise):
-    """A normal of standard deviation 0.03, with noise that depends on the last digits."""
-    rng = np.random.default_rng(1)
+    """A normal of standard deviation 0.03, with noise that depends on the last digits.
 
-    def noisy(z):
-        heights = -0.5 * (((z - 0.3) / 0.03) ** 2).sum(axis=1)
-        return heights + noise * rng.standard_normal(len(z))
+    Searches that agree all the same may not notice the smallest noise.
+    """
+    noticed = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
 
-    target = Target(noisy, 3)
-    found = search_maxima(target, 4, np.random.SeedSequence(2))
-    assert found.converged
-    assert found.n_searches <= 6
-    assert 0.2 < target.noise / noise < 6.0  # the largest of three differences
-    sds = np.sqrt(np.diagonal(found.maxima.covariances[0]))
-    assert np.linalg.norm((found.maxima.z[0] - 0.3) / 0.03) < 1.7
-    assert sds == pytest.approx(0.03, rel=0.3)
+        def noisy(z, rng=rng):
+            heights = -0.5 * (((z - 0.3) / 0.03) ** 2).sum(axis=1)
+            return heights + noise * rng.standard_normal(len(z))
+
+        target = Target(noisy, 3)
+        found = search_maxima(target, 4, np.random.SeedSequence(2))
+        assert found.converged
+        assert found.n_searches <= 6
+        noticed += [target.noise / noise] if target.noise or noise > 1e-4 else []
+        sds = np.sqrt(np.diagonal(found.maxima.covariances[0]))
+        assert np.linalg.norm((found.maxima.z[0] - 0.3) / 0.03) < 1.7
+        assert sds == pytest.approx(0.03, rel=0.3)
+    assert noticed
+    assert 0.2 < min(noticed) <= max(noticed) < 6.0  # the largest of three differences
