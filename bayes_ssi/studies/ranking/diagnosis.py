@@ -200,6 +200,9 @@ def _scaled(
 POSTERIOR_POINTS, PRIOR_POINTS = 16, 64
 # The best of each kind of repair that are fitted.
 FITTED = 3
+# Nats; two ascents to one maximum, as where a repair changes nothing that is compared, differ by
+# less.
+NO_GAIN = 0.01
 
 
 def diagnose(
@@ -353,7 +356,7 @@ def _fitted(
     values = changed.values(z)
     gain = float(log_posteriors[0]) + repair.log_scale - best
     # The approximation may be coarse there; without any gain it is no hint in either case.
-    if gain > 0.0 and is_approximate(changed):
+    if gain > NO_GAIN and is_approximate(changed):
         changed = with_exact_structures(changed)
         exact = changed.log_likelihood(values) + log_standard_normal(z)
         gain += float((exact - log_posteriors)[0])
