@@ -5,14 +5,13 @@ band are known from their own, and every band is explained again with the neighb
 pass left. Bands do not share lines, so that errors of different bands are independent.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, joined
 from bayes_ssi.measurements.records.explained_band import (
@@ -273,23 +272,21 @@ def groups_of(
     """Modes by band, in ascending order: those in the search, and the next to either side."""
     if not modes.n_modes:
         return []
+    modes = modes.at(np.argsort(modes.frequencies_hz, kind="stable"))
     f = modes.frequencies_hz
-    order = np.argsort(f, kind="stable")
     least = LEAST_SHARE_OF_MEDIAN_DAMPING * float(np.median(modes.dampings))
     widths = 2.0 * np.maximum(modes.dampings, least).clip(*DAMPINGS_OF_GROUPS) * f
-    gaps = np.diff(f[order])
-    sums = widths[order][1:] + widths[order][:-1]
-    mean_dampings = 0.5 * sums / (f[order][1:] + f[order][:-1])
+    gaps, sums = np.diff(f), widths[1:] + widths[:-1]
+    mean_dampings = 0.5 * sums / (f[1:] + f[:-1])
     shared = (SHARED_BAND[0] * mean_dampings / DAMPING).clip(*SHARED_BAND)
-    ends = np.flatnonzero(gaps >= shared * sums) + 1
     members: list[list[int]] = []
-    spread = np.concatenate([gaps / sums, [np.inf]])
-    for part in _divided(np.split(order, ends), spread):
-        near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
-        if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
-            members[-1] += part.tolist()
-        else:
-            members.append(part.tolist())
+    for whole in np.split(np.arange(len(f)), np.flatnonzero(gaps >= shared * sums) + 1):
+        for part in _divided(whole.tolist(), gaps / sums):
+            near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
+            if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
+                members[-1] += part
+            else:
+                members.append(part)
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = share * np.maximum(REACH * f, least_bandwidths * usual)
     reach = reach.clip(FEWEST_LINES_OF_REACH * transforms.line_hz)
@@ -309,19 +306,12 @@ def groups_of(
     return groups[max(0, wanted[0] - 1) : wanted[-1] + 2] if wanted else []
 
 
-def _divided(parts: Sequence[NDArray[np.intp]], spread: FloatArray) -> Iterator[NDArray[np.intp]]:
-    """Parts of no more modes than a band can have, cut where they are widest apart.
-
-    ``spread`` (m,) is how far each mode of all parts, one after another, is from the next.
-    """
-    first = 0
-    for part in parts:
-        if len(part) <= MOST_MODES_AT_FIRST:
-            yield part
-        else:
-            cut = 1 + int(spread[first : first + len(part) - 1].argmax())
-            yield from _divided([part[:cut], part[cut:]], spread[first:])
-        first += len(part)
+def _divided(part: list[int], apart: FloatArray) -> list[list[int]]:
+    """Parts of no more modes than a band can have, cut where the next is farthest ``apart``."""
+    if len(part) <= MOST_MODES_AT_FIRST:
+        return [part]
+    cut = 1 + int(apart[part[:-1]].argmax())
+    return _divided(part[:cut], apart) + _divided(part[cut:], apart)
 
 
 def spectra_of_group(
