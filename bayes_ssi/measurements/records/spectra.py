@@ -89,23 +89,29 @@ class Transforms(NamedTuple):
         return self._replace(values=self.values / np.sqrt(np.maximum(level, np.finfo(float).tiny)))
 
     def spectra(self, low_hz: float, high_hz: float, relative_width: float) -> Spectra:
-        """The spectral matrices of blocks of a band's lines."""
-        low, high = self.band_hz
-        centres, numbers = _blocks(
-            max(low_hz, low) / self.line_hz, min(high_hz, high) / self.line_hz, relative_width
-        )
+        """The spectral matrices of blocks of a band's lines; one of w tapers stands for w lines."""
+        lowest, highest = self.band_hz
+        low, high = max(low_hz, lowest) / self.line_hz, min(high_hz, highest) / self.line_hz
+        centres, numbers, line = [], [], math.ceil(low)
+        while line + (n := max(FEWEST_TAPERS, round(relative_width * line))) <= high:
+            centres.append(2 * line + n - 1)  # in half lines
+            numbers.append(n)
+            line += n
+        if not centres:
+            raise ValueError(
+                f"band_hz: the record has only {max(0, int(high) - math.ceil(low) + 1)} lines in "
+                f"the band, fewer than {FEWEST_TAPERS}; take a wider band or a longer record"
+            )
         matrices = np.empty((len(centres), len(self.values), len(self.values)), dtype=complex)
         for matrix, centre, n in zip(matrices, centres, numbers, strict=True):
-            t = np.arange(1, n + 1)
-            at = centre - self.first
+            t, at = np.arange(1, n + 1), centre - self.first
             below, above = np.maximum(at - t, 0), np.minimum(at + t, self.values.shape[1] - 1)
             tapered = self.values[:, below] - self.values[:, above]
             matrix[:] = tapered @ tapered.conj().T / (n * self.share)
-        weights = self.share * np.array([_independent(int(n)) for n in numbers])
         return Spectra(
             0.5 * self.line_hz * np.array(centres, dtype=float),
             self.line_hz * (np.array(numbers) + 1.0),
-            weights,
+            self.share * np.array([_independent(n) for n in numbers]),
             matrices,
         )
 
@@ -128,25 +134,6 @@ def transforms_of(record: Record, band_hz: BandHz, mask: FloatArray | None = Non
     omega = np.pi * line_hz * np.arange(first, last + 1)
     values *= omega ** INTEGRATIONS[record.quantity] / math.sqrt(record.rate_hz * n_padded)
     return Transforms(first, line_hz, 1.0 if mask is None else float((mask**2).mean()), values)
-
-
-def _blocks(low: float, high: float, relative_width: float) -> tuple[list[int], list[int]]:
-    """Centres of the blocks, in half lines, and their numbers of tapers.
-
-    A block of w tapers stands for w lines.
-    """
-    centres, numbers = [], []
-    line = math.ceil(low)
-    while line + (n := max(FEWEST_TAPERS, round(relative_width * line))) <= high:
-        centres.append(2 * line + n - 1)
-        numbers.append(n)
-        line += n
-    if not centres:
-        raise ValueError(
-            f"band_hz: the record has only {max(0, int(high) - math.ceil(low) + 1)} lines in the "
-            f"band, fewer than {FEWEST_TAPERS}; take a wider band or a longer record"
-        )
-    return centres, numbers
 
 
 @cache
