@@ -2,10 +2,9 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -249,30 +248,26 @@ def read_universal(path: Path) -> Channels:
         raise ValueError("no data set 58 with a time response")
     rows: list[np.ndarray] = []
     names: list[str] = []
+    rates: list[float] = []
     for series in sets:
         code = int(series["rsp_dir"])
         axis = AXES.get(abs(code))  # none where it was measured about one, or that is not stated
         rows.append((-1.0 if axis and code < 0 else 1.0) * np.real(series["data"]))
         names.append(f"{int(series['rsp_node'])} {axis}" if axis else "")
+        is_even = series["abscissa_spacing"] == 1
+        steps = np.array([series["abscissa_inc"]]) if is_even else np.diff(series["x"])
+        if not np.allclose(steps, steps.mean(), rtol=1e-2, atol=0.0):
+            raise ValueError("a time response with uneven steps; resample it to equal ones first")
+        rates.append(float(1.0 / steps.mean()))
     ordinates = [series["ordinate_spec_data_type"] for series in sets]
     units = [str(series["ordinate_axis_units_lab"]).strip() for series in sets]
     return Channels(
         in_rows(rows),
         tuple(names) if all(names) else (),
-        tuple(map(_rate_of, sets)),
+        tuple(rates),
         tuple(ORDINATES[kind] for kind in ordinates if kind in ORDINATES),
         tuple(unit for unit in units if unit not in ("", "NONE")),
     )
-
-
-def _rate_of(series: Mapping[str, Any]) -> float:
-    """Samples per second of a time response, by its instants where they are stated one by one."""
-    if series["abscissa_spacing"] == 1:
-        return 1.0 / float(series["abscissa_inc"])
-    steps = np.diff(series["x"])
-    if not np.allclose(steps, steps.mean(), rtol=1e-2, atol=0.0):
-        raise ValueError("a time response with uneven steps; resample it to equal ones first")
-    return float(1.0 / steps.mean())
 
 
 def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
