@@ -87,10 +87,15 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     """
     read = read_arrays(path, attributes=(*STATED, "sensors"))
     is_matlab = path.suffix.lower() == ".mat"  # version 7.3 is HDF5, with groups for structures
-    arrays = {
-        name.replace("/", ".") if is_matlab else name: _plain(value) for name, value in read.items()
-    }
-    of = {name: _structure_and_meaning(name) for name in arrays}
+    arrays: dict[str, np.ndarray] = {}
+    of: dict[str, tuple[str, str]] = {}  # structure, or HDF5's group, and what an array is there
+    for path_inside, value in read.items():
+        name = path_inside.replace("/", ".") if is_matlab else path_inside
+        array = np.asarray(value)
+        arrays[name] = np.char.decode(array) if array.dtype.kind == "S" else array
+        place = max(name.rfind("."), name.rfind("/"), 0)
+        field = name[place:].lstrip("./").lower()
+        of[name] = name[:place], SPELLINGS.get(field, field)
     samples = {
         name: array
         for name, array in arrays.items()
@@ -135,19 +140,6 @@ def read_arrays_of_record(path: Path, keys: Sequence[str]) -> Channels:
     if not (RATES_HZ[0] <= 1.0 / step <= RATES_HZ[1] or {"rate_hz", "dt_s"} & {*stated}):
         raise ValueError(f"times advance by {step:g}, not in s; remove them and give the rate")
     return with_statements(at_places(joined, places), names, stated, [step])
-
-
-def _structure_and_meaning(name: str) -> tuple[str, str]:
-    """The structure, or HDF5's group, that an array is in, and what it is by its name there."""
-    place = max(name.rfind("."), name.rfind("/"), 0)
-    field = name[place:].lstrip("./").lower()
-    return name[:place], SPELLINGS.get(field, field)
-
-
-def _plain(value: Any) -> np.ndarray:
-    """Bytes as an array of texts."""
-    array = np.asarray(value)
-    return np.char.decode(array) if array.dtype.kind == "S" else array
 
 
 def advances(values: np.ndarray) -> bool:
