@@ -20,7 +20,7 @@ from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
 from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.explained_band import Explained, complex_shapes
 from bayes_ssi.measurements.records.mode_candidates import Candidates
-from bayes_ssi.measurements.records.spectra import BandHz, Transforms
+from bayes_ssi.measurements.records.spectra import BandHz, Transforms, turned
 
 DELAY_SD_S = 0.02
 PHASE_SD = 0.2  # of a sensor with phases of its own in every mode
@@ -89,19 +89,15 @@ def _delays_of_bands(bands: Sequence[Explained]) -> list[Delay]:
 def delays_of(
     shapes: ComplexArray, covariances: FloatArray, frequencies_hz: FloatArray
 ) -> list[Delay]:
-    """Delays that are sure or suspected.
+    """Delays that are sure or suspected, by shapes (n, m) at unit length of modes (m,).
 
-    Args:
-        shapes: (n, m) at unit length.
-        covariances: (m, n, n) of the imaginary parts of turned shapes.
-        frequencies_hz: (m,)
+    Covariances (m, n, n) are those of the imaginary parts of turned shapes.
     """
     n, m = shapes.shape
     omega = 2.0 * np.pi * frequencies_hz
     near = _common_delays((shapes**2).T, omega[:, None])
-    turned = shapes * np.exp(1j * near[:, None] * omega)
-    turned = turned * np.exp(-0.5j * np.angle((turned**2).sum(0)))
-    terms = [_Terms.of(turned, near, covariances, omega, spread) for spread in SPREADS]
+    on_time = turned(shapes * np.exp(1j * near[:, None] * omega))
+    terms = [_Terms.of(on_time, near, covariances, omega, spread) for spread in SPREADS]
     # Columns: the delays of all sensors, then the phases of each sensor, mode by mode.
     columns = [[s] for s in range(n)] + [[n + s * m + j for j in range(m)] for s in range(n)]
 
@@ -146,15 +142,15 @@ class _Terms(NamedTuple):
 
     @classmethod
     def of(
-        cls, turned: ComplexArray, near: FloatArray, covariances: FloatArray, omega: FloatArray,
+        cls, on_time: ComplexArray, near: FloatArray, covariances: FloatArray, omega: FloatArray,
         spread: float,
     ) -> "_Terms":  # fmt: skip
-        n, m = turned.shape
+        n, m = on_time.shape
         constant, slope = 0.0, np.zeros(n + n * m)
         information = np.zeros((n + n * m, n + n * m))
         for j in range(m):
-            real = turned[:, j].real
-            imaginary = turned[:, j].imag - real * omega[j] * near  # as before turning
+            real = on_time[:, j].real
+            imaginary = on_time[:, j].imag - real * omega[j] * near  # as before turning
             noise = covariances[j] + spread**2 / n * np.eye(n)
             noise = noise + WHOLE_PHASE_SD**2 * np.outer(real, real)
             places = np.r_[:n, n + np.arange(n) * m + j]
@@ -187,7 +183,7 @@ def _common_delays(squares: ComplexArray, omega: FloatArray) -> FloatArray:
     seconds = np.zeros(squares.shape[1])
     for _ in range(20):
         modes = (squares * np.exp(2j * omega * seconds)).sum(1, keepdims=True)
-        turned = squares * np.conj(modes / np.abs(modes))
-        seconds = sought[(turned.T @ np.exp(2j * omega * sought)).real.argmax(1)]
+        of_sensors = squares * np.conj(modes / np.abs(modes))
+        seconds = sought[(of_sensors.T @ np.exp(2j * omega * sought)).real.argmax(1)]
         seconds = seconds - np.median(seconds)
     return seconds
