@@ -36,14 +36,12 @@ ROOT_2_PI = math.sqrt(2.0 * math.pi)
 def basis(r: int) -> ComplexArray:
     """Orthonormal Hermitian matrices (r², r, r)."""
     basis = np.zeros((r * r, r, r), dtype=complex)
-    at = 0
     for i in range(r):
-        basis[at, i, i] = 1.0
-        at += 1
+        basis[i * i, i, i] = 1.0
         for j in range(i):
-            basis[at, i, j] = basis[at, j, i] = math.sqrt(0.5)
-            basis[at + 1, i, j], basis[at + 1, j, i] = 1j * math.sqrt(0.5), -1j * math.sqrt(0.5)
-            at += 2
+            real, imaginary = basis[i * i + 1 + 2 * j :][:2]
+            real[i, j] = real[j, i] = math.sqrt(0.5)
+            imaginary[i, j], imaginary[j, i] = 1j * math.sqrt(0.5), -1j * math.sqrt(0.5)
     return basis
 
 
