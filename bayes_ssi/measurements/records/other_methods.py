@@ -9,8 +9,6 @@ mode dominates, the phase between two channels is 0 or 180 degrees. The frequenc
 stays there over time are those of modes, and the amplitude ratios at these give the shape.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bayes_ssi.foundations.argument_types import require_one_of
@@ -43,7 +41,8 @@ def modes_by(method: str, record: Record, identified: ModalData) -> ModalData:
     dampings = np.array([mode.damping for mode in identified.modes])
     near = Resonances(identified.frequencies_hz, dampings, identified.unit_shapes)
     piece = record.selected(identified.sensors).longest_piece()
-    return OTHERS[method](piece, identified.band_hz, near)
+    others = {"next-era": next_era, "fdd": fdd, "tfie": tfie}
+    return others[method](piece, identified.band_hz, near)
 
 
 def compared(record: Record, identified: ModalData) -> dict[str, ModalData | str]:
@@ -130,10 +129,3 @@ def _peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArra
     lines = np.abs(frequencies_hz[:, None] - near).argmin(0)
     far = np.abs(np.arange(len(indicator))[:, None] - lines) > LINES_AROUND
     return sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
-
-
-OTHERS: dict[str, Callable[[Record, BandHz, Resonances], ModalData]] = {
-    "next-era": next_era,
-    "fdd": fdd,
-    "tfie": tfie,
-}
