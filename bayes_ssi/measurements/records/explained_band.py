@@ -209,9 +209,8 @@ def rest_of_shapes(fit: LocalFit) -> tuple[ComplexArray, FloatArray]:
 def complex_shapes(fit: LocalFit) -> tuple[FloatArray, ComplexArray, FloatArray]:
     """The modes of a band with phases, whether these are needed or not.
 
-    Returns:
-        Frequencies (m,) in Hz; turned shapes (n, m) in channels, at unit length; and the
-        covariances (m, n, n) of their imaginary parts.
+    Frequencies (m,) in Hz; turned shapes (n, m) in channels, at unit length; and the covariances
+    (m, n, n) of their imaginary parts.
     """
     if not fit.has_phases:
         fit = Fitter(fit.data, fit.one_source).fit(fit, has_phases=True)

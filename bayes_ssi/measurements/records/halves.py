@@ -51,10 +51,8 @@ def growth_by_halves(
 ) -> FloatArray:
     """Factors (3, m) of errors of frequency, damping and shape; 1 where the halves agree.
 
-    Args:
-        band: which agrees if it has no halves, or none that hold all its modes.
-        places: of m of its modes, and ``channels``, those of n sensors.
-        covariance: (m (2 + n))², of (ln f, ln ζ, shapes) of the whole record's modes.
+    Or where the band has no halves that hold all its modes. ``covariance``, (m (2 + n))², is that
+    of (ln f, ln ζ, shapes) of m modes of the whole record at n channels.
     """
     from scipy.stats import chi2
 

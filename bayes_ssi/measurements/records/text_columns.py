@@ -64,11 +64,9 @@ SECONDS = {
 def read_columns_of_record(
     path: Path, rate_hz: float | None = None, keys: Sequence[str] = ()
 ) -> Channels:
-    """Read the channels of a text file or workbook (see the module's docstring for its form).
+    """Read the channels of a text file, or of a workbook's sheet, ``keys``, its first if empty.
 
-    Args:
-        rate_hz: the rate as the user states it, which tells the unit of times that have none.
-        keys: the sheet of a workbook, its first if empty.
+    The rate that the user states tells the unit of times that have none.
     """
     text, delimiter = read_columns(path, *keys)
     try:
