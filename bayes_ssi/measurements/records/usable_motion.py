@@ -65,11 +65,7 @@ class UsableMotion:
 
 
 def usable_motion(record: Record, band_hz: BandHz, ground: str | None) -> UsableMotion:
-    """What modes of a band are identified from.
-
-    Raises:
-        ValueError: as for :func:`identify`.
-    """
+    """What modes of a band are identified from; raises what :func:`identify` does."""
     record, left_out = _as_measured(record, band_hz, ground)
     low, high = band_hz
     lowest = max(low / SEARCH_FACTOR, min(low, FEWEST_LINES / record.duration_s))
@@ -82,10 +78,9 @@ def usable_motion(record: Record, band_hz: BandHz, ground: str | None) -> Usable
         "decayed less than once over the record"
         for f in np.sort(lines[(lines >= low) & (lines <= high)])
     ]
-    if len(lines):
-        samples = without_lines(record.samples, record.rate_hz, lines, record.is_measured)
-        samples.setflags(write=False)
-        record = replace(record, samples=samples)
+    samples = without_lines(record.samples, record.rate_hz, lines, record.is_measured)
+    samples.setflags(write=False)
+    record = replace(record, samples=samples)
     if ground is None:
         ground = _driving_sensor(record, band_hz, remarks)
     _require_ground(record, ground)
