@@ -152,16 +152,13 @@ class Fitter:
         left, right = drive.more(at, fit.model.motions(at), one)
         added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
         seen = added @ steps.of_blocks
-        n = added.shape[1]
         slope = np.einsum("kpa,ka->p", added, steps.slopes)
         cross = np.concatenate(
             [np.einsum("k,kpa->ap", power, seen) for power in at.powers]
             + [np.einsum("kqa,kpa->qp", steps.derivatives, seen)]
         )
-        flat = added.transpose(1, 0, 2).reshape(n, -1)
-        curvature = seen.transpose(1, 0, 2).reshape(n, -1) @ flat.T
         solved = _solved(steps.curvature, np.column_stack([cross, steps.slope]))
-        curvature = curvature - cross.T @ solved[:, :-1]
+        curvature = np.tensordot(seen, added, ([0, 2], [0, 2])) - cross.T @ solved[:, :-1]
         slope = slope - cross.T @ solved[:, -1]
         step = _solved(curvature, slope)
         shape = one.shapes[:, 0]
@@ -251,27 +248,20 @@ class _Steps:
         information = data.weights[:, None, None] * information_of(inverse)
         derivatives = self._derivatives(fitter)  # (K, P, r²)
         self.slopes, self.of_blocks, self.derivatives = slopes, information, derivatives
-        smooth, n = 3 * r * r, derivatives.shape[1]
-        self.size = smooth + n
+        smooth = 3 * r * r
+        self.size = smooth + derivatives.shape[1]
         self.modal = slice(smooth, smooth + 2 * m + m * (r - 1) * (1 + has_phases))
         self.curvature, self.slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         seen = derivatives @ information
         self.slope[smooth:] = np.einsum("kpa,ka->p", derivatives, slopes)
-        # Not with -1: without modes and drive there are no rows.
-        flat, slopes_of_rows = (
-            rows.transpose(1, 0, 2).reshape(n, rows.shape[0] * rows.shape[2])
-            for rows in (seen, derivatives)
-        )
-        self.curvature[smooth:, smooth:] = flat @ slopes_of_rows.T
-        moments = data.powers[1] ** np.arange(5)[:, None] @ information.reshape(len(e), -1)
-        moments = moments.reshape(5, r * r, -1)
+        self.curvature[smooth:, smooth:] = np.tensordot(seen, derivatives, ([0, 2], [0, 2]))
+        moments = np.tensordot(data.powers[1] ** np.arange(5)[:, None], information, 1)
         for i, power in enumerate(data.powers):
             a = slice(i * r * r, (i + 1) * r * r)
             self.slope[a] = power @ slopes
             cross = np.einsum("k,kpa->pa", power, seen)
             self.curvature[smooth:, a], self.curvature[a, smooth:] = cross, cross.T
-            for j in range(len(data.powers)):
-                self.curvature[a, j * r * r : (j + 1) * r * r] = moments[i + j]
+            self.curvature[a, :smooth] = np.hstack([*moments[i : i + 3]])
         self.information = self.curvature.copy()
         self._add_prior()
 
