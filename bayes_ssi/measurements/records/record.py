@@ -123,9 +123,7 @@ class Record(Displayed):
         return measured
 
     def longest_piece(self) -> "Record":
-        """The longest piece between gaps; the record itself where there are none."""
-        if not self.gaps:
-            return self
+        """The longest piece between gaps, all of the record where there are none."""
         edges = np.array([0, *np.ravel(self.gaps), self.n_samples]).reshape(-1, 2)
         first, end = edges[np.diff(edges).argmax()]
         return replace(self, samples=self.samples[:, first:end], gaps=())
