@@ -253,15 +253,14 @@ def with_others(fitter: Fitter, fit: LocalFit, poles: Resonances) -> LocalFit:
     widths = poles.half_widths_hz[:, None] + known.half_widths_hz
     new = (apart > LEAST_SEPARATION * widths).all(1)
     others = poles.at((f > low) & (f < high) & new).in_directions(fitter.data)
-    left = list(range(others.n_modes))
     unknowns = 2 + 2 * (fitter.r - 1) + 2 * fitter.r
-    while left and fit.modes.n_modes < MOST_MODES:
-        gains = [fitter.gain_of(fit, others.at([i]))[0] for i in left]
-        best = left[int(np.argmax(gains))]
-        if max(gains) < 0.5 * unknowns:
+    while others.n_modes and fit.modes.n_modes < MOST_MODES:
+        gains = [fitter.gain_of(fit, others.at([i]))[0] for i in range(others.n_modes)]
+        best = int(np.argmax(gains))
+        if gains[best] < 0.5 * unknowns:
             break
-        left.remove(best)
         wider = fitter.fit(fit.modes.joined(others.at([best])), fit.has_phases)
+        others = others.without(best)
         if wider.are_modes.all() and wider.log_evidence > fit.log_evidence + NATS_OF_A_MODE:
             fit = wider
     return fit
