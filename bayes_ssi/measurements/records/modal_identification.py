@@ -318,14 +318,10 @@ def modes_to_quote(
         inside = modes_inside(explained, band)
         m, n = len(inside), len(channels)
         variances = explained.estimates(inside, channels)[1].diagonal()[2 * m :].reshape(m, n)
-        vague = [
-            i
-            for i, total in zip(inside, variances.sum(axis=1), strict=True)
-            if total > MOST_SHAPE_SD**2 and not are_given
-        ]
-        frequencies, dampings, _ = explained.fit.modes.at(vague)
+        is_vague = (variances.sum(axis=1) > MOST_SHAPE_SD**2) & (not are_given)
+        frequencies, dampings, _ = explained.fit.modes.at(np.compress(is_vague, inside))
         left_out += zip(frequencies.tolist(), dampings.tolist(), strict=True)
-        if quoted := [i for i in inside if i not in vague]:
+        if quoted := np.compress(~is_vague, inside).tolist():
             kept.append((explained, quoted))
     return kept, left_out
 
