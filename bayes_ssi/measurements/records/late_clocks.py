@@ -49,6 +49,7 @@ class Delay(NamedTuple):
 class OnTime(NamedTuple):
     """What is explained once sensors are on time."""
 
+    possible: Candidates  # as they were before
     transforms: Transforms
     bands: list[Explained]
     delays_s: FloatArray  # (n,), that were removed
@@ -73,7 +74,7 @@ def explained_on_time(
             seconds[delay.sensor] += delay.seconds
             removed[delay.sensor] = delay._replace(seconds=float(seconds[delay.sensor]))
     suspected = [delay for delay in delays if not delay.is_sure]
-    return OnTime(on_time, bands, seconds, sorted(removed.values()), suspected)
+    return OnTime(possible, on_time, bands, seconds, sorted(removed.values()), suspected)
 
 
 def _delays_of_bands(bands: Sequence[Explained]) -> list[Delay]:

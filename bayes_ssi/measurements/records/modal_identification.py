@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from bayes_ssi.measurements.records.mode_candidates import (
     given_candidates,
 )
 from bayes_ssi.measurements.records.record import Record
+from bayes_ssi.measurements.records.record_checks import stationary_part
 from bayes_ssi.measurements.records.spectra import BandHz, Resonances, Spectra, Transforms
 from bayes_ssi.measurements.records.steady_amplitudes import steady_modes
 from bayes_ssi.measurements.records.usable_motion import UsableMotion, usable_motion
@@ -130,78 +131,15 @@ def identify(
     """
     band, at = record.checked_band(band_hz), tuple(at)
     motion = usable_motion(record, band, ground)
-    search = _search(motion, at)
-    halves = motion.halves(search.mask, search.on_time.delays_s)
-    clear = np.array([peak.frequency_hz for peak in search.possible.peaks if peak.is_clear])
-    bands = with_halves(search.on_time.bands, halves, 0.5 * motion.record.duration_s)
-    return _result(record, motion, search, bands, skewed_clocks(halves, clear))
-
-
-class _Search(NamedTuple):
-    """Candidates and bands of the part of a record that a mask (N,) leaves, and what is said."""
-
-    mask: FloatArray | None
-    is_given: bool  # by frequencies of the caller
-    possible: Candidates
-    on_time: OnTime
-    remarks: list[str]
-    doubts: list[str]
-
-
-def _search(motion: UsableMotion, at: Sequence[float]) -> _Search:
-    """The search of the stationary part; of the whole record if only strong motion shows modes."""
-    part = motion.stationary
-    search = _searched(motion, part.mask, at)
-    if part.varies > MOST_VARIATION:
-        search.doubts.append(
-            f"the motion is up to {part.varies:.2g} times as strong as its median: modes may "
-            "depend on amplitude, and loads are not stationary, as the spectral model takes them "
-            "to be"
-        )
-    if not part.spans_s:
-        return search
-    if not any(modes_inside(explained, motion.band_hz) for explained in search.on_time.bands):
-        search.doubts.append(
-            "only the strong motion shows modes: they are of the whole record, whose loads are not "
-            "stationary, as the spectral model takes them to be"
-        )
-        return _searched(motion, None, at)._replace(doubts=search.doubts)
-    search.remarks.extend(
-        f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and is "
-        "left out"
-        for start, end in part.spans_s
-    )
-    if not at:
-        strong = candidates(motion.transforms(), *motion.searched_hz).peaks
-        search.remarks.extend(
-            f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, where no mode is"
-            for hz, _ in peaks_without_mode(strong, search.on_time.bands, motion.band_hz)
-        )
-    return search
-
-
-def _searched(motion: UsableMotion, mask: FloatArray | None, at: Sequence[float]) -> _Search:
-    transforms, band = motion.transforms(mask), motion.band_hz
-    possible = (
-        given_candidates(transforms, band, at)
-        if at
-        else candidates(transforms, *motion.searched_hz)
-    )
-    on_time = explained_on_time(transforms, possible, band, bool(at), bool(motion.ground))
-    return _Search(mask, bool(at), possible, on_time, [], [])
-
-
-def _result(
-    whole: Record,
-    motion: UsableMotion,
-    search: _Search,
-    bands: Sequence[Explained],
-    skewed: Sequence[Delay],
-) -> ModalIdentification:
-    record, band, ground = motion.record, motion.band_hz, motion.ground
-    possible, on_time = search.possible, search.on_time
-    channels = [i for i, name in enumerate(record.sensors) if name != ground]
-    kept, vague = modes_to_quote(bands, band, channels, search.is_given)
+    mask, on_time, remarks, doubts = _search(motion, at)
+    possible = on_time.possible
+    halves = motion.halves(mask, on_time.delays_s)
+    bands = with_halves(on_time.bands, halves, 0.5 * motion.record.duration_s)
+    clear_hz = [peak.frequency_hz for peak in possible.peaks if peak.is_clear]
+    skewed = skewed_clocks(halves, np.array(clear_hz))
+    sensors, duration_s = motion.record.sensors, motion.record.duration_s
+    channels = [i for i, name in enumerate(sensors) if name != motion.ground]
+    kept, vague = modes_to_quote(bands, band, channels, bool(at))
     not_identified = peaks_without_mode(possible.peaks, bands, band, [hz for hz, _ in vague])
     if not kept:
         raise ValueError(
@@ -209,19 +147,19 @@ def _result(
             + "".join(f"; the peak at {hz:.4g} Hz: {why}" for hz, why in not_identified)
             + "; give frequencies as at, or another band"
         )
-    quoted, peaks, grown = quoted_modes(record, band, kept, channels)
+    quoted, peaks, grown = quoted_modes(motion.record, band, kept, channels)
     by_band = [explained.complexity(inside, channels) for explained, inside in kept]
     complexity = np.concatenate(by_band, axis=1).T.tolist()
     dampings = np.array([mode.damping for mode in quoted.modes])
-    decays = dampings * quoted.frequencies_hz * record.duration_s
+    decays = dampings * quoted.frequencies_hz * duration_s
     too_short = np.flatnonzero(decays < SHORTEST_DECAYS).tolist()
     worst = max((each for each in bands if each.is_wanted), key=lambda each: each.excess).fit
     loads = "one process" if worst.one_source else "independent loads"
     return ModalIdentification(
-        record=MeasuredRecord(**columns(whole, [each.name for each in fields(MeasuredRecord)])),
+        record=MeasuredRecord(**columns(record, [each.name for each in fields(MeasuredRecord)])),
         band_hz=band,
         method=METHOD_NAMES[BAYESIAN_FFT],
-        loads=f"the motion of sensor {ground!r}" if ground else loads,
+        loads=f"the motion of sensor {motion.ground!r}" if motion.ground else loads,
         whiteness=worst.whiteness,
         allowed_whiteness=worst.allowed_whiteness,
         cycles_of_decay=float(decays.min()),
@@ -236,8 +174,8 @@ def _result(
         not_identified=not_identified,
         remarks=(
             *motion.remarks,
-            *search.remarks,
-            *_late(record.sensors, on_time.removed),
+            *remarks,
+            *_late(sensors, on_time.removed),
             *(
                 f"what is fitted at {hz:.4g} Hz with a damping of {100.0 * damping:.2g} % is not "
                 "quoted as a mode: the record does not tell its shape"
@@ -252,8 +190,8 @@ def _result(
             ),
         ),
         doubts=(
-            *search.doubts,
-            *_clocks_at_fault(record.sensors, on_time.suspected, skewed),
+            *doubts,
+            *_clocks_at_fault(sensors, on_time.suspected, skewed),
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
             *_wandering_lines(quoted, kept, on_time.transforms),
@@ -264,8 +202,58 @@ def _result(
         spectrum=on_time.transforms.spectra(*band, SHOWN_WIDTH),
         left_out=tuple(motion.left_out.items()),
         too_short=tuple(too_short),
-        ground=ground,
+        ground=motion.ground,
     )  # fmt: skip
+
+
+def _search(
+    motion: UsableMotion, at: Sequence[float]
+) -> tuple[FloatArray | None, OnTime, list[str], list[str]]:
+    """The mask (N,) of the part that is searched, the stationary one; its search, remarks, doubts.
+
+    Without a mask where only strong motion shows modes.
+    """
+    # Where what drives the structure is measured, all of a record is used.
+    samples, rate_hz = motion.record.samples, motion.record.rate_hz
+    part = (None, [], 1.0) if motion.ground else stationary_part(samples, rate_hz, motion.reach_hz)
+    mask, spans_s, varies = part
+    search = _searched(motion, mask, at)
+    remarks, doubts = list[str](), list[str]()
+    if varies > MOST_VARIATION:
+        doubts.append(
+            f"the motion is up to {varies:.2g} times as strong as its median: modes may depend on "
+            "amplitude, and loads are not stationary, as the spectral model takes them to be"
+        )
+    if not spans_s:
+        return mask, search, remarks, doubts
+    if not any(modes_inside(explained, motion.band_hz) for explained in search.bands):
+        doubts.append(
+            "only the strong motion shows modes: they are of the whole record, whose loads are not "
+            "stationary, as the spectral model takes them to be"
+        )
+        return None, _searched(motion, None, at), remarks, doubts
+    remarks += (
+        f"from {start:.4g} to {end:.4g} s the motion is many times as strong as otherwise, and is "
+        "left out"
+        for start, end in spans_s
+    )
+    if not at:
+        strong = candidates(motion.transforms(), *motion.searched_hz).peaks
+        remarks += (
+            f"strong motion, which is not used, has a clear peak at {hz:.4g} Hz, where no mode is"
+            for hz, _ in peaks_without_mode(strong, search.bands, motion.band_hz)
+        )
+    return mask, search, remarks, doubts
+
+
+def _searched(motion: UsableMotion, mask: FloatArray | None, at: Sequence[float]) -> OnTime:
+    transforms, band = motion.transforms(mask), motion.band_hz
+    possible = (
+        given_candidates(transforms, band, at)
+        if at
+        else candidates(transforms, *motion.searched_hz)
+    )
+    return explained_on_time(transforms, possible, band, bool(at), bool(motion.ground))
 
 
 def _late(sensors: Sequence[str], delays: Sequence[Delay]) -> Iterable[str]:

@@ -15,7 +15,6 @@ follows until it has decayed.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,19 +183,14 @@ def without_lines(
     )
 
 
-class Stationary(NamedTuple):
-    """The stationary part of a record, by default all of it."""
-
-    # (N,) factors of the samples, 0 where they are left out; None if nothing is.
-    mask: FloatArray | None = None
-    spans_s: tuple[tuple[float, float], ...] = ()
-    varies: float = 1.0  # the most power of a window that is not left out, over the median
-
-
 def stationary_part(
     samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]
-) -> Stationary:
-    """The stationary part of samples (n, N), as the motion of a band shows it."""
+) -> tuple[FloatArray | None, list[tuple[float, float]], float]:
+    """The stationary part of samples (n, N), as the motion of a band shows it.
+
+    Its factors (N,), 0 where samples are left out, None if none are; the spans in s that are; and
+    the most power of a window that is not, over the median.
+    """
     from scipy.fft import irfft, rfft
     from scipy.ndimage import binary_propagation, find_objects, label
 
@@ -216,12 +210,12 @@ def stationary_part(
     strong, decaying = powers > STRONG_POWER, powers > DECAYED_POWER
     out = binary_propagation(strong, mask=decaying)
     if not out.any() or out.mean() > MOST_LEFT_OUT:
-        return Stationary(varies=float(powers.max()))
+        return None, [], float(powers.max())
     is_out = np.pad(np.repeat(out, length), (0, n - n_windows * length), "edge")
-    spans = [
+    spans_s = [
         (span.start / rate_hz, span.stop / rate_hz) for (span,) in find_objects(label(is_out)[0])
     ]
-    return Stationary(mask_around(is_out, rate_hz, low), tuple(spans), float(powers[~out].max()))
+    return mask_around(is_out, rate_hz, low), spans_s, float(powers[~out].max())
 
 
 def mask_around(is_out: NDArray[np.bool_], rate_hz: float, low_hz: float) -> FloatArray:

@@ -12,12 +12,10 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.measurements.records.record import Record
 from bayes_ssi.measurements.records.record_checks import (
-    Stationary,
     faults_of,
     filled_samples,
     machine_lines,
     mask_around,
-    stationary_part,
     without_lines,
 )
 from bayes_ssi.measurements.records.spectra import BandHz, Transforms, transforms_of
@@ -41,7 +39,6 @@ class UsableMotion:
     reach_hz: BandHz  # of the lines that the search needs
     ground: str  # the sensor that measured what drives the structure; "" if none
     pieces: FloatArray | None  # (N,), factors of the samples, 0 in gaps
-    stationary: Stationary
     left_out: dict[str, str]  # sensors, and why
     remarks: list[str]
 
@@ -85,10 +82,8 @@ def usable_motion(record: Record, band_hz: BandHz, ground: str | None) -> Usable
         ground = _driving_sensor(record, band_hz, remarks)
     _require_ground(record, ground)
     pieces = _pieces(record, reach[0], high)
-    # Where what drives the structure is measured, all of a record is used.
-    part = Stationary() if ground else stationary_part(record.samples, record.rate_hz, reach)
     return UsableMotion(
-        record, band_hz, (lowest, highest), reach, ground, pieces, part, left_out, remarks
+        record, band_hz, (lowest, highest), reach, ground, pieces, left_out, remarks
     )
 
 
