@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import require_known
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import FloatArray, IntArray
 from bayes_ssi.foundations.named_arrays import read_arrays
 
 # Names under which files of arrays, attributes and comments state what the samples are.
@@ -149,7 +148,7 @@ def advances(values: np.ndarray) -> bool:
     return step > 0.0 and float(np.median(np.abs(steps - step))) < 0.01 * step
 
 
-def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]]:
+def instants_of(values: np.ndarray, name: str) -> tuple[float, IntArray]:
     """The step of a column of instants, and the places (N,) of its rows, from 0 on.
 
     Raises:
@@ -180,10 +179,10 @@ def instants_of(values: np.ndarray, name: str) -> tuple[float, NDArray[np.int64]
         long[:] = False
     usual = float(steps[~long].mean())
     missing = np.where(long, np.round(steps / usual) - 1.0, 0.0)
-    return usual, np.concatenate([[0], np.cumsum(1 + missing)]).astype(np.int64)
+    return usual, np.concatenate([[0], np.cumsum(1 + missing)]).astype(np.intp)
 
 
-def at_places(samples: FloatArray, places: NDArray[np.int64]) -> FloatArray:
+def at_places(samples: FloatArray, places: IntArray) -> FloatArray:
     """Samples with NaN where instants are missing."""
     if places[-1] == len(places) - 1:
         return samples

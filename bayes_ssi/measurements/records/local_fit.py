@@ -9,10 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, ComplexArray, FloatArray
 from bayes_ssi.measurements.records.local_model import (
     Model,
     OneSource,
@@ -61,7 +60,7 @@ class LocalFit:
         return self.model.modes
 
     @property
-    def are_modes(self) -> NDArray[np.bool_]:
+    def are_modes(self) -> BoolArray:
         """Which resonances are within the band, and damped no more than structures are (m,)."""
         low, high = self.data.band_hz
         f = self.modes.frequencies_hz

@@ -12,9 +12,8 @@ from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, IntArray, joined
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
     MOST_DAMPING,
@@ -260,7 +259,7 @@ class _Section:
         return correlations, 1.0 / (len(centres) * line), float(frequencies[0])
 
 
-def _clusters(f: FloatArray, shapes: ComplexArray, orders: NDArray[np.int_]) -> NDArray[np.int_]:
+def _clusters(f: FloatArray, shapes: ComplexArray, orders: IntArray) -> IntArray:
     """Labels, from 1, of poles that are one mode; two of one order are not."""
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.argument_types import repeated, require_known, require_one_of
-from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, FloatArray
 from bayes_ssi.foundations.displayed import Displayed, counted
 from bayes_ssi.measurements.modes.identified_mode import checked_band, checked_sensors
 from bayes_ssi.measurements.records.record_checks import remarks_on
@@ -96,7 +95,7 @@ class Record(Displayed):
             samples.setflags(write=False)
         return samples
 
-    def _bridged(self, samples: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
+    def _bridged(self, samples: FloatArray, missing: BoolArray) -> FloatArray:
         """The samples from the first whole instant to the last, with straight lines in gaps."""
         if missing.mean() >= 0.5:
             shares = np.isnan(samples).mean(1)
@@ -115,7 +114,7 @@ class Record(Displayed):
         return samples
 
     @property
-    def is_measured(self) -> NDArray[np.bool_]:
+    def is_measured(self) -> BoolArray:
         """(N,), whether an instant is in no gap."""
         measured = np.ones(self.n_samples, dtype=bool)
         for first, end in self.gaps:

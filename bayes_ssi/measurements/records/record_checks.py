@@ -17,9 +17,8 @@ follows until it has decayed.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
+from bayes_ssi.foundations.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 STRAIGHT_SAMPLES = 10  # for which no sensor in motion is on one value or straight line
 LONG_OVER_USUAL = 4.0  # times the length that a hundredth of a sensor's straight runs exceed
@@ -121,9 +120,7 @@ def _is_resonance(powers: FloatArray) -> bool:
     return bool(close > max(FLANKS_OVER_FAR * far, HANN_LEAKAGE * powers.max()))
 
 
-def _standing_out(
-    transforms: ComplexArray, lines: NDArray[np.intp]
-) -> tuple[FloatArray, ComplexArray]:
+def _standing_out(transforms: ComplexArray, lines: IntArray) -> tuple[FloatArray, ComplexArray]:
     """zᴴ G⁻¹ z of lines (L,), and G⁻¹ z (L, n)."""
     apart = np.arange(-LINES_AROUND, LINES_AROUND + 1)
     nearby = apart[np.abs(apart) > HANN_SPREAD]
@@ -149,7 +146,7 @@ def without_lines(
     samples: FloatArray,
     rate_hz: float,
     frequencies_hz: FloatArray,
-    measured: NDArray[np.bool_] | None = None,
+    measured: BoolArray | None = None,
 ) -> FloatArray:
     """Samples without the sines of some frequencies, by joint least squares of all of them.
 
@@ -218,7 +215,7 @@ def stationary_part(
     return mask_around(is_out, rate_hz, low), spans_s, float(powers[~out].max())
 
 
-def mask_around(is_out: NDArray[np.bool_], rate_hz: float, low_hz: float) -> FloatArray:
+def mask_around(is_out: BoolArray, rate_hz: float, low_hz: float) -> FloatArray:
     """Factors (N,) of samples, 0 where they are out, with flanks of one window."""
     from scipy.ndimage import distance_transform_edt
 
@@ -232,7 +229,7 @@ def _window(n: int, rate_hz: float, low_hz: float) -> int:
     return max(1, min(round(WINDOW_PERIODS * rate_hz / low_hz), n // FEWEST_WINDOWS))
 
 
-def moving(samples: FloatArray) -> NDArray[np.bool_]:
+def moving(samples: FloatArray) -> BoolArray:
     """Which sensors (n,) have samples (n, N) that differ by more than rounding."""
     low, high = samples.min(1), samples.max(1)
     return high - low > 1e-12 * np.maximum(np.abs(low), np.abs(high))
@@ -272,7 +269,7 @@ def faults_of(
     samples: FloatArray,
     rate_hz: float,
     sensors: Sequence[str],
-    filled: NDArray[np.bool_],
+    filled: BoolArray,
     band_hz: tuple[float, float] = (0.0, np.inf),
 ) -> dict[str, str]:
     """Sensors whose samples (n, N) are not the motion at their places in a band, and why.
@@ -360,7 +357,7 @@ def _clipped_share(row: FloatArray) -> float:
     return n_clipped / len(row)
 
 
-def filled_samples(samples: FloatArray) -> NDArray[np.bool_]:
+def filled_samples(samples: FloatArray) -> BoolArray:
     """Which samples (n, N) are on one value or straight line for long, or repeat earlier ones."""
     filled = np.zeros(samples.shape, dtype=bool)
     for row, is_filled in zip(samples, filled, strict=True):
@@ -376,7 +373,7 @@ def filled_samples(samples: FloatArray) -> NDArray[np.bool_]:
     return filled
 
 
-def _repeats(row: FloatArray) -> NDArray[np.bool_]:
+def _repeats(row: FloatArray) -> BoolArray:
     """Which samples (N,) are in a stretch that has been before, to the last digit."""
     length, n = REPEATED_SAMPLES, len(row) - REPEATED_SAMPLES + 1
     if n < 2:
