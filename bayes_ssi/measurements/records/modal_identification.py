@@ -42,6 +42,7 @@ SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 FEWEST_DAMPINGS = 3  # with which one is compared
 LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
 MOST_SHAPE_SD = 0.5  # of a quoted unit shape, which leaves a MAC of 0.8 to be expected
+ESTIMATED = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -99,11 +100,6 @@ class ModalIdentification(InWords, IdentificationSummary):
 
     def _rows(self) -> Iterable[dict[str, Any]]:
         return self.modal_data()._rows()
-
-
-FIELDS = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
-COMPLEXITY = ("mpc", "mean_phase_deg")
-UNKNOWN = dict.fromkeys(FIELDS[2:])  # of modes that a record is too short for
 
 
 @checked
@@ -164,11 +160,10 @@ def identify(
         allowed_whiteness=worst.allowed_whiteness,
         cycles_of_decay=float(decays.min()),
         modes=tuple(
-            EstimatedMode(
-                **columns(mode, FIELDS)
-                | (UNKNOWN if i in too_short else dict(zip(COMPLEXITY, each, strict=True)))
-            )
-            for i, (mode, each) in enumerate(zip(quoted.modes, complexity, strict=True))
+            EstimatedMode(**columns(mode, ESTIMATED[:2]) | dict.fromkeys(ESTIMATED[2:]))
+            if i in too_short
+            else EstimatedMode(**columns(mode, ESTIMATED), mpc=mpc, mean_phase_deg=degrees)
+            for i, (mode, (mpc, degrees)) in enumerate(zip(quoted.modes, complexity, strict=True))
         ),
         peaks=peaks,
         not_identified=not_identified,
