@@ -27,6 +27,7 @@ MOST_FILLED = 0.2  # of a sensor's samples; with more it is left out, with fewer
 # Gaussian motion of which a share is clipped is smaller by as much (Bussgang 1952).
 MOST_CLIPPED = 0.001
 FEWEST_CLIPPED = 8  # samples
+CLIPPED = "clipped; {:.2g} % of its samples are at an extreme value"
 NOISE_ALONE = "noise alone, coherent with no other sensor at any frequency; is it connected?"
 WINDOWS = 40  # in which coherence is judged
 LONGEST_WINDOW = 4096  # samples
@@ -245,7 +246,7 @@ def remarks_on(samples: FloatArray, rate_hz: float, sensors: Sequence[str]) -> l
         samples, filled, sensors = samples[sound], filled[sound], [sensors[i] for i in sound]
     for name, row, is_filled in zip(sensors, samples, filled, strict=True):
         if share := _clipped_share(row):
-            remarks.append(f"sensor {name!r}: clipped; {_at_extremes(share)}")
+            remarks.append(f"sensor {name!r}: {CLIPPED.format(100.0 * share)}")
         if is_filled.any():
             ends = np.flatnonzero(np.diff(is_filled, prepend=False, append=False)).reshape(-1, 2)
             first, end = ends[np.diff(ends).argmax()] / rate_hz
@@ -285,7 +286,7 @@ def faults_of(
             faults[name] = f"dead, all samples are {row[0]:g}"
             continue
         if clipped[i] > MOST_CLIPPED and not are_all_clipped:
-            faults[name] = f"clipped; {_at_extremes(clipped[i])}"
+            faults[name] = CLIPPED.format(100.0 * clipped[i])
         if (share := float(filled[i].mean())) > MOST_FILLED:
             faults[name] = (
                 f"on straight lines, or the same as before, in {share:.0%} of its samples"
@@ -303,10 +304,6 @@ def faults_of(
     if len(noise) < len(left):
         faults |= {sensors[left[i]]: NOISE_ALONE for i in noise}
     return faults
-
-
-def _at_extremes(share: float) -> str:
-    return f"{100.0 * share:.2g} % of its samples are at an extreme value"
 
 
 def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]) -> list[int]:

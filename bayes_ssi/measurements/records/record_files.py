@@ -39,6 +39,7 @@ AXES = {1: "x", 2: "y", 3: "z"}
 ORDINATES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 SEISMIC = (".mseed", ".miniseed", ".msd", ".sac")
+MINISEED = re.compile(rb"\d{6}[DRQM][ \0]")  # as it begins; archives have the day for an ending
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?"
 # After "UNITS OF", "UNITS:" or "UNITS =" in the header of an AT2 file.
 UNIT = r"\bunits?\s*(?:\bof\b|:|=)\s*([^\s,;.]+)"
@@ -186,7 +187,7 @@ def is_record(path: Path) -> bool:
     """
     suffix = path.suffix.lower()
     head = first_bytes(path)
-    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC) or begins_miniseed(head):
+    if suffix in (*ARRAY_FILES, ".tdms", *SEISMIC) or MINISEED.match(head):
         return True
     if begins_universal(head):
         return has_data_set(path, 58)
@@ -202,7 +203,7 @@ def _read_file(path: Path, keys: Sequence[str], rate_hz: float | None) -> Channe
         return read_tdms(path, keys)
     if keys and suffix not in WORKBOOKS:
         raise ValueError(f"keys are given, but a file of type {suffix!r} has none")
-    if suffix in SEISMIC or begins_miniseed(first_bytes(path)):
+    if suffix in SEISMIC or MINISEED.match(first_bytes(path)):
         return read_seismic(path)
     if suffix == ".at2":
         return read_at2(path)
@@ -292,11 +293,6 @@ def read_tdms(path: Path, keys: Sequence[str]) -> Channels:
         (),
         tuple(str(stated["unit_string"]) for stated in properties if stated.get("unit_string")),
     )
-
-
-def begins_miniseed(head: bytes) -> bool:
-    """Whether a file begins as MiniSEED does, whose archives have the day for an ending."""
-    return re.match(rb"\d{6}[DRQM][ \0]", head) is not None
 
 
 def read_seismic(path: Path) -> Channels:
