@@ -118,8 +118,8 @@ class Fitter:
                 real = real / np.linalg.norm(real, axis=0)
                 modes = modes._replace(shapes=real.astype(complex))
             model = started(self.data, modes, self.one_source)
-        # Priors of forces stay as those at the start would have them.
-        usual = self._sizes(model)
+        # Priors of forces stay as those at the start would have them, and do not vanish.
+        usual = np.maximum(model.drive.sizes(model.modes), LEAST_FORCES)
         e = model.covariances(self.data)
         steps = _Steps(self, model, e, has_phases, usual)
         damping = 1e-2
@@ -142,12 +142,12 @@ class Fitter:
     def gain_of(self, fit: LocalFit, one: Resonances) -> tuple[float, ComplexArray]:
         """About how many nats a mode more would gain: by its forces alone, at first order.
 
-        Returns:
-            The gain, and the mode's shape (r,): that of ``one`` under independent loads, and the
-            one that gains most where one source drives all.
+        And its shape (r,): that of ``one`` under independent loads, and the one that gains most
+        where one source drives all.
         """
         at, drive = self.data, fit.model.drive
-        steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, self._sizes(fit.model))
+        usual = np.maximum(drive.sizes(fit.modes), LEAST_FORCES)
+        steps = _Steps(self, fit.model, fit.covariances, fit.has_phases, usual)
         left, right = drive.more(at, fit.model.motions(at), one)
         added = 2.0 * coordinates(left[..., None] * right[..., None, :].conj())  # (K, 2c, r²)
         seen = added @ steps.of_blocks
@@ -166,11 +166,6 @@ class Fitter:
             turn = np.exp(-0.5j * np.angle((shape**2).sum()))
             shape = shape / np.linalg.norm(shape) * turn
         return 0.5 * float(slope @ step), shape
-
-    @staticmethod
-    def _sizes(model: Model) -> FloatArray:
-        """Of the forces of modes, and not so small that priors that go with them vanish."""
-        return np.maximum(model.drive.sizes(model.modes), LEAST_FORCES)
 
     def _energy(self, model: Model, scales: FloatArray) -> float:
         """The quadratic part of -ln prior density."""
