@@ -322,10 +322,9 @@ def _unit_of_instants(
     values = table[j].to_numpy()
     step, first = float(np.median(np.diff(values))), abs(float(values[0]))
     is_clock = CLOCK.fullmatch(_plain(name)) is not None
-    if not is_clock:
-        may_be = (j == 0 or unit in SECONDS) and not quantity_of(unit) and table.shape[1] > 1
-        if not (may_be and advances(values)):
-            return None
+    may_be = (j == 0 or unit in SECONDS) and not quantity_of(unit) and table.shape[1] > 1
+    if not (is_clock or (may_be and advances(values))):
+        return None
     if unit:
         if unit not in SECONDS:
             known = ", ".join(SECONDS)
