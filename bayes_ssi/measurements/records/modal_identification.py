@@ -89,10 +89,9 @@ class ModalIdentification(InWords, IdentificationSummary):
         of_measured = np.r_[:m, (m + n * np.arange(m)[:, None] + measured).ravel()]
         covariance = np.zeros((m * (1 + n), m * (1 + n)))
         covariance[np.ix_(of_measured, of_measured)] = self.quoted.covariance
-        values = {each.name: getattr(self, each.name) for each in fields(IdentificationSummary)}
-        return ModalData(
-            modes, self.band_hz, sensors, source, covariance, (IdentificationSummary(**values),)
-        )
+        names = [each.name for each in fields(IdentificationSummary)]
+        summary = IdentificationSummary(**columns(self, names))
+        return ModalData(modes, self.band_hz, sensors, source, covariance, (summary,))
 
     def _line(self) -> str:
         failed = counted(len(self.failed_checks), "failed check")
