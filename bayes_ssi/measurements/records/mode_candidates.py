@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, IntArray, joined
+from bayes_ssi.foundations.arrays import ComplexArray, FloatArray, joined
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
     MOST_DAMPING,
@@ -191,6 +191,9 @@ class _Section:
 
     def _poles(self) -> tuple[Resonances, FloatArray, FloatArray]:
         """Poles of clusters of orders, the share of orders that have each, and poles of orders."""
+        from scipy.cluster.hierarchy import fcluster, linkage
+        from scipy.spatial.distance import squareform
+
         of_orders = [*self._poles_of_orders()]
         f, zeta, shapes = joined(of_orders, axis=-1)
         n_orders = len(of_orders)
@@ -198,7 +201,13 @@ class _Section:
         stabilisation = np.array([f, orders], dtype=float)
         if len(f) < 2:
             return Resonances.none(len(self.scales)), np.empty(0), stabilisation
-        labels = _clusters(f, shapes, orders)
+        distances = np.abs(np.log(f[:, None] / f)) / SAME_LOG_FREQUENCY
+        differences = (1.0 - np.abs(shapes.conj().T @ shapes) ** 2).clip(0.0)
+        distances += differences / (1.0 - SAME_SHAPE_MAC)
+        distances[np.equal.outer(orders, orders)] += 10.0  # two poles of one order are two modes
+        np.fill_diagonal(distances, 0.0)
+        linked = linkage(squareform(distances, checks=False), "average")
+        labels = fcluster(linked, 1.0, "distance")
         clusters = (np.flatnonzero(labels == label) for label in range(1, labels.max() + 1))
         often = [each for each in clusters if len(each) / n_orders >= LEAST_SHARE_OF_ORDERS]
         shares = np.array([len(each) for each in often]) / n_orders
@@ -257,17 +266,3 @@ class _Section:
         products = sum(np.einsum("ik,jk->kij", each, each.conj()) for each in tapered)
         correlations = np.fft.ifft(window[:, None, None] * products, axis=0)
         return correlations, 1.0 / (len(centres) * line), float(frequencies[0])
-
-
-def _clusters(f: FloatArray, shapes: ComplexArray, orders: IntArray) -> IntArray:
-    """Labels, from 1, of poles that are one mode; two of one order are not."""
-    from scipy.cluster.hierarchy import fcluster, linkage
-    from scipy.spatial.distance import squareform
-
-    distances = np.abs(np.log(f[:, None] / f)) / SAME_LOG_FREQUENCY
-    differences = (1.0 - np.abs(shapes.conj().T @ shapes) ** 2).clip(0.0)
-    distances += differences / (1.0 - SAME_SHAPE_MAC)
-    distances[np.equal.outer(orders, orders)] += 10.0
-    np.fill_diagonal(distances, 0.0)
-    linked = linkage(squareform(distances, checks=False), "average")
-    return np.asarray(fcluster(linked, 1.0, "distance"))
