@@ -11,6 +11,7 @@ import math
 import os
 import pickle
 import signal
+import sys
 from collections import defaultdict
 from functools import partial
 from pathlib import Path
@@ -340,6 +341,21 @@ def _interrupts():
 def _one_blas_thread():
     """Matrices here are small: threads inside BLAS would only wait for one another."""
     with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_once(tmp_path_factory):
+    """Processes that tests start share compiled code also where Python keeps none beside sources."""
+    if not sys.dont_write_bytecode:
+        yield
+        return
+    kept = str(tmp_path_factory.getbasetemp().parent / "compiled")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "dont_write_bytecode", False)
+        patched.setattr(sys, "pycache_prefix", kept)
+        patched.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+        patched.setenv("PYTHONPYCACHEPREFIX", kept)
         yield
 
 
