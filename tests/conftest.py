@@ -32,10 +32,7 @@ from bayes_ssi.inference.posterior.model_at_draws import (
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.workers import Workers
-from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
-from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.ranking.study import load_study
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
@@ -169,7 +166,7 @@ def tiny_study_file(tmp_path):
 def tiny_study(tmp_path_factory):
     path = tmp_path_factory.mktemp("tiny") / "tiny.py"
     path.write_text(TINY_STUDY, encoding="utf-8")
-    return load_study(path)
+    return bs.load_study(path)
 
 
 @pytest.fixture(scope="session")
@@ -185,7 +182,9 @@ def tiny_result(tiny_ranking, tmp_path_factory):
     study = directory / "tiny.py"
     study.write_text(TINY_STUDY, encoding="utf-8")
     command = "bayes-ssi rank tiny.py --seed 7"
-    return save_result(tiny_ranking, directory / "result", study_file=str(study), command=command)
+    return bs.save_result(
+        tiny_ranking, directory / "result", study_file=str(study), command=command
+    )
 
 
 @pytest.fixture
@@ -311,7 +310,7 @@ def _search_of_case_c(baseline):
     settings = bs.SearchSettings(number_weights=(1.0, 1.0))
     with pytest.MonkeyPatch.context() as patched:
         screen_quickly(patched)
-        return search(baseline, settings, settings=searches.COARSE)
+        return bs.search(baseline, settings, settings=searches.COARSE)
 
 
 def screen_quickly(patched):
@@ -346,7 +345,7 @@ def _one_blas_thread():
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled_once(tmp_path_factory):
-    """Processes that tests start share compiled code also where Python keeps none beside sources."""
+    """Processes that tests start share compiled code, also where Python is to keep none."""
     if not sys.dont_write_bytecode:
         yield
         return
@@ -375,7 +374,7 @@ def screening_for_appendages(monkeypatch):
 
 # As coarse as checks of that ask, for those that fail take longer; as good as any to be compared.
 COARSE = bs.SamplingSettings(
-    log_evidence_error=0.2, particles=64, searches=1, r_hat=2.0, effective_sample_size=100
+    log_evidence_error=0.2, particles=64, searches=1, r_hat=2.0, effective_sample_size=400
 )
 
 

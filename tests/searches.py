@@ -15,7 +15,10 @@ from bayes_ssi.studies.appendages.candidates import (
 from bayes_ssi.studies.search.approximate_evidence import Screened
 from bayes_ssi.studies.search.findings import Finding
 
-COARSE = bs.SamplingSettings(log_evidence_error=1.0, particles=48, searches=1, max_steps=10)
+# As coarse as passes its own checks: where one fails, all is sampled again, with particles.
+COARSE = bs.SamplingSettings(
+    log_evidence_error=1.0, particles=48, searches=1, r_hat=2.0, effective_sample_size=400
+)
 # One appendage at most; all sampled.
 ONE = SearchSettings(number_weights=(1.0, 1.0), most_unsampled=0.0)
 ALL = SearchSettings(most_unsampled=0.0)

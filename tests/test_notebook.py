@@ -12,11 +12,15 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.displayed import Displayed
 
 NOTEBOOK = Path(__file__).parents[1] / "model_classes" / "hidden_tank.ipynb"
-# As conftest's screen_quickly does in this process.
-SCREEN_QUICKLY = """
+# As conftest's screen_quickly does in this process; and sampling is coarse.
+QUICKLY = """
 from functools import partial
+import bayes_ssi as bs
+from bayes_ssi.studies import questions
 from bayes_ssi.studies.search import family_search
 family_search.screened_hypotheses = partial(family_search.screened_hypotheses, most_full=0)
+coarse = bs.SamplingSettings(0.1, searches=1, effective_sample_size=400)
+bs.SamplingSettings = questions.SamplingSettings = lambda **_: coarse
 """
 
 
@@ -27,7 +31,7 @@ def executed(tmp_path_factory):
     folder.mkdir()
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     assert len(notebook.cells) <= 40
-    notebook.cells.insert(0, nbformat.v4.new_code_cell(SCREEN_QUICKLY))
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(QUICKLY))
     for cell in notebook.cells:
         cell.source = cell.source.replace("n_tests=100", "n_tests=50")
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()

@@ -8,7 +8,6 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.studies.ranking.class_sampling import sample_all
-from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 # Published least-squares fit to four frequencies and four shapes.
@@ -21,7 +20,7 @@ SHAPE_WEIGHT = 0.1
 
 @functools.cache
 def study():
-    return load_study(ROOT / "model_classes" / "four_storey_frame.py")
+    return bs.load_study(ROOT / "model_classes" / "four_storey_frame.py")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 MODES = {
@@ -32,7 +31,7 @@ POSTERIOR = {
 
 @functools.cache
 def study():
-    return load_study(ROOT / "model_classes" / "liverpool_frame.py")
+    return bs.load_study(ROOT / "model_classes" / "liverpool_frame.py")
 
 
 def model_class(name):

@@ -9,7 +9,6 @@ import pytest
 from importance import log_evidence
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 NOMINAL_HZ = [3.23, 4.02, 5.70, 9.74, 14.55, 18.42]
@@ -34,7 +33,7 @@ POSTERIOR = {
 
 @functools.cache
 def study():
-    return load_study(ROOT / "model_classes" / "steel_frame.py")
+    return bs.load_study(ROOT / "model_classes" / "steel_frame.py")
 
 
 @functools.cache

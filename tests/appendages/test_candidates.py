@@ -11,7 +11,6 @@ import bayes_ssi as bs
 from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.studies.appendages.baselines import choose_baselines, hypothesis, scale_of
 from bayes_ssi.studies.appendages.candidates import PendulumPlace, places_of
-from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search.family import compact, prior_draws
 
 K = np.array([[1600.0, -700.0, 0.0], [-700.0, 1100.0, -400.0], [0.0, -400.0, 400.0]])
@@ -125,7 +124,7 @@ def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
         bs.Candidate("tie", "node 3 x", to="node 2 x"),
     ]
     made = baseline(structure.reduced() if reduced else structure)
-    result = search(made, ONE, candidates=candidates)
+    result = bs.search(made, ONE, candidates=candidates)
     observed = {each.place.name: each.is_observed for each in result.record.places}
     assert observed == {"pendulum apart": False, "pendulum both": True, "infill tie": True}
     (note,) = [note for note in search_notes(result.record) if "says nothing" in note]
@@ -135,7 +134,7 @@ def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
 def test_a_reduced_structure_with_elements_is_searched_as_it_is(fake_sampling):
     fake_sampling(by_count(0.0, 1.0))
     loaded = matrices().reduced().with_element(bs.AddedMass(0.1, (("node 1 x", 1.0),)))
-    result = search(baseline(loaded), ONE)
+    result = bs.search(baseline(loaded), ONE)
     assert len(result.record.hypotheses) == 4
     chosen = choose_baselines(bs.Study("s", [baseline(loaded)]))
     assert compact(chosen["b"], prior_draws).structure is loaded
@@ -154,7 +153,7 @@ def two_tests():
 )
 def test_an_appendage_is_in_all_tests_or_in_some(fake_sampling, present_in, counts):
     fake_sampling(lambda made: float(len(made.parameters)))
-    result = search(two_tests(), ONE, present_in=present_in)
+    result = bs.search(two_tests(), ONE, present_in=present_in)
     assert result.record.present_in == (None if present_in is None else tuple(present_in))
     for made in result.ranking.study.model_classes[1:]:
         assert [len(test.structure.appendages) for test in made.configurations] == counts
@@ -170,7 +169,7 @@ def test_appendages_are_in_the_tests_whose_structures_have_their_places(fake_sam
         for name, own in (("sideways", sideways), ("torsion", twisting))
     ]
     both = bs.ModelClass("b", error=sideways.error, configurations=tests)
-    result = search(both, ONE)
+    result = bs.search(both, ONE)
     assert result.record.present_in == ("sideways",)
     for made in result.ranking.study.model_classes[1:]:
         assert [len(test.structure.appendages) for test in made.configurations] == [1, 0]
@@ -181,10 +180,10 @@ def test_a_class_with_an_appendage_of_its_own_is_no_baseline_where_others_have_n
     bare = baseline(matrices())
     mast = bs.Pendulum("node 2 y", 0.1, 2.0, label="mast")
     own = baseline(matrices().with_element(mast), name="own")
-    record = search(bs.Study("s", [bare, own]), ONE).record
+    record = bs.search(bs.Study("s", [bare, own]), ONE).record
     assert [each.name for each in record.baselines] == ["b"]
     assert record.left_out == {"own": "model class 'own' carries an appendage of its own, 'mast'"}
-    record = search(bs.Study("s", [own]), ONE).record
+    record = bs.search(bs.Study("s", [own]), ONE).record
     assert [each.name for each in record.baselines] == ["own"]
 
 
@@ -213,7 +212,7 @@ EDGE = {"node 2 x": 0.6, "node 2 y": 0.8}
 )  # fmt: skip
 def test_bad_candidates_are_refused(make, error, message):
     with pytest.raises(error, match=message):
-        search(baseline(matrices()), ONE, candidates=make())
+        bs.search(baseline(matrices()), ONE, candidates=make())
 
 
 @pytest.mark.parametrize(
@@ -222,7 +221,7 @@ def test_bad_candidates_are_refused(make, error, message):
 )
 def test_a_test_that_does_not_exist_is_refused(present_in, message):
     with pytest.raises(ValueError, match=message):
-        search(two_tests(), ONE, present_in=present_in)
+        bs.search(two_tests(), ONE, present_in=present_in)
 
 
 def write(tmp_path, text):

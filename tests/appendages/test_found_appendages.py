@@ -10,7 +10,6 @@ from searches import exact_modes
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages import appendage_search as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
-from bayes_ssi.studies.appendages.candidates import SearchSettings
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
 from bayes_ssi.studies.search.findings import feature_draws, hypotheses_by_probability
 
@@ -44,7 +43,7 @@ def baseline(main_structure):
 
 
 def found(baseline, **settings):
-    options = SearchSettings(number_weights=(1.0, 1.0), **settings)
+    options = bs.SearchSettings(number_weights=(1.0, 1.0), **settings)
     baselines = choose_baselines(bs.Study("frame", [baseline]), options=options)
     pendulums = tuple(p for p in baselines.appendages("frame") if p.word == "pendulum")
     baselines.features["frame"] = pendulums
@@ -160,8 +159,8 @@ def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):
 
 
 def test_a_heaviest_mass_is_in_the_unit_of_the_structure():
-    prior = SearchSettings(mass=(0.5, 200.0)).prior_of_mass_ratio(1000.0)
+    prior = bs.SearchSettings(mass=(0.5, 200.0)).prior_of_mass_ratio(1000.0)
     assert prior == bs.LogUniform(0.0005, 0.2)
     for mass in ((0.0, 1.0), (2.0, 1.0), (1.0, math.inf)):
         with pytest.raises(ValueError, match="LogUniform"):
-            SearchSettings(mass=mass)
+            bs.SearchSettings(mass=mass)

@@ -11,8 +11,6 @@ from searches import INFILL_12, PENDULUM_1, screened
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
 from bayes_ssi.studies.appendages.baselines import hypothesis
-from bayes_ssi.studies.appendages.candidates import SearchSettings
-from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.search import approximate_evidence as module
 from bayes_ssi.studies.search.approximate_evidence import FULL, QUICK, screen, with_more_draws
 from bayes_ssi.studies.search.ladder import most_probability_unsampled, screen_best, to_sample
@@ -102,7 +100,7 @@ def by_name(**log_evidences):
 
 def test_only_what_matters_is_sampled_and_all_is_reported(bare, fake_sampling):
     fake_sampling(by_name(pendulum_1=5.0, no_appendage=-9.0))
-    result = search(bare, SearchSettings(number_weights=(1.0, 1.0)))
+    result = bs.search(bare, bs.SearchSettings(number_weights=(1.0, 1.0)))
     assert fake_sampling.sampled == [["no appendage", "pendulum 1"]]
     rows = result.record.hypotheses
     assert len(rows) == 7
@@ -119,7 +117,7 @@ def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
     screened = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=-5.0)
     sampled = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=0.0)
     fake_sampling(sampled, screened)
-    search(bare, SearchSettings(number_weights=(1.0, 1.0)))
+    bs.search(bare, bs.SearchSettings(number_weights=(1.0, 1.0)))
     assert fake_sampling.sampled == [["no appendage", "pendulum 1"], ["pendulum 2"]]
 
 

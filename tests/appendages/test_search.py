@@ -23,12 +23,9 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.plots.place_plots import plot_places
 from bayes_ssi.report.tables.search_tables import search_notes
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
 from bayes_ssi.studies.appendages.appendage_search import SearchRecord
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.appendages.candidates import KINDS, AppendagePlace, SearchSettings
-from bayes_ssi.studies.questions import search
 
 WEIGHTS, PRIOR = "number_weights must be two or more positive numbers", "must be a prior, got"
 
@@ -50,7 +47,7 @@ def test_bad_settings_are_refused(option, value, error, message):
         SearchSettings(**{option: value})
 
 
-class Wall(Structure):
+class Wall(bs.Structure):
     """A structure without floors."""
 
     parameters = (bs.Parameter("k", bs.Uniform(1.0, 2.0)),)
@@ -58,14 +55,14 @@ class Wall(Structure):
     n_modes = 1
 
     def modes(self, values):
-        return Modes(values[:, :1], np.ones((len(values), 1, 1)))
+        return bs.Modes(values[:, :1], np.ones((len(values), 1, 1)))
 
 
 def test_classes_without_floors_are_left_out(bare, fake_sampling):
     plate = bs.ModelClass("plate", Wall(), bare.data, pairing={})
     fake_sampling(by_count(0.0, 1.0))
     study = bs.Study("s", [plate, bare])
-    record = search(study, ONE).record
+    record = bs.search(study, ONE).record
     assert [each.name for each in record.baselines] == ["bare"]
     assert record.left_out == {
         "plate": "model class 'plate': a search needs a structure that carries elements, such as a "
@@ -73,16 +70,16 @@ def test_classes_without_floors_are_left_out(bare, fake_sampling):
     }
     for given, names in ((plate, None), (study, ["plate"])):
         with pytest.raises(ValueError, match=r"^model class 'plate': a search needs .* got Wall$"):
-            search(given, ONE, baselines=names)
+            bs.search(given, ONE, baselines=names)
     with pytest.raises(ValueError, match="no model class 'tower'"):
-        search(study, ONE, baselines=["tower"])
+        bs.search(study, ONE, baselines=["tower"])
 
 
 def test_classes_that_differ_in_their_pairing_are_one_baseline(bare, fake_sampling):
     fake_sampling(by_count(0.0, 1.0))
     other = replace(bare, name="other", configurations=bare.with_any_pairing("x").configurations)
     weights = {"bare": 1.0, "other": 2.0}
-    record = search(bs.Study("s", [bare, other], prior_weights=weights), ONE).record
+    record = bs.search(bs.Study("s", [bare, other], prior_weights=weights), ONE).record
     (baseline,) = record.baselines
     assert (baseline.name, baseline.classes) == ("bare or other", ("bare", "other"))
     assert baseline.prior_probability == pytest.approx(1.0)
@@ -138,7 +135,7 @@ def test_priors_are_those_of_the_band_or_of_the_user(bare, given, frequency):
 def test_a_frequency_outside_the_band_is_refused(bare, fake_sampling, frequency):
     levels = fake_sampling(by_count(0.0, 0.0))
     with pytest.raises(ValueError, match=r"'bare'.* frequency, .* outside the band 0 to 6 Hz"):
-        search(bare, SearchSettings(frequency=frequency))
+        bs.search(bare, SearchSettings(frequency=frequency))
     assert levels == []
 
 
@@ -164,7 +161,7 @@ class RoofPlace(AppendagePlace):
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
     monkeypatch.setattr("bayes_ssi.studies.appendages.candidates.KINDS", (*KINDS, RoofPlace))
     levels = fake_sampling(by_count(0.0, 1.0, 2.0))
-    result = search(bare, ONE)
+    result = bs.search(bare, ONE)
     assert "mast 3" in levels[1]
     assert {made.pairing for made in result.ranking.study.model_classes} == {"any"}
     record = result.record
@@ -189,7 +186,7 @@ def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch
 )
 def test_levels_end_where_more_do_not_help(bare, fake_sampling, log_evidences, settings, n_tried):
     levels = fake_sampling(by_count(*log_evidences))
-    search(bare, settings)
+    bs.search(bare, settings)
     assert [len(level) for level in levels] == n_tried
 
 
@@ -203,7 +200,7 @@ def test_levels_end_where_more_do_not_help(bare, fake_sampling, log_evidences, s
 )
 def test_two_are_tried_on_the_best_ones(bare, fake_sampling, heights, branches, n_tried):
     levels = fake_sampling(lambda made: heights.get(made.name, -1.0))
-    search(bare, SearchSettings(branches=branches))
+    bs.search(bare, SearchSettings(branches=branches))
     assert len(levels) == 3
     assert len(set(levels[2])) == len(levels[2]) == n_tried
     assert all(any(best in name for best in heights) for name in levels[2])
@@ -222,7 +219,7 @@ def alone(made):
 def test_two_are_tried_wherever_they_would_be_probable_and_with_the_best(bare, fake_sampling):
     """Two of the four that help, and the best with every other; not the two that do not."""
     levels = fake_sampling(alone)
-    record = search(bare, SearchSettings(branches=1)).record
+    record = bs.search(bare, SearchSettings(branches=1)).record
     pairs = {frozenset(name.split(" + ")) for name in levels[2]}
     assert len(pairs) == len(levels[2]) == 8
     assert {frozenset((a, b)) for a in ALONE for b in ALONE if a != b} <= pairs
@@ -232,7 +229,7 @@ def test_two_are_tried_wherever_they_would_be_probable_and_with_the_best(bare, f
 
 def test_what_is_not_tried_has_the_probability_that_parts_alone_let_expect(bare, fake_sampling):
     fake_sampling(alone)
-    result = search(bare, SearchSettings(branches=1))
+    result = bs.search(bare, SearchSettings(branches=1))
     tried = {row.name for row in result.record.hypotheses}
     names = [place.name for place in places_of_building(bare.structure)]
     pairs = [f"{a} + {b}" for i, a in enumerate(names) for b in names[i + 1 :]]
@@ -248,7 +245,7 @@ def test_what_is_not_tried_has_the_probability_that_parts_alone_let_expect(bare,
 
 def test_nothing_is_said_where_all_are_tried(bare, fake_sampling):
     fake_sampling(by_count(0.0, 9.0, 8.0))
-    result = search(bare)
+    result = bs.search(bare)
     assert (result.record.n_not_tried, result.record.expected_not_tried) == (0, 0.0)
     assert not any(note.startswith("Not tried") for note in search_notes(result.record))
 
@@ -257,7 +254,7 @@ def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
     """The best nine, and the best single one with the place that adds nothing."""
     monkeypatch.setattr("bayes_ssi.studies.search.family_search.MOST_EXPECTED", 9)
     levels = fake_sampling(lambda made: 9.0 if made.name == PENDULUM_3.name else alone(made) + 5.0)
-    search(bare, SearchSettings(branches=1))
+    bs.search(bare, SearchSettings(branches=1))
     assert len(levels[2]) == 10
     assert sum("pendulum 3" in name for name in levels[2]) == 5
     assert "infill 1-2 + infill 2-3" not in levels[2]
@@ -266,7 +263,7 @@ def test_of_too_many_the_best_are_tried(bare, fake_sampling, monkeypatch):
 def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
     """And no appendage. What approximations of the others may be off by is said."""
     fake_sampling(lambda _: 0.0, lambda made: 0.1 * len(made.structure.appendages))
-    result = search(bare, SearchSettings(number_weights=(1.0, 6.0, 15.0), branches=6))
+    result = bs.search(bare, SearchSettings(number_weights=(1.0, 6.0, 15.0), branches=6))
     assert len(result.record.hypotheses) == 22
     assert sum(row.is_sampled for row in result.record.hypotheses) == 13
     note = "≈: off by +0.00 to +0.20 nats where hypotheses were sampled."
@@ -276,7 +273,7 @@ def test_where_the_answer_rests_on_many_twelve_are_sampled(bare, fake_sampling):
 def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
     log_evidence = by_count(0.0, 1.0, 3.0)
     fake_sampling(log_evidence)
-    result = search(bare, ALL)
+    result = bs.search(bare, ALL)
     study = result.ranking.study
     masses = {
         each.name: study.prior_weights[each.name] * math.exp(log_evidence(each))
@@ -308,7 +305,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
     monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
-    result = search(bare, ONE, 5, COARSE, run)
+    result = bs.search(bare, ONE, 5, COARSE, run)
     assert calls == [(5, COARSE, "there")]
     assert said[-1] == ("no appendage", "evidence", 1.0)
     assert said[0] == ("all hypotheses", "screening 1", 1.0)

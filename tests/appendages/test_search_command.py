@@ -10,7 +10,6 @@ from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import to_record
-from bayes_ssi.results.stored_result import load_result
 
 ONE_K = ("--class", "one k")
 pytestmark = pytest.mark.usefixtures("coarse_command", "quick_screening")
@@ -43,7 +42,7 @@ def test_search_saves_a_result(run, tiny_study_file, tmp_path, fake_sampling, mo
         assert words in " ".join(result.stdout.split())
     record = json.loads((out / "search.json").read_text(encoding="utf-8"))
     assert len(record["hypotheses"]) == sum(map(len, levels))
-    stored = load_result(out)
+    stored = bs.load_result(out)
     assert stored.record.seed == 3
     assert len(stored.posteriors) == len(record["hypotheses"])
 
@@ -185,7 +184,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     assert result.exit_code == 0, result.output
     assert "an earlier run was interrupted; it is resumed" in result.stderr
     assert not (tmp_path / ".r.checkpoint").exists()
-    assert {p.name for p in load_result(out).posteriors} == {"no appendage", "infill 0-1"}
+    assert {p.name for p in bs.load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 
 
 @pytest.mark.usefixtures("one_place")

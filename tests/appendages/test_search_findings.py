@@ -18,8 +18,6 @@ from bayes_ssi.report.tables.search_tables import (
 )
 from bayes_ssi.results.wording import quantity
 from bayes_ssi.studies.appendages.appendage_search import SearchRecord
-from bayes_ssi.studies.appendages.candidates import SearchSettings
-from bayes_ssi.studies.questions import search
 from bayes_ssi.studies.ranking.comparison import probability_text
 
 
@@ -45,8 +43,8 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     data = exact_modes(frame, frame.degrees_of_freedom, (0.0, 6.0))
     np.testing.assert_allclose(data.frequencies_hz, [1.0, 2.80193774, 4.04891734], atol=1e-8)
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
-    one = SearchSettings(number_weights=(1.0, 1.0))
-    result = search(baseline, one, settings=COARSE)
+    one = bs.SearchSettings(number_weights=(1.0, 1.0))
+    result = bs.search(baseline, one, settings=COARSE)
     assert result.ranking.comparison.best.name == "no appendage"
     assert result.record.probability_of_any < 0.2
 
@@ -55,9 +53,9 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
 def test_workers_do_not_change_a_bit(tiny_study, monkeypatch, copied_workers):
     """Of two hypotheses that are screened, and the one that is sampled."""
     monkeypatch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (INFILL_12,))
-    one = SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
+    one = bs.SearchSettings(number_weights=(1.0, 1.0), most_sampled=1)
     here, there = (
-        search(tiny_study.model_classes[0], one, 3, COARSE, bs.Run(workers))
+        bs.search(tiny_study.model_classes[0], one, 3, COARSE, bs.Run(workers))
         for workers in (None, copied_workers)
     )
     assert here.record == there.record
@@ -92,7 +90,7 @@ def of_a_tall_building(fake_sampling):
     structure = bs.ShearBuilding((3.2e5,) * 20, [2.5e8 * k] * 20)
     data = bs.ModalData((bs.IdentifiedMode("1", 0.98),), (0.0, 6.0))
     tower = bs.ModelClass("tower", structure, data, bs.ErrorModel(0.01), pairing={})
-    return search(bs.Study("tower", [tower], mass_unit="kg"))
+    return bs.search(bs.Study("tower", [tower], mass_unit="kg"))
 
 
 def test_tables_cut_nothing_in_narrow_and_wide_terminals(of_a_tall_building):

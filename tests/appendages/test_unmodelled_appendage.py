@@ -8,12 +8,10 @@ import pytest
 from searches import COARSE, exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.results.answer import first_screen
 from bayes_ssi.studies.appendages import unmodelled as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks, hidden_appendages
-from bayes_ssi.studies.ranking.study import load_study
 
 MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 QUICK = bs.SamplingSettings(log_evidence_error=0.1, searches=2, effective_sample_size=400)
@@ -35,7 +33,7 @@ def screened_once(monkeypatch):
 
 
 def ranked(study, *names, settings=QUICK):
-    chosen = load_study(MODEL_CLASSES / f"{study}.py")
+    chosen = bs.load_study(MODEL_CLASSES / f"{study}.py")
     return bs.rank(chosen.only(names) if names else chosen, settings=settings)
 
 
@@ -50,13 +48,13 @@ def test_nothing_is_said_where_the_best_class_has_the_appendage(monkeypatch):
 @pytest.mark.usefixtures("screened_once")
 def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     """f1, f2a and f3 alone: nothing is spurious, and k2 is 13 % too stiff (true value 1)."""
-    (first, *_) = load_study(MODEL_CLASSES / "shear_building.py").model_classes
+    (first, *_) = bs.load_study(MODEL_CLASSES / "shear_building.py").model_classes
     modes = tuple(mode for mode in first.data.modes if mode.label != "2b")
     made = replace(first, configurations=(
         replace(first.configurations[0], data=replace(first.data, modes=modes)),))  # fmt: skip
     ranking = bs.rank(bs.Study("f1, f2a and f3", [made]), settings=QUICK)
     assert ranking.comparison.failed_checks == ()
-    near = {each.label: each for each in hidden_appendages(ranking, Run())}
+    near = {each.label: each for each in hidden_appendages(ranking, bs.Run())}
     before, (low, middle, high) = near["2a"].changed["k2"]
     assert before == pytest.approx(1.13, abs=0.01)
     assert low < 1.0 < high
@@ -68,9 +66,9 @@ def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     assert said in " ".join(first_screen(ranking).split())
     # Of one that is improbable nothing is said, whatever it would change.
     monkeypatch.setattr(module, "_nats", lambda *_: -7.0)
-    assert hidden_appendages(ranking, Run()) == []
+    assert hidden_appendages(ranking, bs.Run()) == []
     monkeypatch.setattr(module, "_nats", lambda *_: -1.0)
-    assert [each.label for each in hidden_appendages(ranking, Run())] == ["1", "2a"]
+    assert [each.label for each in hidden_appendages(ranking, bs.Run())] == ["1", "2a"]
 
 
 @pytest.mark.usefixtures("screened_once")
@@ -91,13 +89,13 @@ def test_a_test_of_torsion_alone_has_no_places_of_appendages():
     tests = [test("bending", bending), test("torsion", torsion)]
     made = bs.ModelClass("frame", configurations=tests, error=bs.ErrorModel(0.01))
     ranking = bs.rank(bs.Study("frame", [made]), settings=COARSE)
-    assert {each.label.split()[0] for each in hidden_appendages(ranking, Run())} <= {"bending"}
+    assert {each.label.split()[0] for each in hidden_appendages(ranking, bs.Run())} <= {"bending"}
     near = module._places_near(choose_baselines(ranking.study), made, ranking.posteriors[0])
     assert list(near) == ["bending 1", "bending 2", "bending 3", "bending 4"]
 
 
 def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
-    (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    (bare,) = bs.load_study(MODEL_CLASSES / "bare_building.py").model_classes
     antenna = bare.structure.with_element(bs.Pendulum(3, 0.01, 7.5, label="antenna"))
     made = replace(bare, configurations=(replace(bare.configurations[0], structure=antenna),))
     comparison = bs.rank(bs.Study("with an antenna", [made]), settings=COARSE).comparison
@@ -124,7 +122,7 @@ def test_the_warning_comes_first_and_fails(run):
 
 def test_a_spurious_mode_is_no_appendage(monkeypatch):
     """A bare building's own modes, and one that has nothing to do with it."""
-    (bare,) = load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    (bare,) = bs.load_study(MODEL_CLASSES / "bare_building.py").model_classes
     data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
     odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
     data = replace(data, modes=(data.modes[0], odd, *data.modes[1:]))
@@ -137,7 +135,7 @@ def test_a_spurious_mode_is_no_appendage(monkeypatch):
 def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(monkeypatch):
     monkeypatch.setattr(module, "is_cheap", lambda _: False)
     ranking = ranked("bare_building", settings=COARSE)
-    (check,) = appendage_checks(ranking, Run())
+    (check,) = appendage_checks(ranking, bs.Run())
     assert check.words.endswith("which 'bare frame' lacks; ask with a search for appendages")
     # Either of two modes may be the spurious one.
     said = " ".join(first_screen(ranking).split())
@@ -146,7 +144,7 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
 
 def test_a_class_with_an_appendage_is_no_rival_without_any():
     """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
-    study = load_study(MODEL_CLASSES / "steel_frame.py")
+    study = bs.load_study(MODEL_CLASSES / "steel_frame.py")
     chosen = choose_baselines(study, ["2 M3"])
     assert [each.name for each in chosen.classes] == ["2 M3"]
     names = {each.name for each in chosen.rivals}

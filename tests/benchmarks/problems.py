@@ -17,7 +17,6 @@ from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 STUDY = Path(__file__).parents[2] / "model_classes" / "shear_building.py"
 
@@ -131,7 +130,7 @@ def wider_prior() -> Problem:
 
 def several_maxima_class() -> bs.ModelClass:
     """Approach 3 on frequencies alone, errors of 0.2 %, priors with a c.o.v. of 0.5."""
-    augmented = load_study(STUDY).only(["3"]).model_classes[0]
+    augmented = bs.load_study(STUDY).only(["3"]).model_classes[0]
     wide = {p.name: bs.Parameter(p.name, bs.LogNormal(1.0, 0.5)) for p in augmented.parameters}
     frame, (infill,) = augmented.structure, augmented.structure.elements
     structure = bs.ShearBuilding(

@@ -17,7 +17,6 @@ from problems import STUDY
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 ERRORS = (1e-2, 1e-3, 1e-4)
 
@@ -88,7 +87,7 @@ def without_noise(n: int, error: float) -> bs.ModelClass:
 
 def any_pairing_of_shear_building(name: str, error: float) -> bs.ModelClass:
     """A class of the numerical study with the pairing inferred, and other sizes of errors."""
-    (candidate,) = load_study(STUDY).only([name]).model_classes
+    (candidate,) = bs.load_study(STUDY).only([name]).model_classes
     label = {"1-a": "infill as mass", "3": "infill"}[name]
     return replace(
         candidate.with_any_pairing(f"any pairing, {label}, {error:.0e}"),

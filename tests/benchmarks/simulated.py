@@ -11,7 +11,6 @@ from scipy.stats import vonmises_fisher
 
 import bayes_ssi as bs
 from bayes_ssi.parameters.parameters import Value, as_product
-from bayes_ssi.structures.modal import Modes
 
 
 class IdentificationErrors(NamedTuple):
@@ -58,7 +57,7 @@ def simulate_tests(
 def _modes_of_test(
     candidate: bs.ModelClass,
     configuration: bs.Configuration,
-    modes: Modes,
+    modes: bs.Modes,
     named: dict[str, float],
     rng: np.random.Generator,
     stated: IdentificationErrors | None,

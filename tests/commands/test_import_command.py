@@ -15,7 +15,6 @@ from searches import exact_modes
 import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.results.predictions.nodal_modes import NodalModes, write_universal_file
-from bayes_ssi.studies.ranking.study import load_study
 
 DATA = Path(__file__).parent.parent / "solver_files" / "data"
 SENSORS = ("100 x", "200 x", "340 x", "340 y")
@@ -105,7 +104,7 @@ def test_a_study_from_exports():
     assert "M = M_0" in lines
     error = next(line for line in lines if line.startswith("both.sti: predicted to "))
     assert float(error.rsplit(" ", 1)[1]) < 1e-10
-    study = load_study("tower.py")
+    study = bs.load_study("tower.py")
     assert [each.name for each in study.model_classes] == ["one factor", "each its own"]
     own = study.model_classes[1].structure
     assert [p.name for p in own.parameters] == ["lower", "upper"]
@@ -126,7 +125,7 @@ def test_sensors_of_other_names_and_data_to_come(folder):
     text = (folder / "later.py").read_text("utf-8")
     assert '    "roof": "2 x",\n' in text
     (folder / "later.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,roof\n1,1.9,1\n")
-    assert load_study("later.py").model_classes[1].structure.degrees_of_freedom == ("roof",)
+    assert bs.load_study("later.py").model_classes[1].structure.degrees_of_freedom == ("roof",)
 
 
 def test_several_tests_are_configurations(folder):
@@ -139,7 +138,7 @@ def test_several_tests_are_configurations(folder):
     text = (folder / "both.py").read_text("utf-8")
     tank = 'bs.AddedMass(2500.0, (("2 x", 1.0),))'
     (folder / "both.py").write_text(text.replace('tank": []', f'tank": [{tank}]'))
-    built, with_tank = load_study("both.py").model_classes[0].configurations
+    built, with_tank = bs.load_study("both.py").model_classes[0].configurations
     assert (built.name, with_tank.name) == ("as built", "with a tank")
     assert built.structure.degrees_of_freedom == ("1 x",)
     assert with_tank.structure.degrees_of_freedom == ("roof",)
@@ -204,7 +203,7 @@ def test_the_band_of_a_universal_file_is_the_studys(folder):
     write_universal_file(Path("modes.uff"), modes, "two storeys")
     done = run("uff_study", *FRAME, "--data", "modes.uff", "--band", "0.5", "17")
     assert done.exit_code == 0, done.output
-    data = load_study(folder / "uff_study.py").model_classes[0].data
+    data = bs.load_study(folder / "uff_study.py").model_classes[0].data
     assert data.band_hz == (0.5, 17.0)
     assert data.sensors == ("1 x", "2 x")
 
@@ -226,7 +225,7 @@ def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):
     done = run("floor", "--nominal", "f.TXK", *changed, "--data", "modes.csv")
     assert done.exit_code == 0, done.output
     assert "1 rows are added for displacements of constraints" in done.output.splitlines()
-    structure = load_study("floor.py").model_classes[1].structure
+    structure = bs.load_study("floor.py").model_classes[1].structure
     stiffness = np.array([[4.4e5, 1e4], [1e4, 9e6 * 0.9]])
     values, vectors = scipy.linalg.eigh(stiffness, np.diag([1e3, 8e3]))
     modes = structure.modes(np.array([[1.1, 0.9]]))
@@ -250,7 +249,7 @@ def test_one_export_has_one_factor_and_names_are_checked_before_it_is_read():
     done = run("one", "--nominal", "frame.sti", "--data", "modes.csv")
     assert done.exit_code == 0, done.output
     assert "K = stiffness K_stiffness" in done.output
-    (only,) = load_study(Path("one.py")).model_classes
+    (only,) = bs.load_study(Path("one.py")).model_classes
     (modes,) = (each.structure.modes(np.array([[2.0]])) for each in only.configurations)
     squares = scipy.linalg.eigvalsh(2.0 * stiffness(1.0, 1.0), M)
     np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / (2 * np.pi))
@@ -317,7 +316,7 @@ def test_a_format_by_one_command(written):
     labels = () if written is calculix else ("--labels", "labels.txt")
     done = run(*options(files), *FORMATS[written], *labels)
     assert done.exit_code == 0, done.output
-    structure = load_study("frame.py").model_classes[-1].structure
+    structure = bs.load_study("frame.py").model_classes[-1].structure
     assert {parameter.name for parameter in structure.parameters} == {"lower", "upper"}
     values = {"lower": 1.3, "upper": 0.7}
     at = np.array([[values[parameter.name] for parameter in structure.parameters]])

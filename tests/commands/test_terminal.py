@@ -15,7 +15,6 @@ import bayes_ssi as bs
 from bayes_ssi.cli import main
 from bayes_ssi.commands.terminal import lines_of_progress
 from bayes_ssi.inference.sampling.result import SamplingResult
-from bayes_ssi.results.stored_result import load_result
 
 
 def test_quiet_prints_errors_and_failed_checks_alone(run, tiny_study_file, tmp_path, monkeypatch):
@@ -29,7 +28,7 @@ def test_quiet_prints_errors_and_failed_checks_alone(run, tiny_study_file, tmp_p
 @pytest.mark.usefixtures("coarse_command")
 def test_a_ranking_as_json(run, tiny_study_file, tmp_path):
     result = run("rank", tiny_study_file, "--json", "--out", tmp_path / "r")
-    printed, stored = json.loads(result.stdout), load_result(tmp_path / "r")
+    printed, stored = json.loads(result.stdout), bs.load_result(tmp_path / "r")
     assert printed["directory"] == str(tmp_path / "r")
     best, row = stored.comparison.best, printed["classes"][0]
     assert (row["name"], row["log_evidence"]) == (best.name, best.log_evidence)

@@ -12,7 +12,6 @@ from bayes_ssi.inference.posterior.model_at_draws import DatumTerms
 from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Evaluated
-from bayes_ssi.structures.modal import Modes
 
 
 class Hidden(DelegatingStructure):
@@ -27,7 +26,7 @@ class Hidden(DelegatingStructure):
         if (values > self.limit).any():
             raise ArithmeticError(f"stiffer than {self.limit:g}")
         frequencies_hz, shapes = super().modes(values)
-        return Modes(self.softer * frequencies_hz, shapes)
+        return bs.Modes(self.softer * frequencies_hz, shapes)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from conftest import COARSE, assert_one_line_error
 from delegating import DelegatingStructure
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.sample import sample
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _side_by_side, sample_all
@@ -96,7 +95,7 @@ def test_workers_report_their_progress(tiny_study, tmp_path, monkeypatch, copied
     monkeypatch.setattr(Workers, "try_each", try_each)
     run = bs.Run(copied_workers, progress=lambda *call: calls.append(call))
     items = [(candidate, None) for candidate in tiny_study.model_classes]
-    assert _side_by_side(items, sample, run) == {}
+    assert _side_by_side(items, bs.sample, run) == {}
     assert calls == [("a", "searches", 0.25), ("a", "ensembles", 0.5)], "its end is known anyway"
     ProgressFile(tmp_path / "nowhere" / "0")("a", "searches", 0.25)
 

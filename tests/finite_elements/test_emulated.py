@@ -14,7 +14,6 @@ from bayes_ssi.structures.emulation.gaussian_process import (
     _negative_log_likelihood,
 )
 from bayes_ssi.structures.emulation.mode_representations import ModalOperator, TrackedModes
-from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Requirement
 
 
@@ -23,7 +22,7 @@ def uncoupled(x):
     frequencies = np.column_stack([2.0 * np.exp(0.3 * x), 2.0 * np.exp(-0.2 * x)])
     order = np.argsort(frequencies, axis=1)
     shapes = np.tile(np.eye(2), (len(x), 1, 1))
-    return Modes(
+    return bs.Modes(
         np.take_along_axis(frequencies, order, axis=1),
         np.take_along_axis(shapes, order[:, None, :], axis=2),
     )
@@ -47,7 +46,7 @@ def test_modes_that_veer_are_emulated_by_their_operator():
         k[:, 0, 0], k[:, 1, 1] = 1.0 + 0.3 * x, 1.0 - 0.3 * x
         k[:, 0, 1] = k[:, 1, 0] = 0.003
         eigenvalues, shapes = np.linalg.eigh(k)
-        return Modes(np.sqrt(eigenvalues), shapes)
+        return bs.Modes(np.sqrt(eigenvalues), shapes)
 
     x, between = np.linspace(-1.0, 1.0, 13), np.linspace(-0.9, 0.9, 50)
     errors = []

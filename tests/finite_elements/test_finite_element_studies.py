@@ -8,7 +8,6 @@ import pytest
 from code_blocks import ROOT
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 STUDIES = ROOT / "model_classes" / "finite_elements"
 
@@ -20,7 +19,7 @@ def study(name, package, extra):
         __import__(package)
     except Exception as error:  # noqa: BLE001 - openseespy raises what it likes
         pytest.skip(f"{reason} ({type(error).__name__}: {error})")
-    return load_study(STUDIES / name)
+    return bs.load_study(STUDIES / name)
 
 
 def test_beam_by_scikit_fem():

@@ -16,9 +16,6 @@ from bayes_ssi.inference.likelihood.pairings import (
     PairingShare,
 )
 from bayes_ssi.report.tables.ranking_tables import pairing_notes
-from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
 
 NAN = math.nan
 FACTOR = 0.004 * np.random.default_rng(0).standard_normal((16, 16))
@@ -97,7 +94,7 @@ def test_it_is_the_sum_over_every_pairing(
     np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-11)
 
 
-class Crossing(Structure):
+class Crossing(bs.Structure):
     """Two oscillators that know nothing of each other: one at 2 Hz, the other at f."""
 
     f = bs.Parameter("f", bs.Uniform(1.0, 3.0))
@@ -110,7 +107,7 @@ class Crossing(Structure):
         frequencies = np.column_stack([np.full(len(f), 2.0), f])
         shapes = np.tile(np.eye(2), (len(f), 1, 1))
         order = np.argsort(frequencies, axis=1)
-        return Modes(
+        return bs.Modes(
             np.take_along_axis(frequencies, order, axis=1),
             np.take_along_axis(shapes, order[:, None, :], axis=2),
         )
@@ -253,8 +250,8 @@ def test_sampling_infers_the_pairing(tiny_study, tiny_ranking, tmp_path):
     assert posterior.evidence.log_evidence == pytest.approx(given, abs=0.05)
     assert tiny_ranking.posteriors[0].configurations[0].inferred_pairing is None
     assert pairing_notes(tiny_ranking.posteriors[0]) == []
-    save_result(ranking, tmp_path / "r")
-    (loaded,) = load_result(tmp_path / "r").posteriors
+    bs.save_result(ranking, tmp_path / "r")
+    (loaded,) = bs.load_result(tmp_path / "r").posteriors
     assert loaded.configurations == posterior.configurations
 
 

@@ -30,14 +30,12 @@ from bayes_ssi.inference.posterior.model_at_draws import (
     remarks_on_close_modes,
 )
 from bayes_ssi.structures.changed_structure import FurtherMode
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
 
 PLACES = ("x 1", "x 2", "y 1", "y 2")
 X, Y = np.array([0.5, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.5, 1.0])
 
 
-class Pair(Structure):
+class Pair(bs.Structure):
     """Two modes a distance apart about 2 Hz, in x and in y, and one far above."""
 
     parameters = (bs.Parameter("distance", bs.Uniform(0.0, 1.0)),)
@@ -48,7 +46,7 @@ class Pair(Structure):
         half = 0.5 * values[:, 0]
         frequencies = 2.0 * np.column_stack([1.0 - half, 1.0 + half, np.full(len(half), 3.0)])
         shapes = np.column_stack([X, Y, [1.0, -0.5, 0.0, 0.0]])
-        return Modes(frequencies, np.tile(shapes, (len(half), 1, 1)))
+        return bs.Modes(frequencies, np.tile(shapes, (len(half), 1, 1)))
 
 
 def turned_data(degrees, distance=0.003, labels="ab", error=0.0):
@@ -201,7 +199,7 @@ class Chain(Pair):
             [np.full(len(middle), 1.98), middle, np.full(len(middle), 2.02)]
         )
         shapes = np.column_stack([X, Y, [1.0, -0.5, 0.0, 0.0]])
-        return Modes(frequencies, np.tile(shapes, (len(middle), 1, 1)))
+        return bs.Modes(frequencies, np.tile(shapes, (len(middle), 1, 1)))
 
 
 def test_which_of_three_turn_does_not_change_where_distances_of_the_model_cross():

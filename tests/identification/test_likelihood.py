@@ -13,8 +13,6 @@ from scipy.linalg import eigh
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.likelihood import ModalLikelihood
 from bayes_ssi.inference.likelihood.paired_modes import check_pairing
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
 
 SENSORS = ("floor 3", "floor 1", "infill 1-2")
 MASSES = (3.0, 2.0, 1.5)
@@ -22,7 +20,7 @@ STIFFNESSES = (900.0, 700.0, 400.0)
 NAN = math.nan
 
 
-class Prescribed(Structure):
+class Prescribed(bs.Structure):
     """Modes written down, not computed: a shape on the sphere given by its two angles."""
 
     angles = tuple(bs.Parameter(name, bs.Uniform(0.0, 2.0 * math.pi)) for name in ("t", "p"))
@@ -34,7 +32,7 @@ class Prescribed(Structure):
         t, p = values.T
         shapes = np.array([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)]).T
         shapes[np.isnan(t)] = 0.0
-        return Modes(np.ones((len(values), 1)), 4.0 * shapes[:, :, None])
+        return bs.Modes(np.ones((len(values), 1)), 4.0 * shapes[:, :, None])
 
 
 def likelihood(structure, data, pairing, frequency_cov=0.01, shape_sd=0.05, p_d=0.9, nu=0.3):
@@ -180,7 +178,9 @@ class Rounded(bs.ShearBuilding3D):
     def modes(self, values):
         modes = super().modes(values)
         noise = np.random.default_rng(0).choice([-1e-15, 0.0, 1e-15], (200, 6, 6))[: len(values)]
-        return Modes(modes.frequencies_hz, np.where(abs(modes.shapes) < 1e-9, noise, modes.shapes))
+        return bs.Modes(
+            modes.frequencies_hz, np.where(abs(modes.shapes) < 1e-9, noise, modes.shapes)
+        )
 
 
 @pytest.mark.parametrize("measured", [("x",), ("x", "y")])

@@ -19,7 +19,6 @@ from bayes_ssi.inference.criticism.misfit import edges
 from bayes_ssi.inference.sampling.target import log_standard_normal
 from bayes_ssi.report.tables.mode_tables import calibration_modes_table
 from bayes_ssi.report.tables.ranking_tables import pairing_notes
-from bayes_ssi.results.stored_result import load_result, save_result
 
 STIFFNESS = (2.0 * math.pi) ** 2  # of a mass of 1, for 1 Hz
 k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
@@ -145,8 +144,8 @@ def test_a_posterior_knows_its_configurations(ranking):
 
 
 def test_save_and_load(ranking, tmp_path):
-    saved = save_result(ranking, tmp_path / "r")
-    loaded_again = load_result(tmp_path / "r")
+    saved = bs.save_result(ranking, tmp_path / "r")
+    loaded_again = bs.load_result(tmp_path / "r")
     assert {p.name for p in (tmp_path / "r" / "data").iterdir()} == {"bare.csv", "loaded.csv"}
     assert list(loaded_again.tests) == ["bare", "loaded"]
     assert loaded_again.tests["loaded"].digest == LOADED.digest
@@ -161,7 +160,7 @@ def test_save_and_load(ranking, tmp_path):
     assert labels == ["bare: 1", "bare: 2", "loaded: 1", "loaded: 2"]
     (tmp_path / "r" / "data" / "bare.csv").unlink()
     with pytest.raises(ValueError, match=r"bare\.csv: no such file"):
-        load_result(tmp_path / "r")
+        bs.load_result(tmp_path / "r")
 
 
 @pytest.mark.parametrize("shape_weight", [0.0, None])
@@ -297,7 +296,7 @@ def test_a_study_of_two_configurations_from_the_command_line(tmp_path, monkeypat
     (tmp_path / "masses.py").write_text(STUDY, encoding="utf-8")
     run = CliRunner().invoke(main, ["rank", "masses.py", "--out", "r", "--error", "0.05"])
     assert run.exit_code == 0, run.output
-    result = load_result("r")
+    result = bs.load_result("r")
     assert result.comparison.best.name == "yes"
     assert list(result.tests) == ["bare", "with/mass"]
     assert (tmp_path / "r" / "data" / "with_mass.csv").is_file()

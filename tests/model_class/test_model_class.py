@@ -10,7 +10,6 @@ import pytest
 import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
-from bayes_ssi.structures.structure import Structure
 
 LOG_SD = math.sqrt(math.log(1.09))
 
@@ -123,7 +122,7 @@ def test_what_is_no_class_is_refused(rigid, case_c, fixed_error, changes, error,
         bs.ModelClass(**{**fields, "pairing": {"1": 1}, **changes})
 
 
-class _Answers(Structure):
+class _Answers(bs.Structure):
     """A structure that returns a given answer."""
 
     parameters = (bs.Parameter("k", bs.LogNormal(1.0, 0.3)),)

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.studies.ranking.study import load_study
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {
     (path.stem, model_class.name): model_class
     for path in sorted((ROOT / "model_classes").glob("*.py"))
-    for model_class in load_study(path).model_classes
+    for model_class in bs.load_study(path).model_classes
 }
 PARTS, MOST_PARTS = (1, 3, 7, 64), 5
 

@@ -16,7 +16,6 @@ from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_layout
 from bayes_ssi.report.tables.plan_tables import layout_rows
-from bayes_ssi.structures.geometry import Candidate
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
 from bayes_ssi.studies.planning.layout_values import (
     SimulatedPlan,
@@ -70,7 +69,7 @@ def small(two_classes):
 
 
 def planned(study, names=FLOORS):
-    places = tuple(Candidate(name, name) for name in names)
+    places = tuple(bs.Candidate(name, name) for name in names)
     return [PlannedClass(c, c.configurations[0], places, 0.5) for c in study.model_classes]
 
 

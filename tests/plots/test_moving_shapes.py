@@ -15,7 +15,6 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.plots import plot_moving_shapes
 from bayes_ssi.plots.moving_shapes import MOST_NODES, asset, class_scenes, save_scenes
-from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.structures.geometry import Geometry, stick
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
@@ -206,12 +205,14 @@ def test_identified_modes_alone(tmp_path):
 
 
 def test_a_result_keeps_its_scenes(tiny_ranking, tmp_path):
-    stored = save_result(tiny_ranking, tmp_path / "r", figures=partial(save_scenes, tiny_ranking))
+    stored = bs.save_result(
+        tiny_ranking, tmp_path / "r", figures=partial(save_scenes, tiny_ranking)
+    )
     expected = plot_moving_shapes(tiny_ranking).page()
-    for result in (stored, tmp_path / "r", str(tmp_path / "r"), load_result(tmp_path / "r")):
+    for result in (stored, tmp_path / "r", str(tmp_path / "r"), bs.load_result(tmp_path / "r")):
         assert plot_moving_shapes(result).page() == expected
     assert "srcdoc" in plot_moving_shapes(stored)._repr_html_()
-    plain = save_result(tiny_ranking, tmp_path / "plain")
+    plain = bs.save_result(tiny_ranking, tmp_path / "plain")
     with pytest.raises(ValueError, match="saved without figures"):
         plot_moving_shapes(plain)
 

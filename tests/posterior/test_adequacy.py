@@ -22,7 +22,7 @@ from bayes_ssi.studies.ranking.diagnosis import _log_maximum, common_factor, rep
 LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=100, searches=2, economical=True)
 # Chains too short to pass their own checks.
-ROUGH = bs.SamplingSettings(log_evidence_error=0.5, particles=48, searches=2, max_steps=50)
+ROUGH = bs.SamplingSettings(log_evidence_error=0.5, particles=48, searches=1, max_steps=50)
 
 
 def at(model_class, values, rng=None):

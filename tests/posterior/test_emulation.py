@@ -13,8 +13,6 @@ from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings
 from bayes_ssi.inference.posterior_sampling.sample import with_emulated_structures
 from bayes_ssi.inference.workers.cache import POINTS_TO_CHECK
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
-from bayes_ssi.results.stored_result import load_result
-from bayes_ssi.structures.modal import Modes
 from bayes_ssi.studies.ranking.diagnosis import diagnose
 
 ECONOMICAL = bs.SamplingSettings(log_evidence_error=0.05, economical=True)
@@ -43,7 +41,7 @@ class BlackBox(DelegatingStructure):
     def modes(self, values):
         self.n_asked += len(values)
         frequencies, shapes = self.structure.modes(values)
-        return Modes(frequencies[:, : self.n_modes], shapes[:, [0, 2], : self.n_modes])
+        return bs.Modes(frequencies[:, : self.n_modes], shapes[:, [0, 2], : self.n_modes])
 
 
 class FailsWhereSoft(BlackBox):
@@ -142,7 +140,7 @@ def test_predictions_take_the_structure_itself(tmp_path):
     candidate = of_class(BlackBox)
     ranking = bs.rank(bs.Study("s", [candidate]), settings=ECONOMICAL)
     bs.save_result(ranking, tmp_path / "r")
-    (stored,) = load_result(tmp_path / "r").posteriors
+    (stored,) = bs.load_result(tmp_path / "r").posteriors
     assert 1e-9 < stored.frequency_error == ranking.posteriors[0].frequency_error < 0.02
     draws = thinned_draws(stored, candidate, n_draws=200)
     assert draws.structure is candidate.structure

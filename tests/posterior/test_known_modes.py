@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searches import COARSE
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.posterior import draws_with_shapes, known_at_draws
+
+SHORT = bs.SamplingSettings(log_evidence_error=1.0, particles=48, searches=1, max_steps=10)
 
 
 def two_tests(case_c, frame, augmented, fixed_error):
@@ -46,7 +47,7 @@ def model_class(request, case_c, frame, augmented, fixed_error):
 
 
 def test_likelihoods_are_those_of_the_structure(model_class):
-    posterior = bs.sample(model_class, settings=COARSE)
+    posterior = bs.sample(model_class, settings=SHORT)
     values = posterior.values[draws_with_shapes(len(posterior.values))]
     known = known_at_draws(model_class, posterior)
     assert known.parameters == model_class.parameters

@@ -12,8 +12,6 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import at_draws
 from bayes_ssi.inference.posterior.posterior import Region
 from bayes_ssi.inference.posterior_sampling.sample import _noise
-from bayes_ssi.structures.modal import Modes
-from bayes_ssi.structures.structure import Structure
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +92,7 @@ def test_an_error_names_the_class():
         bs.sample(impossible)
 
 
-class WithoutModes(Structure):
+class WithoutModes(bs.Structure):
     """A structure that has modes only where its parameter exceeds a limit."""
 
     degrees_of_freedom = ("floor 1",)
@@ -107,7 +105,7 @@ class WithoutModes(Structure):
 
     def modes(self, values):
         k = np.where(values[:, :1] > self.limit, values[:, :1], np.nan)
-        return Modes(np.sqrt(k), np.ones((len(k), 1, 1)))
+        return bs.Modes(np.sqrt(k), np.ones((len(k), 1, 1)))
 
 
 def test_a_model_that_breaks_down_in_places_is_reported():

@@ -9,7 +9,6 @@ import bayes_ssi as bs
 from bayes_ssi.inference.posterior_sampling import refinement
 from bayes_ssi.inference.posterior_sampling.refinement import RefinementSettings, _differences
 from bayes_ssi.inference.posterior_sampling.sample import sample_as_it_is
-from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Accuracy, ApproximateStructure, Structure
 from bayes_ssi.studies.ranking.diagnosis import diagnose
 
@@ -34,7 +33,7 @@ class Stiff(ApproximateStructure):
 
     def modes(self, values):
         frequencies, shapes = self.right.modes(values)
-        return Modes(frequencies * (1.0 + self.too_high), shapes)
+        return bs.Modes(frequencies * (1.0 + self.too_high), shapes)
 
     def accurate_at(self, required):
         better = max(required.frequency, self.best)

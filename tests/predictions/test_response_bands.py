@@ -11,7 +11,6 @@ from whole_tables import rows_of_csv as rows
 import bayes_ssi as bs
 from bayes_ssi.plots.prediction_plots import save_prediction_figures
 from bayes_ssi.report.tables.prediction_tables import frequency_table, peak_table
-from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.predictions.requested_predictions import (
     ResponseRequest,
     default_damping,
@@ -20,23 +19,22 @@ from bayes_ssi.results.predictions.requested_predictions import (
     predict_responses,
     save_predictions,
 )
-from bayes_ssi.structures.response import GroundMotion, Output
 
 mpl.use("Agg")
 
-OUTPUT = Output("acceleration", ("floor 1", "floor 2"))
+OUTPUT = bs.Output("acceleration", ("floor 1", "floor 2"))
 FREQUENCIES = np.linspace(0.2, 2.5, 24)
 
 
 @pytest.fixture(scope="module")
 def predicted(tiny_result):
-    return load_predictions(tiny_result.directory, n_draws=60)
+    return bs.load_predictions(tiny_result.directory, n_draws=60)
 
 
 @pytest.fixture(scope="module")
 def response_request():
     rng = np.random.default_rng(0)
-    motions = tuple(GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
+    motions = tuple(bs.GroundMotion(rng.standard_normal(64), 0.05, name) for name in ("a", "b"))
     return ResponseRequest(OUTPUT, 0.02, FREQUENCIES, motions=motions)
 
 
@@ -113,7 +111,7 @@ def test_csv_files_hold_the_bands(responses, out):
 
 def test_what_is_not_asked_for_is_not_computed(predicted, out, monkeypatch):
     monkeypatch.setattr("bayes_ssi.plots.figure_style.save_figure", lambda _, path: path)
-    ground_to_1 = Output("drift", (("ground", "floor 1"),))
+    ground_to_1 = bs.Output("drift", (("ground", "floor 1"),))
     actual = predict_responses(predicted, "each k", ResponseRequest(ground_to_1, 0.02, FREQUENCIES))
     assert actual.histories == {}
     save_predictions(out, [actual])
@@ -206,6 +204,6 @@ def test_default_frequencies_meet_every_peak(predicted):
 def test_requests_need_frequencies_and_motions_of_different_names():
     with pytest.raises(ValueError, match="frequencies_hz must be"):
         ResponseRequest(OUTPUT, 0.02, [])
-    motion = GroundMotion([0.0, 1.0], 0.1, "quake")
+    motion = bs.GroundMotion([0.0, 1.0], 0.1, "quake")
     with pytest.raises(ValueError, match="two ground motions are named 'quake'"):
         ResponseRequest(OUTPUT, 0.02, motions=(motion, motion))

@@ -12,21 +12,18 @@ from searches import PENDULUM_1
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.predictions.posterior_draws import thinned_draws
-from bayes_ssi.results.predictions.predictions import load_predictions
 from bayes_ssi.results.result_files import write_digests
-from bayes_ssi.results.stored_result import save_result
-from bayes_ssi.structures.response import Output
 from bayes_ssi.studies.appendages.candidates import SearchSettings, appendages_among
-from bayes_ssi.studies.questions import search
-from bayes_ssi.studies.ranking.study import load_study
 
-ROOF = Output("acceleration", ("floor 2",))
+ROOF = bs.Output("acceleration", ("floor 2",))
 FREQUENCIES = np.linspace(0.2, 2.0, 20)
 
 
 @pytest.fixture
 def saved(tiny_ranking, tmp_path, tiny_study_file):
-    return save_result(tiny_ranking, tmp_path / "result", study_file=str(tiny_study_file)).directory
+    return bs.save_result(
+        tiny_ranking, tmp_path / "result", study_file=str(tiny_study_file)
+    ).directory
 
 
 def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monkeypatch):
@@ -34,8 +31,8 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
         raise AssertionError("sampled")
 
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
-    by_record = load_predictions(saved, n_draws=50)
-    named = load_predictions(saved, tiny_study_file, n_draws=50)
+    by_record = bs.load_predictions(saved, n_draws=50)
+    named = bs.load_predictions(saved, tiny_study_file, n_draws=50)
     for name in ("one k", "each k"):
         both = (each.of(name) for each in (by_record, named))
         actual = [each.transfer_functions(FREQUENCIES, ROOF, 0.02).draws for each in both]
@@ -57,12 +54,12 @@ def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file, ranked):
     one = text[text.index("        bs.ModelClass(") : text.index('        bs.ModelClass("each k"')]
     alike = "".join(one.replace("one k", name) for name in ("brace or wall", "x", "wall"))
     tiny_study_file.write_text(text.replace(one, alike), "utf-8")
-    study = load_study(tiny_study_file).only(ranked).with_any_pairing()
+    study = bs.load_study(tiny_study_file).only(ranked).with_any_pairing()
     (name,) = study.names
     assert study.stands_for == {name: ranked}
     ranking = bs.rank(study, settings=searches.COARSE)
-    save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
-    predicted = load_predictions(tmp_path / "any", n_draws=5)
+    bs.save_result(ranking, tmp_path / "any", study_file=str(tiny_study_file))
+    predicted = bs.load_predictions(tmp_path / "any", n_draws=5)
     assert predicted.model_classes[name].pairing == "any"
     assert predicted.of(name).n_draws == 5
 
@@ -70,9 +67,9 @@ def test_classes_whose_pairing_was_inferred(tmp_path, tiny_study_file, ranked):
 def test_the_study_file_is_not_there(saved, tiny_study_file):
     tiny_study_file.unlink()
     with pytest.raises(ValueError, match=r"result: its study file '.*tiny.py' is not there; say"):
-        load_predictions(saved)
+        bs.load_predictions(saved)
     with pytest.raises(ValueError, match=r"tiny.py: no such file"):
-        load_predictions(saved, tiny_study_file)
+        bs.load_predictions(saved, tiny_study_file)
 
 
 def test_the_study_file_defines_other_classes(saved, tiny_study_file):
@@ -81,7 +78,7 @@ def test_the_study_file_defines_other_classes(saved, tiny_study_file):
     with pytest.raises(
         ValueError, match=r"tiny.py: not the study of .*: no model class 'each k'; choose from"
     ):
-        load_predictions(saved)
+        bs.load_predictions(saved)
 
 
 @pytest.fixture(scope="module")
@@ -89,22 +86,22 @@ def searched(tmp_path_factory):
     """A search on the tiny study's second class, at one place."""
     directory = tmp_path_factory.mktemp("search")
     (directory / "tiny.py").write_text(TINY_STUDY, "utf-8")
-    (baseline,) = load_study(directory / "tiny.py").only(["each k"]).model_classes
+    (baseline,) = bs.load_study(directory / "tiny.py").only(["each k"]).model_classes
     settings = SearchSettings(
         mass_ratio=bs.LogNormal(0.04, 0.5), number_weights=(1.0, 0.5), most_unsampled=0.0
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_ssi.studies.appendages.baselines.places_of", lambda _: (PENDULUM_1,))
         screen_quickly(patch)
-        actual = search(baseline, settings, settings=searches.COARSE)
+        actual = bs.search(baseline, settings, settings=searches.COARSE)
     extra, file = {"search.json": actual.record}, str(directory / "tiny.py")
-    save_result(actual.ranking, directory / "result", study_file=file, extra=extra)
+    bs.save_result(actual.ranking, directory / "result", study_file=file, extra=extra)
     return actual, directory / "result"
 
 
 def test_the_result_of_a_search_predicts_averages_over_hypotheses(searched):
     actual, directory = searched
-    predicted = load_predictions(directory, n_draws=40)
+    predicted = bs.load_predictions(directory, n_draws=40)
     assert set(predicted.model_classes) == {
         "no appendage", "pendulum 1", "motion like mode 1", "motion like mode 2",
     }  # fmt: skip
@@ -143,7 +140,7 @@ def test_the_record_of_a_search_is_damaged(searched, tmp_path, change, message):
     (copy / "search.json").write_text(json.dumps(record), "utf-8")
     write_digests(copy)
     with pytest.raises(ValueError, match=message):
-        load_predictions(copy)
+        bs.load_predictions(copy)
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +158,9 @@ study = bs.Study("Two tests", [
     ])
 ])
 """, "utf-8")  # fmt: skip
-    ranking = bs.rank(load_study(path), settings=searches.COARSE)
+    ranking = bs.rank(bs.load_study(path), settings=searches.COARSE)
     directory = path.with_suffix("")
-    return save_result(ranking, directory, study_file=str(path)).directory, ranking
+    return bs.save_result(ranking, directory, study_file=str(path)).directory, ranking
 
 
 def test_several_configurations_each_predict_their_own(of_two_tests):
@@ -173,7 +170,7 @@ def test_several_configurations_each_predict_their_own(of_two_tests):
     for name, columns, pairing in (
         ("bare", slice(0, 2), {"1": 1, "2": 2}), ("heavy", slice(2, 4), {"1": 1}),
     ):  # fmt: skip
-        predicted = load_predictions(directory, n_draws=30, configuration=name)
+        predicted = bs.load_predictions(directory, n_draws=30, configuration=name)
         for of in (predicted.of("each k"), predicted.of()):
             (each,) = of.classes
             assert each.pairing == pairing
@@ -187,11 +184,11 @@ def test_several_configurations_each_predict_their_own(of_two_tests):
 def test_a_configuration_must_be_chosen(of_two_tests, saved):
     directory, _ = of_two_tests
     with pytest.raises(ValueError, match="has 2 configurations; choose one of 'bare', 'heavy'"):
-        load_predictions(directory)
+        bs.load_predictions(directory)
     with pytest.raises(ValueError, match="no configuration 'x'; choose from 'bare', 'heavy'"):
-        load_predictions(directory, configuration="x")
+        bs.load_predictions(directory, configuration="x")
     with pytest.raises(ValueError, match="one configuration, without a name; got 'x'"):
-        load_predictions(saved, configuration="x")
+        bs.load_predictions(saved, configuration="x")
 
 
 def test_configurations_that_have_changed(of_two_tests, tmp_path):
@@ -199,7 +196,7 @@ def test_configurations_that_have_changed(of_two_tests, tmp_path):
     text, path = directory.with_suffix(".py").read_text("utf-8"), tmp_path / "changed.py"
     path.write_text(text.replace('"bare"', '"empty"'), "utf-8")
     with pytest.raises(ValueError, match="no configuration 'empty'; choose from 'bare', 'heavy'"):
-        load_predictions(directory, path, configuration="empty")
-    (model_class,) = load_study(path).model_classes
+        bs.load_predictions(directory, path, configuration="empty")
+    (model_class,) = bs.load_study(path).model_classes
     with pytest.raises(ValueError, match="no stored configuration 'empty'; choose from 'bare'"):
         thinned_draws(ranking.posteriors[0], model_class, configuration="empty")

@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, Peak
-from bayes_ssi.report.write import write_report
-from bayes_ssi.results.stored_result import load_result, save_result
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking
 
@@ -134,12 +132,12 @@ def test_figures_are_copied_to_the_result(ranking, tmp_path):
     Figure(figsize=(2.5, 1.0)).savefig(drawn / "singular_values.png")
     gone = str(drawn / "shapes.png")
     with_figures = replace(RECORD, figures=(str(drawn / "singular_values.png"), gone))
-    save_result(ranking(with_figures), tmp_path / "r")
+    bs.save_result(ranking(with_figures), tmp_path / "r")
     (drawn / "singular_values.png").unlink()
-    (kept,) = load_result(tmp_path / "r").data.identifications
+    (kept,) = bs.load_result(tmp_path / "r").data.identifications
     own = tmp_path / "r" / "data.figures" / "1_singular_values.png"
     assert kept.figures == (str(own),)
-    text = write_report(tmp_path / "r").read_text("utf-8")
+    text = bs.write_report(tmp_path / "r").read_text("utf-8")
     assert text.count("<figure ") == 1
     assert "Singular values of the record" in text
 

@@ -16,9 +16,7 @@ from bayes_ssi.report import page_content as texts
 from bayes_ssi.report.page_content import interval, percent
 from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.tables.layout import number
-from bayes_ssi.report.write import write_report
 from bayes_ssi.results.result_files import write_json
-from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import Ranking
 
@@ -27,14 +25,14 @@ from bayes_ssi.studies.ranking.study import Ranking
 def reported(tiny_ranking, tmp_path_factory):
     """A report of the tiny study, with predictions."""
     directory = tmp_path_factory.mktemp("r") / "result"
-    save_result(tiny_ranking, directory, study_file="tiny.py",
+    bs.save_result(tiny_ranking, directory, study_file="tiny.py",
                 command="bayes-ssi rank tiny.py --seed 7")  # fmt: skip
     predictions = directory / "predictions"
     predictions.mkdir()
     record = {"predictions_of": ["average"], "draws": 500, "configuration": "", "damping": 0.02}
     write_json(predictions / "predictions.json", record)
     (predictions / "peaks.csv").write_text("model_class,place,median\naverage,floor 2,3.25\n")
-    return write_report(directory)
+    return bs.write_report(directory)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +91,7 @@ def test_modes_before_and_after_are_those_of_the_structure(page, tiny_ranking):
 
 
 def test_the_same_result_gives_the_same_report(reported, tmp_path):
-    again = write_report(reported.parent.parent, tmp_path / "again")
+    again = bs.write_report(reported.parent.parent, tmp_path / "again")
     assert again.read_text("utf-8") == reported.read_text("utf-8")
 
 

@@ -17,7 +17,6 @@ from bayes_ssi.structures.response import (
     time_histories,
     transfer_functions,
 )
-from bayes_ssi.structures.structure import Structure
 
 NO_VALUES = np.empty((1, 0))
 FLOORS = ("floor 1", "floor 2", "floor 3")
@@ -158,7 +157,7 @@ def test_an_empty_batch_has_an_empty_response(augmented):
     assert transfer_functions(augmented, nothing, [1.0], output, 0.02).shape == (0, 3, 1)
 
 
-class BlackBox(Structure):
+class BlackBox(bs.Structure):
     """A program that prints frequencies, mass-normalised shapes and participation factors."""
 
     parameters = ()
@@ -195,7 +194,7 @@ def test_a_modal_model_that_does_not_fit_is_refused():
 
 
 class ModesOnly(BlackBox):
-    modal_model = Structure.modal_model
+    modal_model = bs.Structure.modal_model
 
 
 def test_a_structure_without_masses_says_so():

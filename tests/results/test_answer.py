@@ -10,7 +10,6 @@ import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import class_record
 from bayes_ssi.results.answer import answer, explained, parameters_in_words, why_it_loses
 from bayes_ssi.results.search_answer import further_sentences, search_sentences
-from bayes_ssi.results.stored_result import save_result
 from bayes_ssi.results.wording import likelihood_in_words, quantity
 from bayes_ssi.studies.appendages.candidates import PendulumPlace
 from bayes_ssi.studies.ranking.comparison import Check
@@ -40,7 +39,7 @@ def stored(make_posterior, tmp_path):
         study = bs.Study("s", candidates, prior_weights=weights)
         comparison = bs.compare(posteriors, weights)
         ranking = Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())
-        return save_result(ranking, tmp_path / "r", extra=extra)
+        return bs.save_result(ranking, tmp_path / "r", extra=extra)
 
     return save
 
@@ -150,7 +149,7 @@ def test_all_shapes_are_at_least_as_close_as_is_said(tiny_ranking):
 
 
 def answer_of(ranking, record, folder):
-    return answer(save_result(ranking, folder / "r", extra={"search.json": record}))
+    return answer(bs.save_result(ranking, folder / "r", extra={"search.json": record}))
 
 
 def test_a_search_says_where_how_heavy_and_at_which_frequency(found_in_case_c, tmp_path):

@@ -15,7 +15,6 @@ from bayes_ssi.inference.criticism.misfit import edges
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.ensembles import ChainStatistics
 from bayes_ssi.inference.sampling.regions import Regions
-from bayes_ssi.inference.sampling.settings import SamplingSettings
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PHI = (1.0 + math.sqrt(5.0)) / 2.0
@@ -79,7 +78,7 @@ def spoil_tail(s):
     log_likelihoods[order] += np.log(heavy / weights[order])
     return replace(
         s,
-        settings=SamplingSettings(log_evidence_error=1e9),
+        settings=bs.SamplingSettings(log_evidence_error=1e9),
         importance=replace(s.importance, log_likelihoods=log_likelihoods),
     )
 
@@ -104,7 +103,7 @@ def spoil_reach(s):
 def spoil_size(s):
     # Few steps of a few chains.
     few = ChainStatistics(s.chains.chains[:8, ::5][:, :20])
-    return replace(s, chains=few, settings=SamplingSettings(r_hat=2.0))
+    return replace(s, chains=few, settings=bs.SamplingSettings(r_hat=2.0))
 
 
 @pytest.mark.parametrize(

@@ -313,7 +313,7 @@ def test_a_thin_curved_ridge_is_followed_to_its_ends():
     of_rest = stats.norm(0.0, math.hypot(1.0, width)).pdf(x**2 - 1.0)
     exact = np.trapezoid(stats.norm.pdf(x) * of_rest, x) * width * math.sqrt(2.0 * math.pi)
     exact = math.log(exact)
-    result = sample_target(Target(ridge, 2), np.random.SeedSequence(0))
+    result = run(ridge, settings=SamplingSettings(log_evidence_error=0.02))
     assert result.evidence.log_evidence == pytest.approx(exact, abs=4.0 * result.evidence.error)
     assert result.importance.efficiency > 0.2
     assert result.importance.share_beyond(result.ensembles) <= 2.0 * result.evidence.error

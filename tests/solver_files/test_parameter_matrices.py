@@ -8,7 +8,6 @@ import scipy.sparse as sp
 
 import bayes_ssi as bs
 from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
-from bayes_ssi.structures.solver_files.parameter_matrices import AlteredModel, parameter_matrices
 
 LABELS = [f"{node} x" for node in range(1, 9)]
 
@@ -41,7 +40,7 @@ def export(columns=1.0, thickness=1.0, labels=LABELS, digits=None, coupled=0.0):
     factors = {
         name: value for name, value in (("columns", columns), ("slab", thickness)) if value != 1.0
     }
-    return AlteredModel(f"{columns}-{thickness}.sti", factors, exported_model("test", matrices))
+    return bs.AlteredModel(f"{columns}-{thickness}.sti", factors, exported_model("test", matrices))
 
 
 NOMINAL = export().model
@@ -60,7 +59,7 @@ def assert_predicts(matrices, columns, thickness):
 
 
 def test_a_property_that_enters_linearly():
-    matrices = parameter_matrices(NOMINAL, [export(1.1)], [export(0.7)])
+    matrices = bs.parameter_matrices(NOMINAL, [export(1.1)], [export(0.7)])
     assert formula(matrices.stiffness) == [("", 0), ("columns", 1)]
     assert formula(matrices.mass) == [("", 0)]
     np.testing.assert_allclose(matrices.stiffness[1].matrix.toarray(), COLUMNS, atol=1e-12)
@@ -79,7 +78,7 @@ def test_the_error_of_a_check_is_its_worst_entry_in_either_matrix(which):
     wrong[1, 1] = -1e-9 * scales[1] ** 2
     model = replace(check.model, **{which: getattr(check.model, which) + sp.csc_array(wrong)})
     altered = replace(check, model=model)
-    matrices = parameter_matrices(NOMINAL, [export(1.1)], [altered])
+    matrices = bs.parameter_matrices(NOMINAL, [export(1.1)], [altered])
     assert matrices.errors[check.file] == pytest.approx(4e-9, rel=1e-4)
 
 
@@ -87,7 +86,7 @@ def test_the_error_of_a_check_is_its_worst_entry_in_either_matrix(which):
 def test_a_thickness_enters_by_its_first_and_third_power(exports):
     factors, checks = exports
     changed = [export(1.1), *(export(1.0, factor) for factor in factors)]
-    matrices = parameter_matrices(NOMINAL, changed, checks)
+    matrices = bs.parameter_matrices(NOMINAL, changed, checks)
     assert formula(matrices.stiffness) == [("", 0), ("columns", 1), ("slab", 1), ("slab", 3)]
     # All of the mass is proportional to the thickness: nothing is constant.
     assert formula(matrices.mass) == [("slab", 1)]
@@ -98,12 +97,12 @@ def test_a_single_power():
     def powered(factor):
         stiffness = GROUND + factor**3 * BENDING
         model = exported_model("test", Matrices((stiffness, DENSITY), ("K", "M"), labels=LABELS))
-        return AlteredModel(f"{factor}", {"depth": factor}, model)
+        return bs.AlteredModel(f"{factor}", {"depth": factor}, model)
 
-    matrices = parameter_matrices(powered(1.0).model, [powered(1.1), powered(0.8)])
+    matrices = bs.parameter_matrices(powered(1.0).model, [powered(1.1), powered(0.8)])
     assert formula(matrices.stiffness) == [("", 0), ("depth", 3)]
     with pytest.raises(ValueError, match=r"0.8: its stiffness is missed by [\d.e-]+ of"):
-        parameter_matrices(powered(1.0).model, [powered(1.1)], [powered(0.8)])
+        bs.parameter_matrices(powered(1.0).model, [powered(1.1)], [powered(0.8)])
 
 
 @pytest.mark.parametrize(
@@ -117,17 +116,17 @@ def test_shells_that_a_program_expands_into_solids(exponents, factors):
     def expanded(factor):
         stiffness = GROUND + sum(factor**e * parts[e] for e in exponents)
         model = exported_model("test", Matrices((stiffness, DENSITY), ("K", "M"), labels=LABELS))
-        return AlteredModel(f"{factor}", {"t": factor}, model)
+        return bs.AlteredModel(f"{factor}", {"t": factor}, model)
 
     changed = [expanded(factor) for factor in factors]
-    matrices = parameter_matrices(expanded(1.0).model, changed, [expanded(1.6)])
+    matrices = bs.parameter_matrices(expanded(1.0).model, changed, [expanded(1.6)])
     expected = [("", 0), *(("t", exponent) for exponent in exponents)]
     assert sorted(formula(matrices.stiffness)) == expected
     assert matrices.errors["1.6"] < 1e-10
 
 
 def test_rows_may_stand_in_another_order():
-    matrices = parameter_matrices(
+    matrices = bs.parameter_matrices(
         NOMINAL, [export(1.1, labels=LABELS[::-1])], [export(0.7, labels=LABELS[4:] + LABELS[:4])]
     )
     np.testing.assert_allclose(matrices.stiffness[1].matrix.toarray(), COLUMNS, atol=1e-12)
@@ -148,9 +147,9 @@ def test_rows_may_stand_in_another_order():
         ([export(1.1), export(1.1)], [], r"another export has the same factor of 'columns'"),
         ([export(1.1)], [export(1.0, 1.1)],
          r"no other export alters alone 'slab'; choose from 'columns'"),
-        ([AlteredModel("f", {"columns": 1.1}, NOMINAL)], [],
+        ([bs.AlteredModel("f", {"columns": 1.1}, NOMINAL)], [],
          r"f: 'columns' changes neither stiffness"),
-        ([AlteredModel("f", {"columns": -1.0}, NOMINAL)], [],
+        ([bs.AlteredModel("f", {"columns": -1.0}, NOMINAL)], [],
          r"factor of 'columns' must be positive"),
         ([export(1.1, labels=["a x", *LABELS[1:]])], [],
          r"1.1-1.0.sti: its labels are not those of the nominal export"),
@@ -158,13 +157,13 @@ def test_rows_may_stand_in_another_order():
 )  # fmt: skip
 def test_what_is_refused(changed, checks, message):
     with pytest.raises(ValueError, match=message) as refused:
-        parameter_matrices(NOMINAL, changed, checks)
+        bs.parameter_matrices(NOMINAL, changed, checks)
     assert "\n" not in str(refused.value)
 
 
 def test_terms_become_a_structure_with_parameters():
     """Frequencies of the altered model by its own export."""
-    found = parameter_matrices(NOMINAL, [export(1.1)])
+    found = bs.parameter_matrices(NOMINAL, [export(1.1)])
     columns = bs.Parameter("columns", bs.LogNormal(1.0, 0.2))
     stiffness, mass = found.with_parameters({"columns": columns})
     structure = bs.MatrixStructure(stiffness, mass, labels=NOMINAL.labels, n_modes=2)

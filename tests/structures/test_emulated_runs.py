@@ -11,7 +11,6 @@ from scipy.linalg import eigh
 import bayes_ssi as bs
 from bayes_ssi.structures.emulation.emulated_runs import first_runs
 from bayes_ssi.structures.structure import Requirement
-from bayes_ssi.studies.ranking.study import load_study
 
 NAMES, SENSORS = ("lower", "upper"), ("floor 1", "floor 3")
 
@@ -119,7 +118,7 @@ def test_a_study_from_runs(run, made):
     done = run("import", "tower", "--runs", "runs", "--data", "modes.csv")
     assert done.exit_code == 0, done.output
     assert "6 runs of lower, upper: 2 modes at 2 sensors." in done.output
-    study = load_study(Path("tower.py"))
+    study = bs.load_study(Path("tower.py"))
     assert study.names == ("one factor", "each its own")
     (own,) = study.only(["each its own"]).model_classes
     at_run = [[float(made[3][name]) for name in NAMES]]

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.structures.geometry import Sensor
 from bayes_ssi.structures.response import transfer_functions
-from bayes_ssi.structures.structure import Structure
 
 BUILDING = bs.ShearBuilding3D([2.0, 1.0], [1.5, 1.5], [800.0] * 2, [1800.0] * 2, [5000.0] * 2)
 CORNER = (2.0, -1.5)
@@ -68,11 +66,11 @@ def test_responses_at_a_sensor_are_those_of_its_point():
     np.testing.assert_allclose(drift, above - below, rtol=1e-12)
 
 
-class Large(Structure):
+class Large(bs.Structure):
     parameters = ()
     n_modes = 2
     degrees_of_freedom = tuple(f"node {i} {d}" for i in range(33_334) for d in "xyz")
-    sensors = (Sensor("mean", {"node 7 x": 0.5, "node 33333 x": 0.5}),)
+    sensors = (bs.Sensor("mean", {"node 7 x": 0.5, "node 33333 x": 0.5}),)
 
     def modes(self, values):
         raise NotImplementedError
@@ -92,7 +90,7 @@ def test_only_measured_degrees_of_freedom_are_read():
 def test_messages_list_what_can_be_listed():
     with pytest.raises(ValueError, match=r"sensor 'q': .*'mean', 'node 0 x', .* and \d+ more"):
         Large().sensor_matrix(["q"])
-    off = [Sensor("top", {"floor 9 x": 1.0})]
+    off = [bs.Sensor("top", {"floor 9 x": 1.0})]
     with pytest.raises(ValueError, match="sensor 'top': the structure has no degree of freedom "
                                          "'floor 9 x'; choose from 'floor 1 x'"):  # fmt: skip
         BUILDING.with_sensors(off)
@@ -111,9 +109,9 @@ def test_labels_are_taken_once(label):
         (lambda: bs.floor_sensor("a", 1, CORNER, "z"), "direction must be 'x', 'y' or degrees"),
         (lambda: bs.floor_sensor("a", 1, CORNER, math.nan), "direction must be"),
         (lambda: bs.floor_sensor("a", 1, (1.0,), "x"), r"sensor 'a': at must be two coordinates"),
-        (lambda: Sensor("", {"x": 1.0}), "label must be text"),
-        (lambda: Sensor("a", {}), "sensor 'a': motion must give a finite number"),
-        (lambda: Sensor("a", {"x": math.inf}), "sensor 'a': motion must give a finite number"),
+        (lambda: bs.Sensor("", {"x": 1.0}), "label must be text"),
+        (lambda: bs.Sensor("a", {}), "sensor 'a': motion must give a finite number"),
+        (lambda: bs.Sensor("a", {"x": math.inf}), "sensor 'a': motion must give a finite number"),
     ],
 )
 def test_bad_sensors_are_refused(make, message):

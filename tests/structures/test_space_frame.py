@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import bayes_ssi as bs
-from bayes_ssi.structures.space_frame import SpaceFrame
 
 NONE = np.empty((1, 0))
 ANGULAR = 2.0 * math.pi
@@ -24,7 +23,7 @@ def portal(**others):
         "beam_inertias_x": (5.0,), "beam_inertias_y": (4.0,), "masses": (10.0,),
         "rotational_inertias": (30.0,),
     }  # fmt: skip
-    return SpaceFrame(**{**given, **others})
+    return bs.SpaceFrame(**{**given, **others})
 
 
 def portal_stiffness(height, span, column, beam):
@@ -111,7 +110,7 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
     sections = np.random.default_rng(n + len(xs)).uniform(0.5, 4.0, (4, n))
     masses, inertias = [5.0 + i for i in range(n)], [20.0 - i for i in range(n)]
     names = [[f"{kind} {i}" for i in range(n)] for kind in ("cx", "cy", "bx", "by")]
-    structure = SpaceFrame(
+    structure = bs.SpaceFrame(
         heights, xs, ys, 200.0, *([parameter(name) for name in row] for row in names), masses,
         inertias,
     )  # fmt: skip
@@ -129,7 +128,7 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
 def test_frequencies_of_the_papers_bare_frame():
     inertias = ((each * 1e-8,) * 2 for each in (1509.0, 549.7, 1317.0, 1317.0))
     masses = (3533.0, 3398.0), (9010.0, 8167.0)
-    frame = SpaceFrame((2.0, 2.0), (-2.0, 2.0), (-1.5, 1.5), 210e9, *inertias, *masses)
+    frame = bs.SpaceFrame((2.0, 2.0), (-2.0, 2.0), (-1.5, 1.5), 210e9, *inertias, *masses)
     modes = frame.modes(NONE)
     np.testing.assert_allclose(
         modes.frequencies_hz[0], [3.48, 4.32, 6.13, 10.48, 15.66, 19.82], rtol=5e-3
