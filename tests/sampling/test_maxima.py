@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.inference.sampling.maxima import ascend, find_maxima
+from bayes_ssi.inference.sampling.ascents import ascend
+from bayes_ssi.inference.sampling.maxima import find_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
@@ -134,7 +135,7 @@ def test_an_ascent_that_creeps_up_to_an_edge_ends(monkeypatch):
     start = Target(log_likelihood, 2), np.zeros((1, 2)), np.eye(2)[None]
     _, (height,) = ascend(*start)
     n_batches = len(batches)
-    monkeypatch.setattr("bayes_ssi.inference.sampling.maxima.MOST_CREEPING", 1000)
+    monkeypatch.setattr("bayes_ssi.inference.sampling.ascents.MOST_CREEPING", 1000)
     _, (of_all_steps,) = ascend(*start)
     assert height == pytest.approx(of_all_steps, abs=1e-3)
     assert n_batches < 60 < len(batches) - n_batches

@@ -7,8 +7,13 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from bayes_ssi.inference.sampling import multistart
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.multistart import DRAWS, MultistartSearch, search_maxima
+from bayes_ssi.inference.sampling.maxima import Maxima
+from bayes_ssi.inference.sampling.multistart import (
+    DRAWS,
+    MultistartSearch,
+    search_maxima,
+    search_starts,
+)
 from bayes_ssi.inference.sampling.multistart import MOST_TIMES_WANTED as PATIENCE
 from bayes_ssi.inference.sampling.regions import NEIGHBOURS, nearest_neighbours
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
@@ -50,7 +55,9 @@ def searches(target, n_searches=4, seed=0, **kwargs):
 
 def one_search(target, seed):
     """Maxima of one search, with their curvature."""
-    return multistart._search(target, DRAWS, 40, np.random.default_rng(seed))
+    alone = multistart._Searches(target, 40)
+    alone.climb([search_starts(target, DRAWS, np.random.default_rng(seed))])
+    return alone.maxima
 
 
 def finds(maxima, points):
@@ -59,15 +66,15 @@ def finds(maxima, points):
 
 
 def scripted(monkeypatch, script):
-    """Searches that find the scripted maxima, "A", "B" or "AB", repeating the last."""
+    """Searches that climb to the scripted maxima, "A", "B" or "AB", repeating the last."""
     names = iter(script)
     last = ["A"]
 
-    def search(target, *_):
+    def starts(*_):
         last[0] = next(names, last[0])
-        return find_maxima(target, np.array([{"A": A, "B": B}[name] for name in last[0]]))
+        return np.array([{"A": A, "B": B}[name] for name in last[0]]), np.empty((0, 2))
 
-    monkeypatch.setattr(multistart, "_search", search)
+    monkeypatch.setattr(multistart, "search_starts", starts)
 
 
 def maxima_of_shares(*shares):
@@ -254,13 +261,12 @@ def test_an_impossible_likelihood_is_reported(value):
 
 def test_searches_are_independent(monkeypatch):
     firsts = []
-    whole = multistart._search
 
     def watched(*arguments):
         firsts.append(arguments[-1].random())
-        return whole(*arguments)
+        return search_starts(*arguments)
 
-    monkeypatch.setattr(multistart, "_search", watched)
+    monkeypatch.setattr(multistart, "search_starts", watched)
     searches(two_peaks(0.3))
     assert len(set(firsts)) == 4
 
@@ -269,7 +275,8 @@ def test_progress_ends_at_one_and_stays_there(monkeypatch):
     scripted(monkeypatch, ["AB", "A"])
     seen = []
     searches(two_peaks(0.3), 2, progress=seen.append)
-    assert seen == [0.5] + [1.0] * (2 * PATIENCE - 1)
+    # Two side by side, each when its starts are known; then the others, twice each.
+    assert seen == [0.25, 0.5] + [1.0] * (1 + 2 * (2 * PATIENCE - 2))
 
 
 def test_the_number_of_evaluations_is_bounded():

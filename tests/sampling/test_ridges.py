@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
+from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.engine import sample_target
 from bayes_ssi.inference.sampling.importance import ImportanceSampler
-from bayes_ssi.inference.sampling.maxima import _ridge, along_ridges, ascend, find_maxima
+from bayes_ssi.inference.sampling.maxima import _ridge, along_ridges, find_maxima
 from bayes_ssi.inference.sampling.regions import find_regions
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 

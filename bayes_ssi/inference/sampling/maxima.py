@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
+from bayes_ssi.inference.sampling.ascents import GRADIENT_STEP, ascend
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import (
     HEAVY_TAILS,
@@ -45,27 +46,15 @@ LEAST_POINTS_LEFT = 60
 # Polynomials are good enough where they widen a ridge by no more than this factor.
 MOST_WIDENING = 1.1
 
-# Lengths are in prior standard deviations. Differences are forward first and central second ones,
-# whose truncation and rounding errors balance for log-likelihoods of some thousand nats.
-GRADIENT_STEP = 1e-6
+# In prior standard deviations. Central second differences, whose truncation and rounding errors
+# balance for log-likelihoods of some thousand nats.
 HESSIAN_STEP = 1e-3
 # Steps over which the log posterior falls by more nats are shortened: further away a narrow
 # maximum may have given way to what surrounds it.
 LARGEST_FALL = 0.1
-# Where a model is noisy: longer steps, over which the log posterior changes by more.
-STEP_OVER_NOISE = 0.05  # forward steps over the root of the noise, the best at sd 0.03
-NOISY_HESSIAN_STEP = 0.3  # the first, which are shortened as above
-# An ascent along a curved ridge may need more steps: it is continued once.
-STEPS_OF_ASCENT = 60
-LONGEST_STEP = 2.0
-STEP_LENGTHS = (1.0, 0.4, 0.1, 0.01)  # tried together, as shares of the BFGS step
-# An ascent ends where a step gains fewer nats, and so within so many standard deviations per
-# coordinate of a maximum.
-LEAST_RISE = 1e-3
+NOISY_HESSIAN_STEP = 0.3  # where a model is noisy: the first, which are shortened as above
+# Ascents end within so many standard deviations per coordinate of a maximum.
 ENDS_WITHIN = 0.1
-# Or where so many steps rise by less than this share of it: they creep up to an edge, over which
-# the log posterior falls.
-MOST_CREEPING, CREEPING = 6, 0.1
 # A maximum with less than e^-12, 6 in a million, of the mass is left out.
 NEGLIGIBLE_LOG_MASS = -12.0
 
@@ -142,24 +131,40 @@ def find_maxima(
     ``covariances`` (S, d, d) are what is known of those at the maxima; a first ascent finds them if
     None.
     """
-    d = target.n_dimensions
-    known = known or no_maxima(d)
+    known = known or no_maxima(target.n_dimensions)
     if covariances is None:
-        unit = np.tile(np.eye(d), (len(starts), 1, 1))
-        rough = _distinct(target, *ascend(target, starts, unit), known)
-        # Ascents along a curved ridge can stop short of its top: continue with its curvature.
-        starts, covariances = rough.z, rough.covariances
-    new = _distinct(target, *ascend(target, starts, covariances), known)
+        maxima = maxima_near(target, *first_ascent(target, starts), known)
+    else:
+        maxima = _joined(known, _distinct(target, *ascend(target, starts, covariances), known))
+    if not len(maxima.z):
+        raise ValueError("find_maxima: the likelihood is zero at every start")
+    return maxima
+
+
+def first_ascent(target: Target, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As of `ascend`, from every row of ``starts`` (S, d), where no curvature is known."""
+    return ascend(target, starts, np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1)))
+
+
+def maxima_near(
+    target: Target, ends: FloatArray, log_posteriors: FloatArray, known: Maxima
+) -> Maxima:
+    """The distinct maxima to which ends (S, d) of first ascents lead, and those known."""
+    # Ascents along a curved ridge can stop short of its top: continue with its curvature.
+    rough = _distinct(target, ends, log_posteriors, known)
+    return _joined(known, _distinct(target, *ascend(target, rough.z, rough.covariances), known))
+
+
+def _joined(known: Maxima, new: Maxima) -> Maxima:
+    """Both, the highest first, without those of negligible mass."""
     maxima = Maxima(
         np.concatenate([known.z, new.z]),
         np.concatenate([known.log_posteriors, new.log_posteriors]),
         np.concatenate([known.precisions, new.precisions]),
     )
-    if not len(maxima.z):
-        raise ValueError("find_maxima: the likelihood is zero at every start")
     order = np.argsort(-maxima.log_posteriors, kind="stable")
     log_masses = maxima.log_masses[order]
-    kept = order[log_masses > log_masses.max() + NEGLIGIBLE_LOG_MASS]
+    kept = order[log_masses > log_masses.max(initial=-math.inf) + NEGLIGIBLE_LOG_MASS]
     return Maxima(maxima.z[kept], maxima.log_posteriors[kept], maxima.precisions[kept])
 
 
@@ -190,80 +195,6 @@ def _distinct(
         left = left[~reached(target, maximum, ends[left], log_posteriors[left])[0]]
     chosen = np.array(highest, dtype=np.intp)
     return Maxima(ends[chosen], log_posteriors[chosen], np.reshape(precisions, (-1, d, d)))
-
-
-def ascend(
-    target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """All ascents at once, by BFGS with finite differences: end points and their log posteriors.
-
-    ``inverse`` (S, k, k) are the first inverse Hessians, along the orthonormal ``axes`` (k, d) that
-    ascents keep to; those of the coordinates if None.
-    """
-    inverse = inverse.copy()
-    z = np.array(starts, dtype=float)
-    n, d = z.shape
-    axes = np.eye(d) if axes is None else axes
-    value = target.log_posterior(z)
-    gradient = np.zeros((n, len(axes)))
-    active = np.flatnonzero(np.isfinite(value))
-    gradient[active] = _gradient(target, z[active], value[active], axes)
-    reach, n_creeping = np.full(n, 1.0), np.zeros(n, dtype=int)
-    step_lengths = np.array(STEP_LENGTHS)
-    least_rise = max(LEAST_RISE, 3.0 * target.noise)
-    for _ in range(STEPS_OF_ASCENT):
-        if not len(active):
-            break
-        slope = gradient[active]
-        direction = np.einsum("nij,nj->ni", inverse[active], slope)
-        expected = np.einsum("nd,nd->n", direction, slope)
-        lengths = np.linalg.norm(direction, axis=1)
-        direction *= np.minimum(1.0, LONGEST_STEP / np.maximum(lengths, 1e-300))[:, None]
-        tried = (step_lengths[:, None] * reach[active])[..., None] * direction
-        tried_z = z[active][None] + tried @ axes
-        values = target.log_posterior(tried_z.reshape(-1, d)).reshape(len(step_lengths), -1)
-        best = values.argmax(0)
-        rows = np.arange(len(active))
-        rise = values[best, rows] - value[active]
-        better = rise > 0
-        # An ascent without a rise tries shorter steps; after a rise it returns to full steps.
-        reach[active] = np.where(better, 1.0, reach[active] * step_lengths[-1])
-        n_creeping[active] += better & (rise < CREEPING * least_rise)
-        moved = active[better]
-        step = tried[best, rows][better]
-        z[moved] = tried_z[best, rows][better]
-        value[moved] = values[best, rows][better]
-        new_gradient = _gradient(target, z[moved], value[moved], axes)
-        _update_inverse(inverse, moved, step, gradient[moved] - new_gradient)
-        gradient[moved] = new_gradient
-        finished = better & (rise < least_rise) & (expected < 10 * least_rise)
-        finished |= (reach[active] < 1e-5) | (n_creeping[active] >= MOST_CREEPING)
-        active = active[~finished]
-    return z, value
-
-
-def _gradient(target: Target, z: FloatArray, value: FloatArray, axes: FloatArray) -> FloatArray:
-    """Forward differences along axes (k, d), (n, k), all in one batch."""
-    step = max(GRADIENT_STEP, STEP_OVER_NOISE * math.sqrt(target.noise))
-    ahead = z[:, None, :] + step * axes
-    rises = target.log_posterior(ahead.reshape(-1, z.shape[1])).reshape(len(z), len(axes))
-    rise = rises - value[:, None]
-    return np.nan_to_num(rise / step, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def _update_inverse(
-    inverse: FloatArray, rows: np.ndarray, step: FloatArray, fall: FloatArray
-) -> None:
-    """The BFGS update of inverse Hessians in place, where the curvature allows it."""
-    curvature = np.einsum("nd,nd->n", step, fall)
-    curved = curvature > 1e-12
-    rows, step, fall, curvature = rows[curved], step[curved], fall[curved], curvature[curved]
-    d = step.shape[1]
-    left = np.eye(d) - step[:, :, None] * fall[:, None, :] / curvature[:, None, None]
-    inverse[rows] = (
-        left @ inverse[rows] @ left.transpose(0, 2, 1)
-        + step[:, :, None] * step[:, None, :] / curvature[:, None, None]
-    )
 
 
 def _precision(target: Target, z: FloatArray, value: float) -> FloatArray:

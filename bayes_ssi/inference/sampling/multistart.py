@@ -10,8 +10,7 @@ the evidence that there are no others; they go on until every maximum that matte
 two of them.
 """
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,13 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima, no_maxima, reached
+from bayes_ssi.inference.sampling.maxima import (
+    Maxima,
+    first_ascent,
+    maxima_near,
+    no_maxima,
+    reached,
+)
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target
 
@@ -84,72 +89,91 @@ def search_maxima(
 ) -> MultistartSearch:
     """Search for maxima until independent searches agree.
 
-    At least ``n_searches`` times, the target's earlier one included, from ``n_draws`` prior draws
-    each, of which ``n_ascents`` are climbed from at once.
+    At least ``n_searches`` times and twice, the target's earlier one included, from ``n_draws``
+    prior draws each, of which ``n_ascents`` are climbed from at once. The first ones climb side by
+    side.
     """
     alone = target.suggest_starts is None
     n_draws = n_draws or (DRAWS if alone else DRAWS_BESIDE_STARTS)
     n_ascents = n_ascents or (ASCENTS if alone else ASCENTS_BESIDE_STARTS)
-    searches: list[Maxima] = []
+    searches = _Searches(target, n_ascents)
     if target.known_starts is not None:
         possible = np.isfinite(target.log_likelihood(target.known_starts))
         if possible.any():
-            searches.append(find_maxima(target, target.known_starts[possible]))
-    seeds = seed.spawn(max(MOST_TIMES_WANTED * n_searches, 2))
-    for n_made, seed_of_search in enumerate(seeds, start=1):
-        rng = np.random.default_rng(seed_of_search)
-        searches.append(_search(target, n_draws, n_ascents, rng))
-        progress(min(len(searches) / n_searches, 1.0))
-        if len(searches) < n_searches:
-            continue
-        ends = np.concatenate([search.z for search in searches])
-        if not len(ends):
+            searches.climb([(target.known_starts[:0], target.known_starts[possible])])
+    seeds, n_made = seed.spawn(max(MOST_TIMES_WANTED * n_searches, 2)), 0
+    while True:
+        n_more = max(max(n_searches, 2) - searches.n, 1)
+        starts = []
+        for own_seed in seeds[n_made : n_made + n_more]:
+            starts.append(search_starts(target, n_draws, np.random.default_rng(own_seed)))
+            progress(min((searches.n + 0.5 * len(starts)) / n_searches, 1.0))
+        searches.climb(starts)
+        n_made += n_more
+        progress(min(searches.n / n_searches, 1.0))
+        if not len(searches.maxima.z):
             raise ValueError(
                 f"the likelihood is zero at all of {n_made * n_draws} draws from the prior; "
                 "are the priors, the pairing and the units those of the data?"
             )
-        # Climbing on from all of them merges those that stopped short of the same maximum; once
-        # more, where they differ, if the target turns out to be noisy.
-        for _ in range(2):
-            maxima = find_maxima(target, ends)
-            reached_by = np.array(
-                [reached(target, maxima, one.z, one.log_posteriors).any(axis=1) for one in searches]
-            )
-            result = MultistartSearch(maxima, reached_by, n_made * n_draws)
-            if result.converged or target.noise or not target.is_noisy_at(maxima.z):
+        if not target.noise and target.is_noisy_at(searches.maxima.z):
+            searches.climb_on()
+        result = searches.agreement(n_made * n_draws)
+        if result.converged or n_made == len(seeds):
+            return result
+
+
+class _Searches:
+    """The maxima that independent searches found together, and where the ascents of each ended."""
+
+    def __init__(self, target: Target, n_ascents: int) -> None:
+        self.target, self.n_ascents, self.n = target, n_ascents, 0
+        self.maxima = no_maxima(target.n_dimensions)
+        self.z, self.log_posteriors = self.maxima.z, self.maxima.log_posteriors  # of ends, (N, d)
+        self.numbers = np.empty(0, dtype=np.intp)  # of the search that an ascent is of, (N,)
+
+    def climb(self, starts: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """From the highest draws and the suggested starts of each of some more searches.
+
+        As many further ascents follow, from lower and lower draws, while maxima are likely to be
+        left.
+        """
+        for n in range(0, MOST_ROUNDS * self.n_ascents, self.n_ascents):
+            highest = [draws[n : n + self.n_ascents] for draws, _ in starts]
+            suggested = [those if n == 0 else those[:0] for _, those in starts]
+            of_each = list(map(np.concatenate, zip(highest, suggested, strict=True)))
+            if not any(map(len, of_each)) or (n and self._are_likely_all):
                 break
-        if result.converged:
-            break
-    return result
+            z, log_posteriors = first_ascent(self.target, np.concatenate(of_each))
+            self.maxima = maxima_near(self.target, z, log_posteriors, self.maxima)
+            self.z = np.concatenate([self.z, z])
+            self.log_posteriors = np.append(self.log_posteriors, log_posteriors)
+            numbers = np.repeat(np.arange(len(starts)), [len(own) for own in of_each])
+            self.numbers = np.append(self.numbers, self.n + numbers)
+        self.n += len(starts)
 
+    def climb_on(self) -> None:
+        """From all ends, of a target that turned out to be noisy."""
+        self.z, self.log_posteriors = first_ascent(self.target, self.z)
+        none = no_maxima(self.target.n_dimensions)
+        self.maxima = maxima_near(self.target, self.z, self.log_posteriors, none)
 
-def _search(target: Target, n_draws: int, n_ascents: int, rng: np.random.Generator) -> Maxima:
-    """The maxima that one search finds; none if the likelihood is zero at all its starts.
+    @property
+    def _are_likely_all(self) -> bool:
+        """Whether few maxima are left to find, by how many the ascents met.
 
-    As many further ascents follow, from lower and lower draws, while maxima are likely to be left.
-    """
-    highest, suggested = search_starts(target, n_draws, rng)
-    maxima, n_climbed = no_maxima(target.n_dimensions), 0
-    for n in range(0, MOST_ROUNDS * n_ascents, n_ascents):
-        starts = highest[n : n + n_ascents]
-        if n == 0:
-            starts = np.concatenate([starts, suggested])
-        if not len(starts) or _expected_unseen(maxima, n_climbed) < EXPECTED_UNSEEN:
-            break
-        maxima = find_maxima(target, starts, maxima)
-        n_climbed += len(starts)
-    return maxima
+        Of w that n ascents reached, w (w + 1) / (n - w - 2) are expected to be left, if the sizes
+        of basins are unknown (Boender and Rinnooy Kan 1987).
+        """
+        n_reached = int(_matter(self.maxima).sum())
+        surplus = len(self.z) - n_reached - 2
+        return surplus > 0 and n_reached * (n_reached + 1) < EXPECTED_UNSEEN * surplus
 
-
-def _expected_unseen(maxima: Maxima, n_climbed: int) -> float:
-    """How many maxima are left to find after so many ascents, by how many of these met.
-
-    Of w that n ascents reached, w (w + 1) / (n - w - 2), if the sizes of basins are unknown
-    (Boender and Rinnooy Kan 1987).
-    """
-    reached = int(_matter(maxima).sum()) if n_climbed else 0
-    surplus = n_climbed - reached - 2
-    return reached * (reached + 1) / surplus if surplus > 0 else math.inf
+    def agreement(self, n_draws: int) -> MultistartSearch:
+        """Which search reached which maximum by itself."""
+        at = reached(self.target, self.maxima, self.z, self.log_posteriors)
+        by = np.array([at[:, self.numbers == number].any(axis=1) for number in range(self.n)])
+        return MultistartSearch(self.maxima, by, n_draws)
 
 
 def search_starts(

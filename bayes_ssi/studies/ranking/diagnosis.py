@@ -32,7 +32,7 @@ from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import Posterior
 from bayes_ssi.inference.posterior_sampling.refinement import is_approximate, with_exact_structures
 from bayes_ssi.inference.posterior_sampling.sample import emulated_again
-from bayes_ssi.inference.sampling.maxima import ascend
+from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.measurements.modes.modal_data import ModalData

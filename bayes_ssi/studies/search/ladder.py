@@ -23,8 +23,8 @@ from threadpoolctl import threadpool_limits
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
+from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.diagnostics import Estimate
-from bayes_ssi.inference.sampling.maxima import ascend
 from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
