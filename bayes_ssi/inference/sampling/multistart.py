@@ -39,10 +39,11 @@ ASCENTS = 40
 # Where starts are suggested, which lead to narrow basins, fewer find the wide ones.
 DRAWS_BESIDE_STARTS = 1000
 ASCENTS_BESIDE_STARTS = 10
-# A search climbs on while so many maxima, or more, are expected beyond those that it has reached,
-# but no more than so many times: of a rough posterior, each draw may be near a maximum of its own.
+# Searches climb on, in rounds of so many times as many ascents, while so many maxima or more are
+# expected beyond those that they have reached. Of a rough posterior, each draw may be near a
+# maximum of its own.
 EXPECTED_UNSEEN = 0.5
-MOST_ROUNDS = 5
+ROUNDS = 1, 2, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +139,14 @@ class _Searches:
         As many further ascents follow, from lower and lower draws, while maxima are likely to be
         left.
         """
-        for n in range(0, MOST_ROUNDS * self.n_ascents, self.n_ascents):
-            highest = [draws[n : n + self.n_ascents] for draws, _ in starts]
-            suggested = [those if n == 0 else those[:0] for _, those in starts]
+        begin = 0
+        for end in self.n_ascents * np.cumsum(ROUNDS):
+            highest = [draws[begin:end] for draws, _ in starts]
+            suggested = [those if begin == 0 else those[:0] for _, those in starts]
             of_each = list(map(np.concatenate, zip(highest, suggested, strict=True)))
-            if not any(map(len, of_each)) or (n and self._are_likely_all):
+            if not any(map(len, of_each)) or (begin and self._are_likely_all):
                 break
+            begin = end
             z, log_posteriors = first_ascent(self.target, np.concatenate(of_each))
             self.maxima = maxima_near(self.target, z, log_posteriors, self.maxima)
             self.z = np.concatenate([self.z, z])
