@@ -75,9 +75,11 @@ def turning_shapes(models, units, sds):
     return TurningShapes.of(*modes, units, np.ones_like(units), sds**2)
 
 
-# Of 4,000 cases those in which nodes about one turn are far from where the shapes are nearest, and
-# one in which few even nodes miss where they are.
-SHAPES_THAT_DISAGREE = (118, 1033, 2074, 2539, 2548, 2890, 3586, 3682)
+# Of 4,000 cases those in which nodes about one turn are far from where the shapes are nearest, few
+# even nodes miss where they are, or step over a gap.
+SHAPES_THAT_DISAGREE = (
+    118, 409, 1033, 2074, 2182, 2539, 2548, 2890, 2947, 3382, 3586, 3607, 3682,
+)  # fmt: skip
 
 
 def test_means_over_turns_are_integrals():
@@ -103,8 +105,9 @@ def test_no_exponent_is_above_the_highest_ones_and_one_shape_reaches_it():
         distances = turning.distances(np.cos(2.0 * turns), np.sin(2.0 * turns))[:, :, 0]
         highest = (-distances / turning.variances).max(axis=1)
         # Neighbours of the grid are so near that exponents differ by less than this.
-        assert turning.highest_exponents[0] >= highest.sum() - 1e-9
-        assert turning.highest_exponents[0] == pytest.approx(highest.sum(), rel=1e-3, abs=0.02)
+        found = turning.highest_exponents[:, 0]
+        assert (found >= highest - 1e-9).all()
+        assert found == pytest.approx(highest, rel=1e-3, abs=0.02)
 
 
 def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():

@@ -22,6 +22,10 @@ PER_STRENGTH = 5.0
 EVEN_DISAGREE = 0.005
 PER_GAP = 2.0  # the least number that puts a node into every gap that is wider than this:
 LEAST_GAP = 0.002
+# At first a few about one turn, at so many of these steps over the root of the strength of all
+# pulls: 0.8 standard deviations at least. Sums over every other one are to agree to a tenth of a
+# per cent, as an integrand with several maxima may do by chance to half a per cent.
+FEW_TURNS, STEP, FEW_DISAGREE = 24, 0.4, 0.001
 UNEVEN = 0.3  # of a step, as every other node would be the other's mirror image with 0.5
 # Nodes until sums over every other one agree: about the highest turn, then about several.
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
@@ -102,7 +106,7 @@ class TurningShapes(NamedTuple):
 
     @property
     def highest_exponents(self) -> FloatArray:
-        """What -Σ (1 - |φ_e·φ(t)|)/σ² can be at most, each shape at the best turn for it, (E,)."""
+        """What -(1 - |φ_e·φ(t)|)/σ² is at the best turn for each shape, (m, E)."""
         strength = np.hypot(*self.pulls)
         with np.errstate(divide="ignore", invalid="ignore"):
             cos2, sin2 = self.pulls / strength
@@ -111,8 +115,7 @@ class TurningShapes(NamedTuple):
                 for constant, of_cos, of_sin in (self.squares, self.lengths)
             )
             distances = 1.0 - np.sqrt(np.clip(above / below, 0.0, 1.0))
-        own = np.where(strength > TINY, distances / self.variances, 0.0)
-        return -row_sums(own[None])[0]
+        return np.where(strength > TINY, -distances / self.variances, 0.0)
 
     @property
     def gaps(self) -> FloatArray:
@@ -158,12 +161,18 @@ class Turned(NamedTuple):
         and about each of those that the density of turns or a shape asks for.
         """
         highest = shapes.highest_exponents
-        turns = np.isfinite(concentrations) & (highest >= least)
+        turns = np.isfinite(concentrations) & (row_sums(highest[None])[0] >= least)
         kappa = np.where(turns, concentrations, 0.0)
         means = np.zeros((3, len(kappa)))
-        left = np.flatnonzero(turns)
-        means[:, left], accurate = _over_even_turns(kappa[left], shapes.cases(left), highest[left])
-        left = left[~accurate]
+        accurate = ~turns
+        for some in _parts(np.flatnonzero(turns), FEW_TURNS):
+            own = kappa[some], shapes.cases(some), highest[:, some]
+            means[:, some], accurate[some] = _about_one_turn(*own)
+        left = np.flatnonzero(~accurate)
+        if len(left):
+            own = kappa[left], shapes.cases(left), highest[:, left]
+            means[:, left], accurate = _over_even_turns(*own)
+            left = left[~accurate]
         if len(left):
             means[:, left] = _about_turns(kappa[left], shapes.cases(left))
         log_means, top, angles = means
@@ -179,8 +188,38 @@ class Turned(NamedTuple):
         return cls(log_means, log_means + exponents, angles, distances)
 
 
+def _about_one_turn(
+    kappa: FloatArray, shapes: TurningShapes, of_shapes: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """As of `_over_even_turns`, within a few standard deviations of the turn between all pulls.
+
+    The density of turns and that of each shape have one maximum and one minimum. Beyond the ends,
+    each is at most what it is at one of them, or at its maximum if that is beyond, too. Where the
+    product of these is negligible, nothing else is left out.
+    """
+    pulls = np.concatenate([np.array([kappa, 0.0 * kappa])[:, None], shapes.pulls], axis=1)
+    strengths, total = np.hypot(*pulls), row_sums(pulls)
+    c, s = total / np.maximum(np.hypot(*total), TINY)
+    reach = 0.5 * FEW_TURNS * STEP / np.sqrt(row_sums(strengths[None])[0])
+    reach = np.minimum(reach, 0.5 * math.pi)
+    cos_r, sin_r = _cosines(reach * np.array([[-1.0], [1.0]]))
+    ends = c * cos_r - s * sin_r, s * cos_r + c * sin_r
+    at_ends = -shapes.distances(*ends).min(axis=1) / shapes.variances
+    most = np.concatenate([kappa * (ends[0].max(axis=0) - 1.0)[None], at_ends])
+    is_beyond = pulls[0] * c + pulls[1] * s < strengths * cos_r[0]
+    of_each = np.concatenate([np.zeros((1, len(kappa))), of_shapes])
+    beyond = row_sums(np.where(is_beyond, of_each, most)[None])[0]
+    cos2, sin2 = _cosines_of_steps(FEW_TURNS, reach)
+    cosines = c * cos2 - s * sin2, s * cos2 + c * sin2
+    means, disagreement = _integrated(shapes.exponents(kappa, *cosines), *cosines)
+    is_all = (reach >= 0.5 * math.pi) | (beyond < means[1] + NEGLIGIBLE)
+    accurate = is_all & (disagreement < FEW_DISAGREE)
+    means[0] += np.log(2.0 / math.pi * reach)
+    return means, accurate & (2.0 * reach <= FEW_TURNS * shapes.gaps.min(axis=0))
+
+
 def _over_even_turns(
-    kappa: FloatArray, shapes: TurningShapes, alone_highest: FloatArray
+    kappa: FloatArray, shapes: TurningShapes, of_shapes: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Log integrals, the highest exponents and mean turns (3, E); which are accurate.
 
@@ -189,7 +228,7 @@ def _over_even_turns(
     """
     at_rest = shapes.exponents(kappa, np.ones((1, 1)), np.zeros((1, 1)))[0]
     with np.errstate(divide="ignore"):
-        share = (alone_highest - at_rest - NEGLIGIBLE) / (2.0 * kappa)  # of sin² t
+        share = (row_sums(of_shapes[None])[0] - at_rest - NEGLIGIBLE) / (2.0 * kappa)  # of sin² t
         reach = np.arcsin(np.sqrt(np.clip(share, 0.0, 1.0)))
     strengths = kappa + row_sums(np.hypot(*shapes.pulls)[None])[0]
     numbers = np.searchsorted(EVEN_TURNS, PER_STRENGTH * reach * np.sqrt(strengths))
