@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from bayes_ssi.inference.sampling import multistart
-from bayes_ssi.inference.sampling.maxima import Maxima
+from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.inference.sampling.multistart import (
     DRAWS,
     MultistartSearch,
@@ -119,6 +119,11 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
     hits = [finds(one_search(target, seed), centres) for seed in range(20)]
     assert np.mean(hits, axis=0)[0] > 0.7
     assert np.mean(hits, axis=0)[1:].min() > 0.9
+
+
+@pytest.mark.parametrize(("share", "n_kept"), [(1e-4, 2), (1e-6, 1)])
+def test_maxima_of_negligible_mass_are_left_out(share, n_kept):
+    assert len(find_maxima(two_peaks(share), np.array([A, B])).z) == n_kept
 
 
 def test_searches_climb_on_where_there_are_many_maxima():
