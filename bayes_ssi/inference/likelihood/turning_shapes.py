@@ -70,9 +70,9 @@ class TurningShapes(NamedTuple):
             measured: the same, 1 where measured and 0 elsewhere.
             variances: (m, E).
         """
-        products = shapes * shapes, shapes * partners, partners * partners
-        aa, ab, bb = (row_sums((each * measured)[None])[0] for each in products)
-        a, b = (row_sums((units * each)[None])[0] for each in (shapes, partners))
+        products = np.array([shapes * shapes, shapes * partners, partners * partners])
+        aa, ab, bb = row_sums(products * measured)
+        a, b = row_sums(np.array([units * shapes, units * partners]))
         x, y = a * bb - b * ab, b * aa - a * ab  # along the projection of φ_e on the plane
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             square = x * x + y * y
@@ -177,13 +177,16 @@ class Turned(NamedTuple):
             means[:, left] = _about_turns(kappa[left], shapes.cases(left))
         log_means, top, angles = means
         cosines = _cosines(angles[None])
-        improbable = shapes.exponents(kappa, *cosines)[0] < top + IMPROBABLE
+        distances = shapes.distances(*cosines)[:, 0]
+        exponents = row_sums((distances / shapes.variances)[None])[0]
+        improbable = kappa * (cosines[0][0] - 1.0) - exponents < top + IMPROBABLE
         unfit = np.flatnonzero(turns & (improbable | shapes.are_unseen(*cosines)[0]))
         if len(unfit):
-            cos2, sin2 = _highest(kappa[unfit], shapes.cases(unfit))[0]
+            of_unfit = shapes.cases(unfit)
+            cos2, sin2 = _highest(kappa[unfit], of_unfit)[0]
             angles[unfit] = 0.5 * np.arctan2(sin2, cos2)
-        distances = shapes.distances(*_cosines(angles[None]))[:, 0]
-        exponents = row_sums((distances / shapes.variances)[None])[0]
+            distances[:, unfit] = of_unfit.distances(*_cosines(angles[None, unfit]))[:, 0]
+            exponents[unfit] = row_sums((distances[:, unfit] / of_unfit.variances)[None])[0]
         log_means = np.where(turns, log_means - np.log(ive(0, kappa)), -exponents)
         return cls(log_means, log_means + exponents, angles, distances)
 
