@@ -156,7 +156,8 @@ class Turned(NamedTuple):
     ) -> "Turned":
         """From κ' (E,), infinite where nothing turns, as where no exponent is above ``least`` (E,).
 
-        Nodes are spread evenly where few of them resolve the narrowest maximum that there can be.
+        First a few nodes are about the turn between all pulls. Where that is not the whole
+        integral, they are spread evenly, if few resolve the narrowest maximum that there can be.
         Where it takes many, or sums over every other one differ, they are about the highest turn,
         and about each of those that the density of turns or a shape asks for.
         """
@@ -203,7 +204,7 @@ def _about_one_turn(
     pulls = np.concatenate([np.array([kappa, 0.0 * kappa])[:, None], shapes.pulls], axis=1)
     strengths, total = np.hypot(*pulls), row_sums(pulls)
     c, s = total / np.maximum(np.hypot(*total), TINY)
-    reach = 0.5 * FEW_TURNS * STEP / np.sqrt(row_sums(strengths[None])[0])
+    reach = 0.5 * FEW_TURNS * STEP / np.sqrt(np.maximum(row_sums(strengths[None])[0], TINY))
     reach = np.minimum(reach, 0.5 * math.pi)
     cos_r, sin_r = _cosines(reach * np.array([[-1.0], [1.0]]))
     ends = c * cos_r - s * sin_r, s * cos_r + c * sin_r

@@ -76,10 +76,10 @@ class _Ascents:
         best, which = values.argmax(axis=0), np.arange(len(trying))
         rise = values[best, which] - self.value[trying]
         better = rise > 0
+        self.was_full[trying] = better & (best == 0)
         best, which, moved = best[better], which[better], trying[better]
         self.z[moved], self.value[moved] = ends[best, which], values[best, which]
         self.last_step[moved], self.has_gradient[moved] = tried[best, which], False
-        self.was_full[trying] = better & (values.argmax(axis=0) == 0)
         full = self.was_full[trying[steady]]
         self._set_gradients(trying[steady[full]], of_steady[full])
         self._finish(trying, rise, expected)
