@@ -179,10 +179,10 @@ def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeyp
     """Of forty rough ones, those with a thousandth each and not those with a millionth."""
     drawn = []
 
-    def with_more_draws(item, seed):
-        del seed
-        drawn.append(item[0].parameter_names)
-        return replace(item[1], log_evidence=item[1].log_evidence - 0.1, error=0.05)
+    def with_more_draws(items, seed, run):
+        del seed, run
+        drawn.extend(made.parameter_names for made, _ in items)
+        return [replace(one, log_evidence=one.log_evidence - 0.1, error=0.05) for _, one in items]
 
     monkeypatch.setattr("bayes_ssi.studies.search.ladder.with_more_draws", with_more_draws)
     heights = [0.0, *[math.log(1e-3)] * 5, *[math.log(1e-6)] * 34]
@@ -196,7 +196,8 @@ def test_those_that_matter_together_are_drawn_until_their_error_is_small(monkeyp
 
 def test_more_draws_make_a_rough_evidence_accurate(screenings):
     (candidate, _), full, quick = screenings
-    better = with_more_draws((candidate, replace(quick, log_evidence=-99.0, error=1.0)), 2)
+    rough = replace(quick, log_evidence=-99.0, error=1.0)
+    (better,) = with_more_draws([(candidate, rough)], 2, bs.Run())
     assert better.error <= module.WANTED_ERROR
     assert abs(better.log_evidence - full.log_evidence) < 3.0 * math.hypot(better.error, full.error)
     assert better.n_evaluations <= quick.n_evaluations + module.MOST_DRAWS

@@ -30,6 +30,9 @@ ALL_MODES = "all modes"
 # An identified mode turns with no model mode that it is with less than exp(this) of the weight of
 # being spurious, however alike their shapes.
 NEGLIGIBLE_WEIGHT = -9.0
+# The same of shapes that fit no better than they can at any turn: leaving out a larger share is a
+# step in the likelihood, at which ascents stop early.
+LEAST_WEIGHT = 2.0 * NEGLIGIBLE_WEIGHT
 NEVER = 1e-9  # probability
 
 
@@ -137,11 +140,13 @@ class AnyPairing(ModalLikelihood):
 
     def _cases(self, close: ClosePairs, frequencies_hz: FloatArray) -> CloseCases:
         """Each identified shape by itself, as the only one of a pair that is identified."""
-        near = self._most_log_weights(close, frequencies_hz) > NEGLIGIBLE_WEIGHT
+        most = self._most_log_weights(close, frequencies_hz)
+        near = most > NEGLIGIBLE_WEIGHT
         near &= (self._columns[:, 0] >= 0) & close.turn_alone[:, None, None]
         pair, upper, j = np.nonzero(near)
         columns = self._columns[j, close.lower[pair] + upper]
-        return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan))
+        least = LEAST_WEIGHT - most[near]
+        return CloseCases(pair, columns[None], upper[None] > 0, np.full(len(pair), np.nan), least)
 
     @cached_property
     def _columns(self) -> NDArray[np.intp]:
@@ -163,10 +168,9 @@ class AnyPairing(ModalLikelihood):
         pair, j, k = pair[some], j[some], k[some]
         columns = np.array([self._columns[i, close.lower[pair] + u] for u, i in enumerate((j, k))])
         observed = relative_distances(hz[j], hz[k])
-        cases = CloseCases(pair, columns, np.array([[False], [True]]), observed)
-        # Leaving out a larger share is a step in the likelihood, at which ascents stop early.
-        least = 2.0 * NEGLIGIBLE_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
-        mean = self._mean_over_turns(close, cases, shapes, least)
+        least = LEAST_WEIGHT - most[pair, 0, j] - most[pair, 1, k]
+        cases = CloseCases(pair, columns, np.array([[False], [True]]), observed, least)
+        mean = self._mean_over_turns(close, cases, shapes)
         rows, variances = close.rows[pair], self._shapes_or_none[2][columns]
         alone = turned[rows, columns] - distances[rows, columns] / (
             close.variances[pair, 1] + variances

@@ -121,6 +121,8 @@ class CloseCases(NamedTuple):
     columns: IntArray  # (m, E), of the identified shapes; -1 for none
     is_upper: BoolArray  # (m, E or 1), whether the shape is that of the upper mode
     observed: FloatArray  # (E,), distances of the identified frequencies; NaN for one alone
+    # (E,) or one for all, the exponent of densities of shapes below which no turn matters.
+    least: FloatArray | float = -math.inf
 
     def modes(self, close: ClosePairs, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The modes identified and what they turn to, (n, m, E), of shapes (B, n, n_modes)."""

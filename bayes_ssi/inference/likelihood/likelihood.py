@@ -256,14 +256,8 @@ class ModalLikelihood:
         columns[self.pairs.model_modes[self.pairs.with_shape]] = range(len(self.pairs.with_shape))
         return columns
 
-    def _mean_over_turns(
-        self,
-        close: ClosePairs,
-        cases: CloseCases,
-        shapes: FloatArray,
-        least: FloatArray | float = -np.inf,
-    ) -> Turned:
-        """Of model shapes (B, n_sensors, n_modes), at the sensors; ``least`` as in `Turned.of`."""
+    def _mean_over_turns(self, close: ClosePairs, cases: CloseCases, shapes: FloatArray) -> Turned:
+        """Of model shapes (B, n_sensors, n_modes), at the sensors."""
         units, measured, variances = self._shapes_or_none
         turning = TurningShapes.of(
             *cases.modes(close, shapes),
@@ -271,7 +265,8 @@ class ModalLikelihood:
             measured[:, cases.columns],
             close.variances[cases.pairs, 1] + variances[cases.columns],
         )
-        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning, least)
+        concentrations = close.concentrations(cases.observed, cases.pairs)
+        return Turned.of(concentrations, turning, cases.least)
 
     @cached_property
     def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -322,8 +317,15 @@ class ModalLikelihood:
 
         One row, (1, 1 or 2), where no parameter enters them.
         """
-        fixed = not any(size.parameters for size in self._sizes)
-        return self._size_table.evaluate(values[:1] if fixed else values) ** 2
+        fixed = self._fixed_var
+        return self._size_table.evaluate(values) ** 2 if fixed is None else fixed
+
+    @cached_property
+    def _fixed_var(self) -> FloatArray | None:
+        """As :meth:`prediction_var`, where no parameter enters it."""
+        if any(size.parameters for size in self._sizes):
+            return None
+        return np.array([[size.scale for size in self._sizes]]) ** 2
 
     @cached_property
     def _size_table(self) -> ProductTable:
@@ -425,8 +427,16 @@ class ModalLikelihood:
         if not len(self.pairs.with_shape):
             return modes.shape_distances
         variance = prediction_var + self.pairs.shape_var
-        normalisers = self._log_normalisers(variance)
+        normalisers = self._fixed_normalisers
+        if normalisers is None:
+            normalisers = self._log_normalisers(variance)
         return modes.turned - modes.shape_distances / variance - normalisers
+
+    @cached_property
+    def _fixed_normalisers(self) -> FloatArray | None:
+        """As :meth:`_log_normalisers`, where no parameter enters them."""
+        fixed = self._fixed_var
+        return None if fixed is None else self._log_normalisers(fixed[:, 1:] + self.pairs.shape_var)
 
     def _log_normalisers(self, variance: FloatArray) -> FloatArray:
         """log Z_d(σ) for shape variances (B, S), computed once for shapes with one error."""

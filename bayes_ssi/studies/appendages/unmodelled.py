@@ -13,6 +13,7 @@ said of the modes near which a parameter would leave its own interval.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -82,14 +83,18 @@ def hidden_appendages(ranking: Ranking, run: Run) -> list[Hidden]:
     if not is_cheap(best):
         return []
     alone, carrier = _alone(baselines, best, ranking.seed, run)
-    log_odds, changed = [0.0], {}
+    near: dict[str, list[ModelClass]] = {}
+    shares = []  # of the prior of frequencies, near each mode
     for label, (hz, places) in _places_near(baselines, best, posterior).items():
         low, high = max(hz / NEAR_A_MODE, prior.support[0]), min(hz * NEAR_A_MODE, prior.support[1])
         options = replace(baselines.options, frequency=LogUniform(low, high))
-        near = replace(baselines, options=options)
-        classes = [near.hypothesis(carrier, (place,), f"{place.name}, {label}") for place in places]
-        screened = _screened(classes, alone, ranking.seed, run)
-        share = prior.probability_below(high) - prior.probability_below(low)
+        of_mode = replace(baselines, options=options)
+        near[label] = [of_mode.hypothesis(carrier, (p,), f"{p.name}, {label}") for p in places]
+        shares.append(prior.probability_below(high) - prior.probability_below(low))
+    of_all = iter(_screened(list(chain.from_iterable(near.values())), alone, ranking.seed, run))
+    log_odds, changed = [0.0], {}
+    for (label, classes), share in zip(near.items(), shares, strict=True):
+        screened = list(islice(of_all, len(classes)))
         log_odds.append(_nats(screened, alone) + math.log(share))
         changed[label] = _changed(posterior, best, classes, screened)
     hidden = map(Hidden, changed, softmax(log_odds)[1:].tolist(), changed.values())

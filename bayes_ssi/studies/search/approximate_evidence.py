@@ -24,10 +24,10 @@ computed together with a look; others with the quick one.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from itertools import chain, count
 from typing import TypeVar
 
 import numpy as np
@@ -45,7 +45,9 @@ from bayes_ssi.inference.sampling.multistart import search_maxima, search_starts
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.inference.workers.workers import evaluate
+from bayes_ssi.inference.workers.workers import Function, evaluate
+from bayes_ssi.studies.search.common_likelihood import common_log_likelihoods, in_common
+from bayes_ssi.studies.search.side_by_side import SideBySide
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -71,6 +73,7 @@ QUICK = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
 FULL = Effort(500, 4, 600, is_full=True)
 MOST_DRAWS = 6000  # of one hypothesis
 MOST_FULL = 30  # hypotheses with at most one feature, so many take half a minute in full
+SIDE_BY_SIDE = 16  # more hypotheses in common batches are no faster
 WANTED_ERROR = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
 
 
@@ -125,8 +128,49 @@ ToScreen = tuple[ModelClass, Screened | None]
 def screen_all(
     hypotheses: Sequence[ToScreen], seed: int, run: Run, effort: Effort = FULL
 ) -> list[Screened]:
-    to_screened, step = partial(screen, seed=seed, effort=effort), f"screening {len(hypotheses)}"
-    return each_in_workers(to_screened, hypotheses, run, ("all hypotheses", step))
+    """Their approximate evidences; ValueError where no maximum of one is found."""
+    step = f"screening {len(hypotheses)}"
+    return together(partial(_screened, seed=seed, effort=effort), hypotheses, run, step)
+
+
+def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
+    """The approximate evidence of one hypothesis; ValueError where no maximum is found."""
+    return _side_by_side(partial(_screened, seed=seed, effort=effort), [hypothesis])[0]
+
+
+def together(
+    function: Callable[[ToScreen, Target], R], hypotheses: Sequence[ToScreen], run: Run, step: str
+) -> list[R]:
+    """A function of each hypothesis and its target, side by side where likelihoods allow it."""
+    n_workers = run.workers.n_workers if run.workers else 1
+    n = min(SIDE_BY_SIDE, math.ceil(len(hypotheses) / n_workers))
+    groups: dict[Hashable, list[int]] = {}
+    for i, (model_class, _) in enumerate(hypotheses):
+        groups.setdefault(in_common(model_class), []).append(i)
+    parts = [own[i : i + n] for own in groups.values() for i in range(0, len(own), n)]
+    items = [[hypotheses[i] for i in part] for part in parts]
+    answers = each_in_workers(
+        partial(_side_by_side, function), items, run, ("all hypotheses", step)
+    )
+    by_number = dict(zip(chain.from_iterable(parts), chain.from_iterable(answers), strict=True))
+    return [by_number[i] for i in range(len(hypotheses))]
+
+
+def _side_by_side(
+    function: Callable[[ToScreen, Target], R], hypotheses: Sequence[ToScreen]
+) -> list[R]:
+    """A function of each of several hypotheses and its target, in common batches."""
+    classes = [model_class for model_class, _ in hypotheses]
+    batches = SideBySide(common_log_likelihoods(classes))
+
+    def of_one(i: int) -> R:
+        target = class_target(classes[i])
+        target.function = lambda z: batches.ask((i, z))
+        return function(hypotheses[i], target)
+
+    # The matrices are small: threads inside BLAS would only wait for one another.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return batches.run([partial(of_one, i) for i in range(len(classes))])
 
 
 def each_in_workers(
@@ -155,23 +199,19 @@ def each_in_workers(
     return [results[i] for i in range(len(items))]
 
 
-def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
-    """The approximate evidence of one hypothesis; ValueError where no maximum is found."""
+def _screened(hypothesis: ToScreen, target: Target, seed: int, effort: Effort) -> Screened:
     model_class, simpler = hypothesis
     # Not the seed of its sampling, whose errors are to be independent.
     own_seed = seed_of(f"screening of {model_class.name}", seed)
     seed_of_starts, seed_of_searches, seed_of_draws = own_seed.spawn(3)
-    target = class_target(model_class)
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
-        except ValueError as error:
-            raise type(error)(f"model class {model_class.name!r}: {error}") from error
-        mixture = maxima.as_mixture().widened()
-        if simpler is not None:
-            mixture = mixture.mixed_with(_extended(model_class, simpler), SHARE_OF_SIMPLER)
-        rng = np.random.default_rng(seed_of_draws)
-        sample = _importance_sample(target, mixture, rng, effort)
+    try:
+        maxima = _maxima(target, hypothesis, (seed_of_starts, seed_of_searches), effort)
+    except ValueError as error:
+        raise type(error)(f"model class {model_class.name!r}: {error}") from error
+    mixture = maxima.as_mixture().widened()
+    if simpler is not None:
+        mixture = mixture.mixed_with(_extended(model_class, simpler), SHARE_OF_SIMPLER)
+    sample = _importance_sample(target, mixture, np.random.default_rng(seed_of_draws), effort)
     estimate = sample.estimate
     return Screened(
         parameter_names=model_class.parameter_names,
@@ -186,14 +226,18 @@ def screen(hypothesis: ToScreen, seed: int, effort: Effort = FULL) -> Screened:
     )
 
 
-def with_more_draws(item: tuple[ModelClass, Screened], seed: int) -> Screened:
-    """A screened hypothesis with as many new draws from its mixture as the wanted error takes."""
+def with_more_draws(screened: Sequence[ToScreen], seed: int, run: Run) -> list[Screened]:
+    """Hypotheses with as many new draws from their mixtures as the wanted error takes."""
+    step = f"drawing for {len(screened)}"
+    return together(partial(_with_more_draws, seed=seed), screened, run, step)
+
+
+def _with_more_draws(item: ToScreen, target: Target, seed: int) -> Screened:
     model_class, screened = item
-    target = class_target(model_class)
+    assert screened is not None
     rng = np.random.default_rng(seed_of(f"more draws of {model_class.name}", seed))
-    with threadpool_limits(limits=1, user_api="blas"):
-        sampler = ImportanceSampler(target, rng, FULL.batch, max_draws=MOST_DRAWS)
-        sample = _to_wanted_error(sampler, sampler.sample(screened.mixture))
+    sampler = ImportanceSampler(target, rng, FULL.batch, max_draws=MOST_DRAWS)
+    sample = _to_wanted_error(sampler, sampler.sample(screened.mixture))
     return replace(
         screened,
         log_evidence=sample.estimate.log_evidence,
@@ -218,7 +262,7 @@ def _maxima(
         if effort.is_full:
             # They take as many evaluations as all else: once is enough.
             narrow = target.suggested(np.random.default_rng(seeds[0]))
-        target.suggest_starts = _scan(model_class, simpler, effort)
+        target.suggest_starts = _scan(target.function, model_class, simpler, effort)
     if not effort.is_full:
         rng = np.random.default_rng(seeds[1])
         highest, suggested = search_starts(target, effort.n_draws, rng)
@@ -250,7 +294,7 @@ def _to_wanted_error(sampler: ImportanceSampler, sample: ImportanceSample) -> Im
 
 
 def _scan(
-    model_class: ModelClass, simpler: Screened, effort: Effort
+    log_likelihood: Function, model_class: ModelClass, simpler: Screened, effort: Effort
 ) -> Callable[[np.random.Generator], SuggestedStarts]:
     """Starts from the simpler hypothesis's posterior, the other parameters all over their priors.
 
@@ -259,7 +303,7 @@ def _scan(
 
     def starts(rng: np.random.Generator) -> SuggestedStarts:
         z = scan_draws(model_class, simpler, effort.n_draws, rng)
-        log_likelihoods = evaluate(model_class.log_likelihood_at, z).values
+        log_likelihoods = evaluate(log_likelihood, z).values
         possible = np.isfinite(log_likelihoods)
         scanned = local_maxima(z[possible], log_likelihoods[possible])[: effort.n_ascents]
         return SuggestedStarts(scanned, effort.n_draws)

@@ -10,29 +10,23 @@ batches: a sixth of the time of a quick effort.
 """
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import TypeVar
 
 import numpy as np
 from scipy.special import logsumexp, softmax
-from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior_sampling.sample import seed_of
-from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.diagnostics import Estimate
+from bayes_ssi.inference.sampling.maxima import first_ascent
 from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.structures.finite_elements.projected_structure import (
-    kinds_of_elements,
-    modes_at_places,
-)
+from bayes_ssi.structures.finite_elements.projected_structure import kinds_of_elements
 from bayes_ssi.studies.search.approximate_evidence import (
     FULL,
     LOOK,
@@ -42,14 +36,13 @@ from bayes_ssi.studies.search.approximate_evidence import (
     Effort,
     Screened,
     ToScreen,
-    each_in_workers,
     scan_draws,
     screen_all,
+    together,
     with_more_draws,
 )
 
 MOST_SEVERAL = 300  # hypotheses with several features that go on from a look
-LOOKED_AT_TOGETHER = 32  # more hypotheses in a batch are no faster
 SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
 SHARE_FOR_DRAWS = 1e-4  # many with so little matter together, and draws cost little
 # The error of a quick effort in less than this changes no probability by more than a thousandth.
@@ -57,7 +50,6 @@ SHARE_FOR_FULL = 3e-3
 # An approximate log evidence is too low by so many standard errors at most.
 ERRORS_TOO_LOW = 3.0
 LEAST_ERROR = 0.05  # some hundred draws show no smaller ones
-ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 
 def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, Screened]:
@@ -68,101 +60,44 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, S
     Others are not on finite-element models in a small basis, or the likelihood is zero wherever
     they were looked at.
     """
-    groups: dict[Hashable, list[int]] = {}
-    for i, hypothesis in enumerate(hypotheses):
-        if (common := _in_common(hypothesis)) is not None:
-            groups.setdefault(common, []).append(i)
-    n = LOOKED_AT_TOGETHER
-    parts = [own[i : i + n] for own in groups.values() for i in range(0, len(own), n)]
-    together = [[hypotheses[i] for i in part] for part in parts]
-    look, step = partial(_look_together, seed=seed), f"a look at {sum(map(len, parts))}"
-    looks = each_in_workers(look, together, run, ("all hypotheses", step))
-    by_number = zip(chain.from_iterable(parts), chain.from_iterable(looks), strict=True)
-    return {i: look for i, look in by_number if look is not None}
+    some = [i for i, hypothesis in enumerate(hypotheses) if _can_be_looked_at(hypothesis)]
+    step = f"a look at {len(some)}"
+    looks = together(partial(_look, seed=seed), [hypotheses[i] for i in some], run, step)
+    return {i: look for i, look in zip(some, looks, strict=True) if look is not None}
 
 
-def _in_common(hypothesis: ToScreen) -> Hashable:
-    """What hypotheses that are computed together have in common; None if one cannot be."""
+def _can_be_looked_at(hypothesis: ToScreen) -> bool:
     model_class, simpler = hypothesis
-    kinds = tuple(kinds_of_elements(test.structure) for test in model_class.configurations)
-    if simpler is None or None in kinds:
-        return None
-    positions = tuple(model_class.parameter_names.index(name) for name in simpler.parameter_names)
-    return id(simpler), kinds, positions
+    kinds = [kinds_of_elements(test.structure) for test in model_class.configurations]
+    return simpler is not None and None not in kinds
 
 
-def _look_together(hypotheses: Sequence[ToScreen], seed: int) -> list[Screened | None]:
-    """A look at hypotheses that differ in nothing but places; None where it shows nothing."""
-    classes = [made for made, _ in hypotheses]
-    target = _AllPlaces(_joint_log_likelihood(classes), len(classes[0].parameters) + 1)
-    with threadpool_limits(limits=1, user_api="blas"):
-        starts = np.concatenate([_starts(target, i, h, seed) for i, h in enumerate(hypotheses)])
-        unit = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
-        ends, log_posteriors = ascend(target, starts, unit)
-    z, which = ends[:, :-1], _numbers(ends)
-    log_likelihoods = log_posteriors - log_standard_normal(z)
-    n_evaluations = target.n_evaluations // len(hypotheses)
-    unit, tails = np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
-    looks: list[Screened | None] = [None] * len(classes)
-    for i in np.unique(which).tolist():
-        own = np.flatnonzero(which == i)
-        own = own[np.argsort(-log_posteriors[own], kind="stable")]
-        looks[i] = Screened(
-            parameter_names=classes[i].parameter_names,
-            log_evidence=float(log_likelihoods[own].max()),
-            error=0.0,
-            laplace=math.nan,
-            n_evaluations=n_evaluations,
-            maxima=z[own],
-            z=z[own],
-            weights=softmax(log_posteriors[own]),
-            mixture=StudentMixture(np.ones(1), z[own[:1]], unit, tails),
-        )
-    return looks
-
-
-def _starts(target: Target, number: int, hypothesis: ToScreen, seed: int) -> FloatArray:
-    """Where ascents for one hypothesis begin (m, d + 1): at the best draws of a scan."""
+def _look(hypothesis: ToScreen, target: Target, seed: int) -> Screened | None:
+    """A look at one hypothesis; None where it shows nothing."""
     model_class, simpler = hypothesis
     assert simpler is not None
     rng = np.random.default_rng(seed_of(f"first look at {model_class.name}", seed))
-    z = np.pad(scan_draws(model_class, simpler, LOOK.n_draws, rng), ((0, 0), (0, 1)))
-    z[:, -1] = number
+    z = scan_draws(model_class, simpler, LOOK.n_draws, rng)
     log_likelihoods = target.log_likelihood(z)
     possible = np.isfinite(log_likelihoods)
     if not possible.any():
-        return z[:0]
-    return local_maxima(z[possible], log_likelihoods[possible])[: LOOK.n_ascents]
-
-
-class _AllPlaces(Target):
-    """Log-likelihoods of hypotheses, by number in the last coordinate, which ascents leave."""
-
-    def log_posterior(self, z: FloatArray) -> FloatArray:
-        return self.log_likelihood(z) + log_standard_normal(z[:, :-1])
-
-
-def _joint_log_likelihood(classes: Sequence[ModelClass]) -> Callable[[FloatArray], FloatArray]:
-    """That of :class:`_AllPlaces`, for classes that differ in nothing but places."""
-    first = classes[0]
-    tests = zip(*(each.configurations for each in classes), strict=True)
-    of_tests = [modes_at_places([test.structure for test in of_test]) for of_test in tests]
-
-    def of_rows(z: FloatArray) -> FloatArray:
-        values, which = first.values(z[:, :-1]), _numbers(z)
-        modes = [
-            modes_of(own[:, : len(test.structure.parameters)], which)
-            for modes_of, (test, _, own) in zip(of_tests, first.parts(values), strict=True)
-        ]
-        return first.log_density_of_modes(values, modes)
-
-    n = ROWS_IN_CACHE
-    return lambda z: np.concatenate([of_rows(z[i : i + n]) for i in range(0, len(z), n)])
-
-
-def _numbers(z: FloatArray) -> np.ndarray:
-    """Numbers of hypotheses (B,): the last coordinate, but for the steps of differences."""
-    return np.rint(z[:, -1]).astype(np.intp)
+        return None
+    starts = local_maxima(z[possible], log_likelihoods[possible])[: LOOK.n_ascents]
+    z, log_posteriors = first_ascent(target, starts)
+    order = np.argsort(-log_posteriors, kind="stable")
+    z, log_posteriors = z[order], log_posteriors[order]
+    unit, tails = np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
+    return Screened(
+        parameter_names=model_class.parameter_names,
+        log_evidence=float((log_posteriors - log_standard_normal(z)).max()),
+        error=0.0,
+        laplace=math.nan,
+        n_evaluations=target.n_evaluations,
+        maxima=z,
+        z=z,
+        weights=softmax(log_posteriors),
+        mixture=StudentMixture(np.ones(1), z[:1], unit, tails),
+    )
 
 
 H = TypeVar("H", bound=Hashable)
@@ -244,7 +179,7 @@ def screen_best(
         and not math.isnan(results[i].laplace)  # no look
     ]
     items = [(hypotheses[i][0], results[i]) for i in rough]
-    drawn = each_in_workers(partial(with_more_draws, seed=seed), items, run)
+    drawn = with_more_draws(items, seed, run)
     results |= zip(rough, drawn, strict=True)
     least = of_all + math.log(SHARE_FOR_FULL)
     results |= going_on(log_masses(results), FULL, most_full, least=least)
