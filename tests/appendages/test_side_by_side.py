@@ -8,6 +8,7 @@ import pytest
 from searches import INFILL_01, INFILL_12, PENDULUM_1, PENDULUM_3
 
 import bayes_ssi as bs
+from bayes_ssi.structures.changed_structure import FurtherMode
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.search.approximate_evidence import QUICK, screen, screen_all
 from bayes_ssi.studies.search.common_likelihood import common_log_likelihoods, in_common
@@ -95,6 +96,10 @@ def test_common_batches_have_the_same_digits(bare, monkeypatch):
     kinds = {in_common(made) for made in classes}
     assert len(kinds) == 1
     assert in_common(hypothesis(bare, ())) not in kinds
+    motion = bs.Parameter("hz", bs.LogUniform(1.0, 3.0))
+    moves = bare.with_structures(lambda structure, _: FurtherMode(structure, motion, like=0))
+    farther = bare.with_structures(lambda structure, _: FurtherMode(structure, motion, like=1))
+    assert in_common(moves) == in_common(farther) not in kinds
     z = np.random.default_rng(0).standard_normal((2, 200, len(classes[0].parameters)))
     questions = [(3, z[0]), (0, z[1, :7]), (3, z[1]), (1, z[0, 50:])]
     answers = common_log_likelihoods(classes)(questions)
@@ -116,8 +121,9 @@ def test_common_batches_have_the_same_digits(bare, monkeypatch):
 
 
 def test_screening_side_by_side_changes_nothing(bare):
+    """The one in the middle has a mode less."""
     none = screen((hypothesis(bare, ()), None), 0)
-    wanted = [(hypothesis(bare, own), none) for own in ((INFILL_12,), (PENDULUM_1,))]
+    wanted = [(hypothesis(bare, own), none) for own in ((INFILL_12,), (), (PENDULUM_1,))]
     for one, each in zip(screen_all(wanted, 0, bs.Run(), QUICK), wanted, strict=True):
         alone = screen(each, 0, QUICK)
         assert np.array_equal(one.z, alone.z)

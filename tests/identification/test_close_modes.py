@@ -309,15 +309,17 @@ def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, j
     assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
 
 
-def test_pairs_whose_shapes_fit_at_no_turn_do_not_matter():
-    """Of shapes off by one to a dozen of their errors: the sum over given pairings, as above."""
+@pytest.mark.parametrize("labels", ["ab", "a"])
+def test_shapes_that_fit_at_no_turn_do_not_matter(labels):
+    """Off by one to a dozen of their errors: the sum over given pairings, as above."""
     pairings = [
-        {label: number for label, number in (("a", a), ("b", b)) if number}
-        for a, b in itertools.product(range(4), repeat=2)
-        if a != b or not a
+        {label: number for label, number in zip(labels, numbers, strict=True) if number}
+        for numbers in itertools.product(range(4), repeat=len(labels))
+        if len(set(numbers)) == len(labels) or not any(numbers)
     ]
     for off in np.linspace(0.03, 0.36, 23):
-        data, error = turned_data(20.0, 0.01, error=off), bs.ErrorModel(0.01, 0.03)
+        data = turned_data(20.0, 0.01, labels, error=off)
+        error = bs.ErrorModel(0.01, 0.03)
         candidates = [
             bs.ModelClass("pair", Pair(), data, error, pairing=pairing)
             for pairing in ("any", *pairings)
