@@ -226,9 +226,12 @@ class ModalLikelihood:
         """
         if not len(self.pairs.with_shape) or self.error.repeats_between_tests:
             return None
-        observed, variances = self._observed_distances[:, None], self.prediction_var(values)
+        observed = self._observed_distances[:, None]
         order = observed if self.pairing_is_given else math.nan
-        return close_pairs(frequencies_hz, observed, variances, order)
+        if not self.pairing_is_given:  # two may be identified, or one alone
+            apart = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
+            observed = np.minimum(observed, apart)
+        return close_pairs(frequencies_hz, observed, self.prediction_var(values), order)
 
     @cached_property
     def _observed_distances(self) -> FloatArray:
