@@ -73,7 +73,7 @@ QUICK = Effort(250, 3, 300)  # a hundredth of the evaluations of sampling
 FULL = Effort(500, 4, 600, is_full=True)
 MOST_DRAWS = 6000  # of one hypothesis
 MOST_FULL = 30  # hypotheses with at most one feature, so many take half a minute in full
-SIDE_BY_SIDE = 16  # more hypotheses in common batches are no faster
+SIDE_BY_SIDE = 8  # more hypotheses in common batches are no faster
 WANTED_ERROR = 0.1  # decides whether a hypothesis has a hundredth or a thousandth of all
 
 
