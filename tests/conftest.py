@@ -13,7 +13,7 @@ import pickle
 import signal
 import sys
 from collections import defaultdict
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,8 @@ from bayes_ssi.inference.workers.workers import Workers
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 
+ROOT = Path(__file__).parents[1]
+MODEL_CLASSES = ROOT / "model_classes"
 STOREY_STIFFNESS = (2.0 * math.pi) ** 2 / (2.0 * math.sin(math.pi / 14.0)) ** 2
 SECOND_FREQUENCY = math.sin(3.0 * math.pi / 14.0) / math.sin(math.pi / 14.0)
 
@@ -49,15 +51,21 @@ IDENTIFIED = {
 
 def script_of(name):
     """A script of ``runs`` as a module."""
-    path = Path(__file__).parents[1] / "runs" / f"{name}.py"
+    path = ROOT / "runs" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def multiplier(name, cov=0.3):
-    return bs.Parameter(name, bs.LogNormal(median=1.0, cov=cov))
+@cache
+def kept_study(name):
+    """A study of ``model_classes``, loaded once."""
+    return bs.load_study(MODEL_CLASSES / f"{name}.py")
+
+
+def multiplier(name, median=1.0, cov=0.3):
+    return bs.Parameter(name, bs.LogNormal(median, cov))
 
 
 @pytest.fixture(scope="session")

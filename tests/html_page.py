@@ -2,8 +2,10 @@
 
 from html.parser import HTMLParser
 
+import bayes_ssi as bs
 from bayes_ssi.report.write import write_report
 from bayes_ssi.results.stored_result import save_result
+from bayes_ssi.studies.ranking.study import Ranking
 
 VOID = {"meta", "img", "br", "input", "link", "hr"}
 
@@ -52,3 +54,19 @@ def page_of(ranking, directory, **options):
     """The report of a ranking, which is saved in a directory."""
     save_result(ranking, directory, **options)
     return Page(write_report(directory).read_text("utf-8"))
+
+
+def of_two_storeys(make_posterior, data, log_evidences, pairings, k="k", **changes):
+    """A ranking without sampling of classes of one building: name → pairing."""
+    factor = bs.Parameter(k, bs.LogNormal(40.0, 0.3))
+    building, error = bs.ShearBuilding((1.0, 1.0), (factor, factor)), bs.ErrorModel(0.02, 0.05)
+    classes = [
+        bs.ModelClass(name, building, data, error, pairing=own) for name, own in pairings.items()
+    ]
+    posteriors = tuple(
+        make_posterior(each.name, log_evidence, names=each.parameter_names, pairing=each.pairing,
+                       data_digest=data.digest, **changes)
+        for each, log_evidence in zip(classes, log_evidences, strict=True)
+    )  # fmt: skip
+    study = bs.Study("A & B", classes, description="<i>which</i>?")
+    return Ranking(study, posteriors, bs.compare(posteriors), 0, bs.SamplingSettings())

@@ -132,28 +132,23 @@ def test_no_two_public_classes_have_one_name():
 
 
 @pytest.mark.parametrize(
-    "start",
+    ("start", "heavy"),
     [
-        "import bayes_ssi",
-        "from bayes_ssi.cli import main; main(['--version'], standalone_mode=False)",
-        "from bayes_ssi.cli import main; main(['--help'], standalone_mode=False)",
-        "from bayes_ssi.cli import main; main(['rank', '--help'], standalone_mode=False)",
+        ("import bayes_ssi", HEAVY),
+        *(
+            (f"from bayes_ssi.cli import main; main({words}, standalone_mode=False)", HEAVY)
+            for words in (["--version"], ["--help"], ["rank", "--help"])
+        ),
+        # The guide's page of all public names is made where samplers and plots are not installed.
+        ("import bayes_ssi.api", HEAVY - {"numpy", "scipy"}),
     ],
 )
-def test_starting_up_loads_nothing_heavy(start):
+def test_starting_up_loads_nothing_heavy(start, heavy):
     code = f"{start}\nimport sys\nprint('\\nloaded:', *sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = done.stdout.split("loaded:")[1].split()
     assert "bayes_ssi" in loaded
-    assert HEAVY.isdisjoint(loaded)
-
-
-def test_all_public_names_load_no_sampler_and_no_plots():
-    """Nor does the guide's page of them need these, which is made where they are not installed."""
-    code = "import bayes_ssi.api, sys\nprint('loaded:', *sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    heavy = HEAVY - {"numpy", "scipy"}
-    assert heavy.isdisjoint(done.stdout.split("loaded:")[1].split())
+    assert heavy.isdisjoint(loaded)
 
 
 def named(nodes):

@@ -33,7 +33,7 @@ def executed(tmp_path_factory):
     assert len(notebook.cells) <= 40
     notebook.cells.insert(0, nbformat.v4.new_code_cell(QUICKLY))
     for cell in notebook.cells:
-        cell.source = cell.source.replace("n_tests=100", "n_tests=50")
+        cell.source = cell.source.replace("n_tests=100", "n_tests=50, n_draws=100")
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
     return {
         cell.source: [output.get("data", {"text/plain": output.get("text")})

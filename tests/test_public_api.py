@@ -1,8 +1,10 @@
-"""Every public name says what it takes, returns and raises."""
+"""Every public name says what it takes, returns and raises, and its examples what they show."""
 
 import dataclasses
+import doctest
 import inspect
 
+import numpy as np
 import pytest
 
 import bayes_ssi as bs
@@ -76,3 +78,22 @@ def test_the_checks_above_are_made():
 
 def test_names_are_listed_once_and_in_order():
     assert bs.__all__ == sorted(set(bs.__all__))
+
+
+FINDER = doctest.DocTestFinder(recurse=False)
+EXAMPLES = {
+    name: FINDER.find(getattr(bs, name), name, globs={"bs": bs, "np": np}) for name in bs.__all__
+}
+WITH_EXAMPLE = [name for name, (found, *_) in EXAMPLES.items() if found.examples]
+
+
+def test_the_names_that_are_used_most_have_examples():
+    assert len(WITH_EXAMPLE) >= 20
+
+
+@pytest.mark.parametrize("name", WITH_EXAMPLE)
+def test_an_example_gives_what_it_shows(name):
+    runner = doctest.DocTestRunner(optionflags=doctest.REPORT_ONLY_FIRST_FAILURE)
+    said = []
+    runner.run(EXAMPLES[name][0], out=said.append)
+    assert runner.failures == 0, "".join(said)

@@ -1,15 +1,14 @@
 """The four-storey laboratory frame: calibration as published, and what the study finds."""
 
 import functools
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import kept_study
 
 import bayes_ssi as bs
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 
-ROOT = Path(__file__).parents[2]
 # Published least-squares fit to four frequencies and four shapes.
 STIFFNESSES = [7.19, 8.06, 9.00, 14.75]  # lb/in
 FREQUENCIES = [0.883, 2.747, 4.299, 5.533]  # Hz
@@ -17,10 +16,7 @@ MACS = [0.999, 0.994, 0.997, 0.995]
 # The published values, to their last digit, are those at this weight of the shapes.
 SHAPE_WEIGHT = 0.1
 
-
-@functools.cache
-def study():
-    return bs.load_study(ROOT / "model_classes" / "four_storey_frame.py")
+study = functools.partial(kept_study, "four_storey_frame")
 
 
 @pytest.fixture(scope="module")

@@ -2,15 +2,14 @@
 
 import functools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import kept_study
 from importance import log_evidence
 
 import bayes_ssi as bs
 
-ROOT = Path(__file__).parents[2]
 MODES = {
     "bare": [3.89, 3.94, 11.38, 11.46, 17.15, 17.54],  # Hz
     "bare, torsion": [6.96, 19.89, 30.41],
@@ -28,10 +27,7 @@ POSTERIOR = {
     "frequency_cov": (0.0088, 0.002),
 }  # fmt: skip
 
-
-@functools.cache
-def study():
-    return bs.load_study(ROOT / "model_classes" / "liverpool_frame.py")
+study = functools.partial(kept_study, "liverpool_frame")
 
 
 def model_class(name):

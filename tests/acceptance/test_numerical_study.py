@@ -3,11 +3,11 @@
 import functools
 import math
 import runpy
-from pathlib import Path
 
 import importance
 import numpy as np
 import pytest
+from conftest import MODEL_CLASSES, kept_study
 from problems import several_maxima, several_maxima_class
 
 import bayes_ssi as bs
@@ -15,7 +15,6 @@ from bayes_ssi.results.predictions.posterior_draws import thinned_draws
 from bayes_ssi.results.predictions.predictions import Predictions
 from bayes_ssi.structures.response import Output, transfer_functions
 
-ROOT = Path(__file__).parents[2]
 SEEDS = range(2)
 
 # By adaptive importance sampling of another implementation, each log evidence to 0.002.
@@ -30,10 +29,7 @@ POSTERIORS = {
 # Means and deviations of the references come from draws too, and are rounded to 5e-5.
 REFERENCE_ERROR = 5e-4
 
-
-@functools.cache
-def study():
-    return bs.load_study(ROOT / "model_classes" / "shear_building.py")
+study = functools.partial(kept_study, "shear_building")
 
 
 @functools.cache
@@ -164,7 +160,7 @@ def band_of(posterior):
 
 
 def test_the_roof_s_response_lies_in_the_band_of_class_3_and_outside_that_of_1_a(ranking):
-    correct = runpy.run_path(str(ROOT / "model_classes" / "non_structural_elements.py"))["correct"]
+    correct = runpy.run_path(str(MODEL_CLASSES / "non_structural_elements.py"))["correct"]
     of_truth = transfer_functions(correct["c"], np.empty((1, 0)), AROUND_MODE_2, ROOF, 0.02)
     truth = np.abs(of_truth)[0, 0]
     low, high = band_of(ranking.posterior("3"))

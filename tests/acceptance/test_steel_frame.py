@@ -2,15 +2,14 @@
 
 import functools
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import MODEL_CLASSES, ROOT, kept_study
 from importance import log_evidence
 
 import bayes_ssi as bs
 
-ROOT = Path(__file__).parents[2]
 NOMINAL_HZ = [3.23, 4.02, 5.70, 9.74, 14.55, 18.42]
 APPROACHES = ("1-a", "1-b", "2")
 # Log evidences by full sampling, and about where the posterior lies: mean, standard deviation.
@@ -30,10 +29,7 @@ POSTERIOR = {
                "frequency_cov": (0.0104, 0.0028), "shape_sd": (0.0139, 0.0043)},
 }  # fmt: skip
 
-
-@functools.cache
-def study():
-    return bs.load_study(ROOT / "model_classes" / "steel_frame.py")
+study = functools.partial(kept_study, "steel_frame")
 
 
 @functools.cache
@@ -83,12 +79,9 @@ def test_the_braces_split_the_second_transverse_mode():
     np.testing.assert_allclose(
         modes.frequencies_hz[0, x_and_torsion[0]], single.frequencies_hz[0, x_and_torsion[1]]
     )
-    at_floors = [modes.shapes[0, :6, number] for number in (3, 4)]
-    assert alike(*at_floors) > 0.85  # nearly undistinguishable at the storeys
-
-
-def alike(one, other):
-    return (one @ other) ** 2 / ((one @ one) * (other @ other))
+    one, other = (modes.shapes[0, :6, number] for number in (3, 4))
+    mac = (one @ other) ** 2 / ((one @ one) * (other @ other))
+    assert mac > 0.85  # nearly undistinguishable at the storeys
 
 
 def test_masses_lower_all_frequencies_and_one_sided_ones_couple_the_motions():
@@ -111,8 +104,7 @@ def test_the_data_are_what_the_script_makes(tmp_path, monkeypatch, capsys):
     for name in ("BC", "SC", "NC"):
         file = f"steel_frame_{name}.csv"
         made, kept = (
-            bs.read_modal_data(where / file)
-            for where in (tmp_path, ROOT / "model_classes" / "data")
+            bs.read_modal_data(where / file) for where in (tmp_path, MODEL_CLASSES / "data")
         )
         assert made.source == kept.source
         np.testing.assert_allclose(made.frequencies_hz, kept.frequencies_hz, atol=1.01e-4)

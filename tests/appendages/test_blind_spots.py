@@ -2,15 +2,14 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import MODEL_CLASSES, kept_study
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages import hidden_cases as module
 
-MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 STUDY = MODEL_CLASSES / "bare_building.py"
 # Of a uniform three-storey building of unit masses, with its first mode at 1 Hz.
 STIFFNESS = (np.pi / np.sin(np.pi / 14.0)) ** 2
@@ -30,7 +29,7 @@ def spots():
         patch.setattr(module, "ROUGH", replace(module.ROUGH, economical=True))
         patch.setattr(module, "_cases", cases)
         return bs.blind_spots(
-            bs.load_study(STUDY), candidates=[bs.Candidate("2", 2)], n_frequencies=4
+            kept_study("bare_building"), candidates=[bs.Candidate("2", 2)], n_frequencies=4
         )
 
 
@@ -89,7 +88,7 @@ def test_what_the_appendage_does_to_the_stiffness_and_where_nothing_is_said(spot
 
 
 def test_the_structure_carries_the_appendage_besides_its_own_mass():
-    study = bs.load_study(STUDY)
+    study = kept_study("bare_building")
     baselines = module.choose_baselines(study, candidates=[bs.Candidate("2", 2)])
     (best,) = baselines.classes
     (scale,) = {each.mass for each in baselines.scales.values()}
@@ -107,7 +106,7 @@ def test_the_papers_analyst_is_wrong_and_warned_or_has_a_blind_spot(monkeypatch)
 
     Section 3.1: an infill between floors 1 and 2 as mass, whose other mode is not identified.
     """
-    (rigid, *_) = bs.load_study(MODEL_CLASSES / "shear_building.py").model_classes
+    (rigid, *_) = kept_study("shear_building").model_classes
     modes = [mode for mode in rigid.data.modes if mode.label != "2b"]
     shapes = np.array([mode.unit_shape for mode in modes])
     real = real_of(np.array([mode.frequency_hz for mode in modes]), shapes)
@@ -123,7 +122,7 @@ def test_the_papers_analyst_is_wrong_and_warned_or_has_a_blind_spot(monkeypatch)
 
 
 def test_a_study_of_several_classes_is_refused():
-    (bare,) = bs.load_study(STUDY).model_classes
+    (bare,) = kept_study("bare_building").model_classes
     other = replace(bare, name="other", error=bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05))
     with pytest.raises(ValueError, match="of one model class; choose one of 'bare frame', 'other'"):
         bs.blind_spots(bs.Study("two", [bare, other]))

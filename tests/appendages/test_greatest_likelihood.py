@@ -17,7 +17,6 @@ from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_bes
 
 N, PLACES = 40, (12, 24, 30, 38)
 
-
 TRUE = PLACES.index(30)
 
 

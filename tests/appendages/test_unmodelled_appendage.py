@@ -2,9 +2,9 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from conftest import MODEL_CLASSES, kept_study
 from searches import COARSE, exact_modes
 
 import bayes_ssi as bs
@@ -13,7 +13,6 @@ from bayes_ssi.studies.appendages import unmodelled as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
 from bayes_ssi.studies.appendages.unmodelled import appendage_checks, hidden_appendages
 
-MODEL_CLASSES = Path(__file__).parents[2] / "model_classes"
 QUICK = bs.SamplingSettings(log_evidence_error=0.1, searches=2, effective_sample_size=400)
 pytestmark = pytest.mark.usefixtures("screening_for_appendages")
 
@@ -33,7 +32,7 @@ def screened_once(monkeypatch):
 
 
 def ranked(study, *names, settings=QUICK):
-    chosen = bs.load_study(MODEL_CLASSES / f"{study}.py")
+    chosen = kept_study(study)
     return bs.rank(chosen.only(names) if names else chosen, settings=settings)
 
 
@@ -48,7 +47,7 @@ def test_nothing_is_said_where_the_best_class_has_the_appendage(monkeypatch):
 @pytest.mark.usefixtures("screened_once")
 def test_what_an_appendage_would_change_that_shows_no_second_mode(monkeypatch):
     """f1, f2a and f3 alone: nothing is spurious, and k2 is 13 % too stiff (true value 1)."""
-    (first, *_) = bs.load_study(MODEL_CLASSES / "shear_building.py").model_classes
+    (first, *_) = kept_study("shear_building").model_classes
     modes = tuple(mode for mode in first.data.modes if mode.label != "2b")
     made = replace(first, configurations=(
         replace(first.configurations[0], data=replace(first.data, modes=modes)),))  # fmt: skip
@@ -95,7 +94,7 @@ def test_a_test_of_torsion_alone_has_no_places_of_appendages():
 
 
 def test_a_known_appendage_elsewhere_does_not_silence_the_warning():
-    (bare,) = bs.load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    (bare,) = kept_study("bare_building").model_classes
     antenna = bare.structure.with_element(bs.Pendulum(3, 0.01, 7.5, label="antenna"))
     made = replace(bare, configurations=(replace(bare.configurations[0], structure=antenna),))
     comparison = bs.rank(bs.Study("with an antenna", [made]), settings=COARSE).comparison
@@ -122,7 +121,7 @@ def test_the_warning_comes_first_and_fails(run):
 
 def test_a_spurious_mode_is_no_appendage(monkeypatch):
     """A bare building's own modes, and one that has nothing to do with it."""
-    (bare,) = bs.load_study(MODEL_CLASSES / "bare_building.py").model_classes
+    (bare,) = kept_study("bare_building").model_classes
     data = exact_modes(bare.structure, bare.data.sensors, (0.0, 6.0))
     odd = bs.IdentifiedMode("odd", 1.7, (0.9, -0.3, 0.3))
     data = replace(data, modes=(data.modes[0], odd, *data.modes[1:]))
@@ -144,7 +143,7 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
 
 def test_a_class_with_an_appendage_is_no_rival_without_any():
     """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
-    study = bs.load_study(MODEL_CLASSES / "steel_frame.py")
+    study = kept_study("steel_frame")
     chosen = choose_baselines(study, ["2 M3"])
     assert [each.name for each in chosen.classes] == ["2 M3"]
     names = {each.name for each in chosen.rivals}

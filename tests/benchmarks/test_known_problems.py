@@ -1,8 +1,6 @@
-"""The benchmark's known evidences, against simple Monte Carlo with draws from the prior.
+"""The benchmark's known evidences, by Monte Carlo, and its measure of emcee's draws."""
 
-Where the posterior is too small for that, the same formula is tested with milder figures.
-"""
-
+import emcee
 import numpy as np
 import problems_scales as scales
 import problems_shapes as shapes
@@ -10,6 +8,7 @@ import pytest
 from catalogue import all_problems
 from problems_modal import error_size_inferred, razor_ridge, repeated_modes
 from problems_regions import eggbox, golf_hole, grid_of_modes, random_modes, spike_in_slab
+from quoted_draws import share_of_emcee, watching_emcee
 
 N_DRAWS = 200_000
 MILD = (
@@ -42,3 +41,30 @@ def test_log_evidence_and_shares(problem):
 def test_names_are_unique():
     names = [problem.name for problem in all_problems()]
     assert len(set(names)) == len(names)
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """What eight walkers did in 60 steps of a normal distribution in two dimensions."""
+    with watching_emcee() as steps_of_emcee:
+        sampler = emcee.EnsembleSampler(8, 2, lambda z: -0.5 * z @ z)
+        sampler.random_state = np.random.RandomState(0).get_state()
+        sampler.run_mcmc(np.random.default_rng(0).standard_normal((8, 2)), 60)
+        (noted,) = steps_of_emcee()
+        assert steps_of_emcee() == []
+    return noted
+
+
+def test_walkers_after_burn_in_or_thinned_are_chains(steps):
+    chains = steps[20:].transpose(1, 0, 2)
+    assert share_of_emcee(chains, [np.zeros((5, 2, 2)), steps]) == 1.0
+    assert share_of_emcee(chains[:, ::3], [steps]) == 1.0
+
+
+def test_draws_in_another_order_or_of_several_walkers_are_none(steps):
+    chains = steps[20:].transpose(1, 0, 2)
+    shuffled = np.random.default_rng(1).permutation(chains, axis=1)
+    assert share_of_emcee(shuffled, [steps]) == 0.0
+    mixed = chains.copy()
+    mixed[:2, ::2] = chains[2:4, ::2]
+    assert share_of_emcee(mixed, [steps]) == 0.75

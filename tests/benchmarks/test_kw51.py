@@ -1,13 +1,10 @@
 """The retrofit of a measured railway bridge, after its temperature."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import script_of
-
-ROOT = Path(__file__).parents[2]
+from conftest import MODEL_CLASSES, script_of
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +20,7 @@ def test_the_table_is_that_of_its_source(script):
 
 
 def test_degrees_of_the_command_are_those_of_the_groups(script):
-    path = ROOT / "model_classes" / "data" / "kw51_degrees.csv"
+    path = MODEL_CLASSES / "data" / "kw51_degrees.csv"
     with path.open(encoding="utf-8") as file:
         _, *rows = csv.reader(file)
     assert {name: float(value) for name, value in rows} == pytest.approx(script.DEGREES, abs=0.006)

@@ -1,14 +1,11 @@
 """Leaving one mode out of measured structures, and the structures that are new there."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from conftest import script_of
+from conftest import ROOT, kept_study, script_of
 
 import bayes_ssi as bs
 
-ROOT = Path(__file__).parents[2]
 COARSE = bs.SamplingSettings(log_evidence_error=0.05, particles=60, searches=1, max_steps=400)
 
 
@@ -50,7 +47,7 @@ def test_a_mode_that_was_not_looked_for_is_no_missed_one(script):
 
 def test_the_air_frame_is_that_of_its_source():
     """Frequencies of the source's matrices, the angles' mass moved from a wing tip to the tail."""
-    bonded, *_ = bs.load_study(ROOT / "model_classes" / "garteur.py").model_classes
+    bonded, *_ = kept_study("garteur").model_classes
     known = (2, [6.5447, 32.4838, 48.8944, 55.7801]), (0, [17.8138, 32.5071, 37.1930, 45.9033])
     for test, (first, expected) in zip(bonded.configurations, known, strict=True):
         full = test.structure.full
@@ -61,7 +58,7 @@ def test_the_air_frame_is_that_of_its_source():
 
 def test_states_with_thin_columns_are_compared_as_if_nothing_were_known_of_them():
     (frame,) = bs.load_study(ROOT / "runs" / "los_alamos_columns.py").model_classes
-    known = bs.load_study(ROOT / "model_classes" / "los_alamos_frame.py").model_classes[1]
+    known = kept_study("los_alamos_frame").model_classes[1]
     names = [test.name for test in frame.configurations]
     assert names == ["state 1", "state 4", "state 5", "state 6", "state 7", "state 8", "state 9"]
     intact = known.configuration("state 1").structure

@@ -2,39 +2,29 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from conftest import MODEL_CLASSES, multiplier
+from searches import exact_modes
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 
 N = 3
-
-
-def factor(name, cov=0.3):
-    return bs.Parameter(name, bs.LogNormal(median=1.0, cov=cov))
 
 
 def model_class(names=("k1", "k2", "k3", "m1"), pairing=None, **errors):
     """Three storeys, whose parameters are stiffnesses and masses; data are its own modes."""
 
     def times(name):
-        return factor(name) if name in names else 1.0
+        return multiplier(name) if name in names else 1.0
 
     structure = bs.ShearBuilding(
         masses=[times(f"m{i}") for i in range(1, N + 1)],
         stiffnesses=[200.0 * times(f"k{i}") for i in range(1, N + 1)],
     )
-    frequencies, shapes = structure.modes(structure.prior_medians())
-    modes = [
-        bs.IdentifiedMode(str(i), float(f), shape)
-        for i, (f, shape) in enumerate(zip(frequencies[0], shapes[0].T, strict=True), 1)
-    ]
-    data = bs.ModalData(tuple(modes), (0.0, 6.0), ("floor 1", "floor 2", "floor 3"))
+    data = exact_modes(structure, structure.degrees_of_freedom, (0.0, 6.0))
     error = bs.ErrorModel(**({"frequency_cov": 0.01, "shape_sd": 0.05} | errors))
     pairing = pairing or {str(i): i for i in range(1, N + 1)}
     return bs.ModelClass("frame", structure, data, error, pairing=pairing)
@@ -114,9 +104,8 @@ def test_a_test_of_which_no_mode_is_paired_adds_nothing(with_shapes):
         np.testing.assert_array_equal(found.of_shapes, whole.of_shapes if with_shapes else 0.0)
 
 
-def test_the_command():
-    study = str(Path(__file__).parents[2] / "model_classes" / "shear_building.py")
-    result = CliRunner().invoke(main, ["sensitivities", study, "--class", "1-a,3", "--json"])
+def test_the_command(run):
+    result = run("sensitivities", MODEL_CLASSES / "shear_building.py", "--class", "1-a,3", "--json")
     assert result.exit_code == 0, result.output
     record = json.loads(result.stdout)["sensitivities"]
     assert [each["name"] for each in record] == ["1-a", "3"]

@@ -1,14 +1,9 @@
 """The IASC-ASCE benchmark: the modes that are simulated are the published ones."""
 
-from pathlib import Path
-
 import make_asce_benchmark as benchmark
 import numpy as np
 import pytest
-
-import bayes_ssi as bs
-
-ROOT = Path(__file__).parents[2]
+from conftest import kept_study
 
 PUBLISHED_HZ = {
     "none": (9.411, 11.791, 16.383, 25.545, 32.006, 38.663),
@@ -51,8 +46,7 @@ def test_the_finer_model_has_the_frequencies_of_120_degrees_of_freedom():
 @pytest.mark.parametrize("pattern", PUBLISHED_HZ)
 def test_the_study_has_the_benchmark_s_modes_where_its_faces_lose_what_braces_take(pattern):
     """Stiffnesses of faces are rounded to five digits, those of middle columns to four."""
-    study = bs.load_study(ROOT / "model_classes" / "asce_benchmark.py")
-    structure = study.model_classes[0].configurations[0].structure
+    structure = kept_study("asce_benchmark").model_classes[0].configurations[0].structure
     left = benchmark.braces_left(pattern)
     losses = benchmark.of_faces(left)
     faces = [[1.0 - losses[parameter.name] for parameter in structure.parameters]]

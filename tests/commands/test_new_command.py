@@ -1,11 +1,13 @@
-"""Example studies run unchanged, and nothing is overwritten."""
+"""Example studies run unchanged, the guide is opened, and first screens stay word for word."""
 
 import ast
 import shlex
+import webbrowser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from code_blocks import ROOT
 from conftest import assert_one_line_error
 
 from bayes_ssi.commands.new import KINDS
@@ -66,3 +68,36 @@ def test_a_study_of_modes_that_are_there(run):
     assert Path("mine.csv").read_text() == text
     assert load_study("mine.py").model_classes[0].data.frequencies_hz.tolist() == [1.1, 2.9, 4.0]
     assert run("new", "mine").stderr == "Error: mine.py: exists already and is not overwritten\n"
+
+
+def test_the_guide_is_opened_and_its_path_printed(run, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr("bayes_ssi.commands.guide.files", lambda _: tmp_path)
+    assert_one_line_error(run("guide"), "the guide is not built", "pip install")
+    page = tmp_path / "guide" / "html" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.touch()
+    assert run("guide", "--no-browser").stdout.strip() == str(page)
+    assert opened == []
+    assert run("guide").stdout.strip() == str(page)
+    assert opened == [page.as_uri()]
+
+
+SCREENS = Path(__file__).with_name("first_screens")
+STUDY = ROOT / "model_classes" / "shear_building.py"
+COMMANDS = {
+    "new": ("new", "tower"),
+    "check": ("check", STUDY.with_name("data") / "case_c.csv"),
+    "calibrate": ("calibrate", STUDY, "--class", "3", "--starts", 4),
+    "sensitivities": ("sensitivities", STUDY, "--class", "3"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_first_screen(run, monkeypatch, name):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    done = run(*COMMANDS[name])
+    assert (done.exit_code, done.stderr) == (0, "")
+    printed = "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
+    assert printed == (SCREENS / f"{name}.txt").read_text("utf-8")

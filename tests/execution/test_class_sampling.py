@@ -1,10 +1,13 @@
-"""Several classes with workers: whole classes or shared evaluations, and the same results."""
+"""Several classes with workers: whole or shared, the same results, and how many are chosen."""
 
 import json
 import logging
 import os
+import threading
 from dataclasses import replace
+from functools import partial
 
+import numpy as np
 import pytest
 from conftest import COARSE, assert_one_line_error
 from delegating import DelegatingStructure
@@ -12,7 +15,15 @@ from delegating import DelegatingStructure
 import bayes_ssi as bs
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.inference.workers.workers import Workers
-from bayes_ssi.studies.ranking.class_sampling import ProgressFile, _side_by_side, sample_all
+from bayes_ssi.studies.ranking import class_sampling as module
+from bayes_ssi.studies.ranking.class_sampling import (
+    ProgressFile,
+    _side_by_side,
+    automatic_workers,
+    chosen_workers,
+    holds_user_code,
+    sample_all,
+)
 
 pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
@@ -190,3 +201,71 @@ def test_the_command_does_the_same_with_workers(run, alone, tiny_study_file, tmp
 )
 def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, workers, words):
     assert_one_line_error(run("rank", tiny_study_file, "--workers", workers), words)
+
+
+@pytest.fixture(autouse=True)
+def four_cores(monkeypatch):
+    monkeypatch.setattr(module, "usable_cores", lambda: 4)
+    monkeypatch.setattr(module, "can_copy", lambda: True)
+
+
+@pytest.fixture
+def n_workers():
+    """The number of workers for some classes; 0 for none."""
+
+    def number(classes, n_classes=None):
+        workers = automatic_workers(classes, n_classes or len(classes))
+        return workers.n_workers if workers else 0
+
+    return number
+
+
+def own_modes(k):
+    return np.array([k]), np.ones((3, 1))
+
+
+@pytest.fixture
+def of_a_function(case_c):
+    k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    structure = bs.FunctionStructure(own_modes, {"k": k}, n_modes=1, sensors=case_c.sensors)
+    return bs.ModelClass("function", structure, case_c, pairing={"1": 1})
+
+
+def test_as_many_as_are_busy(model_classes, n_workers, monkeypatch):
+    classes = list(model_classes.values())
+    assert n_workers(classes) == 4
+    assert n_workers(classes[:3]) == 3
+    assert n_workers(classes[:1]) == 0
+    assert n_workers(classes[:1], n_classes=7) == 4, "hypotheses built on one class"
+    monkeypatch.setattr(module, "usable_cores", lambda: 1)
+    assert n_workers(classes) == 0
+    # New processes for few small classes cost more than they save.
+    monkeypatch.setattr(module, "usable_cores", lambda: 4)
+    monkeypatch.setattr(module, "can_copy", lambda: False)
+    assert (n_workers(classes[:3]), n_workers(classes)) == (0, 4)
+
+
+def test_a_users_own_code_stays_in_this_process(model_classes, of_a_function, n_workers):
+    classes = list(model_classes.values())
+    assert n_workers([*classes, of_a_function]) == 0
+    own = replace(classes[0], name="own", structure=DelegatingStructure(classes[0].structure))
+    assert n_workers([*classes, own]) == 0
+    # Unless workers are asked for; these are no copies of a process that ran the user's code.
+    chosen = chosen_workers([*classes, own], 2)
+    assert (chosen.n_workers, chosen.copies) == (2, False)
+    assert chosen_workers(classes, 99).n_workers == 4
+    assert chosen_workers(classes, 2).copies
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        ([np.arange(3.0), "text", {"k": bs.LogNormal(1.0, 0.3)}, partial(np.sum, axis=0)], False),
+        ([own_modes], True),
+        ({"k": lambda x: x}, True),
+        (threading.Lock(), True),
+    ],
+    ids=["data", "function", "lambda", "cannot be pickled"],
+)
+def test_what_is_a_users_own_code(what, expected):
+    assert holds_user_code(what) is expected

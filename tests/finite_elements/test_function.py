@@ -6,15 +6,12 @@ import importance
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conftest import multiplier
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.target import Target
 
 FLOORS = {"floor 1": 0, "floor 2": 1}
-
-
-def factor(name):
-    return bs.Parameter(name, bs.LogNormal(1.0, 0.3))
 
 
 def matrices(a, b):
@@ -31,7 +28,7 @@ def modes(a, b):
 
 
 def structure(function=matrices, sensors=FLOORS, **arguments):
-    arguments = arguments or {"a": 1.0 * factor("k1"), "b": 2.0 * factor("k2")}
+    arguments = arguments or {"a": 1.0 * multiplier("k1"), "b": 2.0 * multiplier("k2")}
     return bs.FunctionStructure(function, arguments, n_modes=2, sensors=sensors)
 
 
@@ -39,7 +36,9 @@ def test_matrices_and_modes_are_the_same_structure():
     values = np.array([[1.0, 1.0], [0.8, 1.3]])
     by_matrices = structure().modes(values)
     by_modes = structure(modes, sensors=("floor 1", "floor 2")).modes(values)
-    frame = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(factor("k1"), 2.0 * factor("k2")))
+    frame = bs.ShearBuilding(
+        masses=(1.0, 1.0), stiffnesses=(multiplier("k1"), 2.0 * multiplier("k2"))
+    )
     expected = frame.modes(values)
     np.testing.assert_allclose(by_matrices.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
     np.testing.assert_allclose(by_modes.frequencies_hz, expected.frequencies_hz, rtol=1e-12)
@@ -49,7 +48,7 @@ def test_matrices_and_modes_are_the_same_structure():
 
 def test_unsorted_modes_are_put_in_order():
     shuffled = structure(lambda a, b: ([b, a], np.array([[0.0, 1.0], [1.0, 0.0]])),
-                         sensors=("x", "y"), a=2.0, b=factor("k"))  # fmt: skip
+                         sensors=("x", "y"), a=2.0, b=multiplier("k"))  # fmt: skip
     frequencies, shapes = shuffled.modes(np.array([[5.0], [1.0]]))
     np.testing.assert_array_equal(frequencies, [[2.0, 5.0], [1.0, 2.0]])
     np.testing.assert_array_equal(shapes[0], np.eye(2))
@@ -65,7 +64,7 @@ def test_frequencies_alone():
     def only(a):
         return (a, 2.0 * a), None
 
-    made = bs.FunctionStructure(only, {"a": factor("k")}, n_modes=2)
+    made = bs.FunctionStructure(only, {"a": multiplier("k")}, n_modes=2)
     assert made.modes(np.array([[3.0]])).shapes.shape == (1, 0, 2)
 
 
@@ -91,7 +90,7 @@ def test_wrong_answers_are_reported_with_their_values(answer, message):
     def wrong(a):  # noqa: ARG001
         return answer
 
-    made = bs.FunctionStructure(wrong, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(wrong, {"a": multiplier("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match=f"^at k = 1.25: .*{message}"):
         made.modes(np.array([[1.25]]))
 
@@ -107,7 +106,7 @@ def test_a_function_that_exits_does_not_end_the_program():
     def leaves(a):  # noqa: ARG001
         raise SystemExit(3)
 
-    made = bs.FunctionStructure(leaves, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(leaves, {"a": multiplier("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match=r"at k = 1\.25: RuntimeError: .*leaves called exit\(3\)"):
         made.modes(np.array([[1.25]]))
 
@@ -121,7 +120,7 @@ def test_each_set_of_values_is_computed_once():
             raise RuntimeError("negative")
         return a * np.eye(2), np.eye(2)
 
-    made = bs.FunctionStructure(counted, {"a": factor("k")}, n_modes=2, sensors=FLOORS)
+    made = bs.FunctionStructure(counted, {"a": multiplier("k")}, n_modes=2, sensors=FLOORS)
     with pytest.raises(ValueError, match="at k = -1: RuntimeError: negative"):
         made.modes(np.array([[1.0], [-1.0]]))
     made.modes(np.array([[1.0]]))

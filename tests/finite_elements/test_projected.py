@@ -105,14 +105,6 @@ def test_a_compact_structure_is_certified(chain, monkeypatch):
     assert (errors <= compact.bounds(each).frequency + 1e-11).all()
 
 
-def test_a_row_does_not_depend_on_its_batch(projected):
-    light = projected.with_element(bs.Pendulum("s40", m, f, label="a"))
-    values = np.random.default_rng(3).lognormal(0.0, 0.05, (7, 3))
-    whole, alone = light.modes(values), light.modes(values[4:5])
-    assert whole.frequencies_hz[4].tobytes() == alone.frequencies_hz[0].tobytes()
-    assert np.array_equal(whole.shapes[4], alone.shapes[0])
-
-
 @pytest.mark.parametrize(
     "elements",
     [

@@ -32,17 +32,11 @@ SAME, BOTH = "the same in all tests", "varies with temperature and from test to 
 
 def configuration(name):
     k1, k2 = (bs.Parameter(f"k{i}", bs.LogNormal(median=1.0, cov=0.3)) for i in (1, 2))
-    shapes = ([0.53, 0.85], [0.85, -0.53])
-    modes = [
-        bs.IdentifiedMode(str(i), f, np.array(shape))
-        for i, (f, shape) in enumerate(zip(FREQUENCIES[name], shapes, strict=True), 1)
-    ]
-    return bs.Configuration(
-        name,
-        bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.0 * k1, 103.0 * k2)),
-        bs.ModalData(tuple(modes), band_hz=(0.0, 4.0), sensors=("floor 1", "floor 2")),
-        pairing={"1": 1, "2": 2},
-    )
+    building = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.0 * k1, 103.0 * k2))
+    shapes = [[0.53, 0.85], [0.85, -0.53]]
+    sensors = building.degrees_of_freedom
+    data = bs.ModalData.from_arrays(FREQUENCIES[name], shapes, (0.0, 4.0), sensors)
+    return bs.Configuration(name, building, data, pairing={"1": 1, "2": 2})
 
 
 def model_class(name, error=None):
@@ -163,13 +157,10 @@ def wrong_tower(degrees, ratio):
     """A tower of one stiffness, whose second frequency is ``ratio`` of what it should be."""
     k = bs.Parameter("k", bs.LogNormal(median=1.0, cov=0.3))
     scale = 1.0 - 0.001 * degrees
-    modes = [bs.IdentifiedMode("1", scale), bs.IdentifiedMode("2", 2.618 * ratio * scale)]
-    return bs.ModelClass(
-        "tower",
-        bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.4 * k, 103.4 * k)),
-        bs.ModalData(tuple(modes), band_hz=(0.0, 4.0), sensors=()),
-        pairing={"1": 1, "2": 2},
-    )
+    modes = bs.IdentifiedMode("1", scale), bs.IdentifiedMode("2", 2.618 * ratio * scale)
+    building = bs.ShearBuilding(masses=(1.0, 1.0), stiffnesses=(103.4 * k, 103.4 * k))
+    data = bs.ModalData(modes, band_hz=(0.0, 4.0))
+    return bs.ModelClass("tower", building, data, pairing={"1": 1, "2": 2})
 
 
 @pytest.mark.parametrize(("ratio", "fails"), [(0.94, True), (1.0, False)])

@@ -63,9 +63,24 @@ def turned_data(degrees, distance=0.003, labels="ab", error=0.0):
 
 def likelihood(data, distance, pairing=None, error=None):
     error = error or bs.ErrorModel(0.01, 0.03)
-    pairing = pairing or {label: i for i, label in enumerate(data.labels, 1)}
+    if pairing is None:
+        pairing = {label: i for i, label in enumerate(data.labels, 1)}
     candidate = bs.ModelClass("pair", Pair(), data, error, pairing=pairing)
     return float(candidate.log_likelihood(np.array([[distance]]))[0])
+
+
+def every_pairing(n_modes, labels):
+    """Of identified modes with so many of the model."""
+    for numbers in itertools.product(range(n_modes + 1), repeat=len(labels)):
+        paired = {label: number for label, number in zip(labels, numbers, strict=True) if number}
+        if len(set(paired.values())) == len(paired):
+            yield paired
+
+
+def any_and_given(data, distance):
+    """Log-likelihoods over any pairing, and of each one."""
+    given = [likelihood(data, distance, pairing) for pairing in every_pairing(3, data.labels)]
+    return likelihood(data, distance, "any"), given
 
 
 def test_angle_and_frequencies_are_those_of_matrices_drawn_at_random():
@@ -297,34 +312,15 @@ def test_any_pairing_is_the_sum_over_given_ones_where_modes_are_close(degrees, j
         of_shapes = np.square([0.02, 0.005, 0.01, 0.03])
         variances = np.concatenate([[1e-6, 1e-6], of_shapes, of_shapes[::-1]])
         data = replace(data, covariance=np.diag(variances))
-    terms = [
-        likelihood(data, 0.012, pairing)
-        for pairing in (
-            {"a": 1, "b": 2}, {"a": 2, "b": 1}, {"a": 1}, {"a": 2}, {"b": 1}, {"b": 2},
-            {"a": 3, "b": 1}, {"a": 3, "b": 2}, {"a": 1, "b": 3}, {"a": 2, "b": 3},
-            {"a": 3}, {"b": 3},
-        )
-    ]  # fmt: skip
-    total = likelihood(data, 0.012, "any")
+    total, terms = any_and_given(data, 0.012)
     assert total == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
 
 
 @pytest.mark.parametrize("labels", ["ab", "a"])
 def test_shapes_that_fit_at_no_turn_do_not_matter(labels):
     """Off by one to a dozen of their errors: the sum over given pairings, as above."""
-    pairings = [
-        {label: number for label, number in zip(labels, numbers, strict=True) if number}
-        for numbers in itertools.product(range(4), repeat=len(labels))
-        if len(set(numbers)) == len(labels) or not any(numbers)
-    ]
     for off in np.linspace(0.03, 0.36, 23):
-        data = turned_data(20.0, 0.01, labels, error=off)
-        error = bs.ErrorModel(0.01, 0.03)
-        candidates = [
-            bs.ModelClass("pair", Pair(), data, error, pairing=pairing)
-            for pairing in ("any", *pairings)
-        ]
-        total, *terms = (each.log_likelihood(np.array([[0.012]]))[0] for each in candidates)
+        total, terms = any_and_given(turned_data(20.0, 0.01, labels, error=off), 0.012)
         assert total == pytest.approx(np.logaddexp.reduce(terms), abs=3e-4)
 
 
@@ -341,12 +337,7 @@ def test_any_pairing_with_a_further_motion_is_the_sum_over_given_ones(hz):
         candidate = bs.ModelClass("motion", structure, data, error, pairing=pairing)
         return float(candidate.log_likelihood(values)[0])
 
-    pairings = [
-        {label: number for label, number in (("a", a), ("b", b)) if number}
-        for a, b in itertools.product(range(5), repeat=2)
-        if a != b or not a
-    ]
-    terms = [log_likelihood(pairing) for pairing in pairings]
+    terms = [log_likelihood(pairing) for pairing in every_pairing(4, data.labels)]
     assert log_likelihood("any") == pytest.approx(np.logaddexp.reduce(terms), rel=1e-9)
 
 

@@ -5,40 +5,34 @@ make a run depend on their number.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import MODEL_CLASSES, multiplier
 
 import bayes_ssi as bs
 
-ROOT = Path(__file__).parents[2]
 STUDIES = {
     (path.stem, model_class.name): model_class
-    for path in sorted((ROOT / "model_classes").glob("*.py"))
+    for path in sorted(MODEL_CLASSES.glob("*.py"))
     for model_class in bs.load_study(path).model_classes
 }
 PARTS, MOST_PARTS = (1, 3, 7, 64), 5
 
-
-def parameter(name, median=1.0, cov=0.3):
-    return bs.Parameter(name, bs.LogNormal(median, cov))
-
-
 ELEMENTS = {
-    "in-plane infill": bs.InPlaneInfill((1, 2), parameter("mi", 0.2), parameter("ki", 90.0)),
-    "pendulum": bs.Pendulum(3, parameter("mp", 0.1), parameter("fp", 2.0), parameter("kp")),
+    "in-plane infill": bs.InPlaneInfill((1, 2), multiplier("mi", 0.2), multiplier("ki", 90.0)),
+    "pendulum": bs.Pendulum(3, multiplier("mp", 0.1), multiplier("fp", 2.0), multiplier("kp")),
     "out-of-plane infill": bs.OutOfPlaneInfill(
-        (0, 2), parameter("mo", 0.3), 2.5 * parameter("fo") ** 0.5, parameter("ko") ** 3
+        (0, 2), multiplier("mo", 0.3), 2.5 * multiplier("fo") ** 0.5, multiplier("ko") ** 3
     ),
-    "added mass": bs.AddedMass(parameter("ma", 0.3), ((1, 0.2), (3, 0.8))),
+    "added mass": bs.AddedMass(multiplier("ma", 0.3), ((1, 0.2), (3, 0.8))),
 }
 FIXED = bs.ErrorModel(frequency_cov=0.02, shape_sd=0.06)
-RELATED = bs.ErrorModel(frequency_cov=0.5 * parameter("e", 0.02), shape_sd=parameter("e", 0.02))
+RELATED = bs.ErrorModel(frequency_cov=0.5 * multiplier("e", 0.02), shape_sd=multiplier("e", 0.02))
 
 
 def building(n_floors, *elements):
-    stiffnesses = [100.0 * n_floors**2 * parameter(f"k{i}") for i in range(n_floors)]
+    stiffnesses = [100.0 * n_floors**2 * multiplier(f"k{i}") for i in range(n_floors)]
     structure = bs.ShearBuilding((1.0,) * n_floors, stiffnesses)
     for element in elements:
         structure = structure.with_element(element)

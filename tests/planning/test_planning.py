@@ -282,12 +282,9 @@ def test_an_aim_without_an_end_of_information_is_refused(two_classes, what, aim)
         bs.plan(two_classes.only(["alike"]), 2, aim=aim, **LEAST)
 
 
-def test_one_class_has_no_rival(two_classes):
+def test_classes_without_a_rival_or_with_correlated_errors_are_refused(two_classes):
     with pytest.raises(ValueError, match="'alike' is alone"):
         bs.plan(two_classes.only(["alike"]), 2)
-
-
-def test_classes_with_correlated_errors_are_refused():
     error = bs.ErrorModel(0.01, 0.05, between_modes=0.5)
     own = bs.ModelClass("own", building(3, (factor("k"),) * 3), any_data(), error, pairing={"1": 1})
     with pytest.raises(ValueError, match="correlated"):

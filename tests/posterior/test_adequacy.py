@@ -1,25 +1,30 @@
-"""Does a class explain the data? Right classes do, mistakes in the data are recognised."""
+"""Does a class explain the data? Right ones do, mistakes are recognised; laws of p-values."""
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import STOREY_STIFFNESS, multiplier
+from conftest import STOREY_STIFFNESS, kept_study, multiplier
 from scipy.optimize import minimize
-from scipy.stats import binom, norm, vonmises_fisher
+from scipy.stats import binom, chi2, norm, vonmises_fisher
 from searches import exact_modes
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import _parameter, adequacy
-from bayes_ssi.inference.criticism.misfit import INADEQUATE
+from bayes_ssi.inference.criticism.misfit import (
+    INADEQUATE,
+    log_combined,
+    log_harmonic_mean,
+    log_joint,
+    log_two_sided,
+    standard_deviations,
+)
 from bayes_ssi.studies.ranking.checks import ranked
 from bayes_ssi.studies.ranking.class_sampling import sample_all
 from bayes_ssi.studies.ranking.diagnosis import _log_maximum, common_factor, repair_of_pairing
 
-LABORATORY_FRAME = Path(__file__).parents[2] / "model_classes" / "four_storey_frame.py"
 COARSE = bs.SamplingSettings(log_evidence_error=0.1, particles=100, searches=2, economical=True)
 # Chains too short to pass their own checks.
 ROUGH = bs.SamplingSettings(log_evidence_error=0.5, particles=48, searches=1, max_steps=50)
@@ -164,7 +169,7 @@ MISTAKES = {
 def test_a_mistake_in_the_data_is_named(model_classes, of, mistake):
     right = model_classes["3"]
     if of == "laboratory frame":  # one stiffness for each storey, errors given
-        right = bs.load_study(LABORATORY_FRAME).only(["each storey"]).model_classes[0]
+        right = kept_study("four_storey_frame").only(["each storey"]).model_classes[0]
     change, words = MISTAKES[mistake]
     ranking = bs.rank(bs.Study("wrong data", [with_data(right, change)]), settings=COARSE)
     (check,) = ranking.comparison.best.failed_checks[:1]
@@ -202,7 +207,7 @@ def test_a_profile_that_no_class_allows_for(infill, case_c, fixed_error):
     soft = bs.ShearBuilding((1.0, 1.0, 1.0), (k, k, 0.5 * k)).with_element(infill)
     pairing = {"1": 1, "2a": 2, "2b": 3, "3": 4}
     studies = [
-        bs.load_study(LABORATORY_FRAME).only(["one factor"]),
+        kept_study("four_storey_frame").only(["one factor"]),
         bs.Study("soft", [bs.ModelClass("soft", soft, case_c, fixed_error, pairing=pairing)]),
     ]
     for study in studies:
@@ -335,3 +340,45 @@ def test_the_mode_that_a_large_error_hides_is_named():
     )
     said = _parameter(large, SimpleNamespace(modes=modes))
     assert said.endswith("above (mode 'b' is 3 % off, mode 'b' has MAC 0.90)")
+
+
+def test_two_sided():
+    residuals = np.array([-1.959964, 0.0, 3.0])
+    np.testing.assert_allclose(np.exp(log_two_sided(residuals)), 2.0 * norm.sf(abs(residuals)))
+    # The tail of a normal distribution: φ(x)/x.
+    (far,) = log_two_sided(np.array([100.0]))
+    assert far == pytest.approx(-5000 + math.log(2) - 5.524, abs=1e-3)
+
+
+def test_fishers_combination_of_those_that_count():
+    p = np.array([[0.1, 0.2, 0.9], [0.03, 0.5, 0.01]])
+    counted = np.array([[True, True, False], [True, True, True]])
+    expected = [chi2.sf(-2.0 * math.log(0.02), 4), chi2.sf(-2.0 * math.log(0.00015), 6)]
+    np.testing.assert_allclose(np.exp(log_joint(np.log(p), counted)), expected)
+    none = log_joint(np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool))
+    assert none.tolist() == [0.0]
+    far = log_joint(np.array([[-5000.0, -3000.0], [-np.inf, 0.0]]), np.ones((2, 2), dtype=bool))
+    assert far[0] == pytest.approx(-8000.0 + math.log(8001.0))
+    assert far[1] < -1e299
+
+
+@pytest.mark.parametrize("n", [1, 3, 30])
+def test_combined_p_values_are_p_values(n):
+    """Independent ones: the harmonic mean makes little of 0.01 more than 0.01."""
+    n_sets = 200_000 // max(n, 3)
+    log_p = np.log(np.random.default_rng(5).random((n_sets, n)))
+    error = 3.0 * math.sqrt(0.01 * 0.99 / n_sets)
+    for combined in (log_harmonic_mean(log_p, axis=1), log_combined(log_p)):
+        assert (combined < math.log(0.01)).mean() < 0.012 + error
+
+
+def test_the_harmonic_mean():
+    assert np.exp(log_harmonic_mean(np.log([0.1, 0.2, 0.4]), axis=0)) == pytest.approx(3.0 / 17.5)
+    # Equal ones, as of draws that all say the same, stay what they are.
+    assert log_harmonic_mean(np.full(400, -7.0), axis=0) == pytest.approx(-7.0)
+    assert log_harmonic_mean(np.array([-np.inf, 0.0]), axis=0) < -1e299
+
+
+@pytest.mark.parametrize("sds", [0.0, 0.5, 2.5758, 8.0, 30.0])
+def test_standard_deviations(sds):
+    assert standard_deviations(math.log(2.0) + norm.logsf(sds)) == pytest.approx(sds, abs=1e-9)

@@ -67,11 +67,9 @@ def of_class(structure, name="black box", **options):
     factors = [bs.Parameter(f"k{i}", bs.LogNormal(1.0, 0.3)) for i in range(1, STOREYS + 1)]
     building = bs.ShearBuilding((1.0,) * STOREYS, [4000.0 * k for k in factors])
     frequencies, shapes = building.modes(np.array([TRUTH]))
-    modes = tuple(
-        bs.IdentifiedMode(str(j + 1), float(frequencies[0, j]), shapes[0, [0, 2], j])
-        for j in range(2)
-    )
-    data = bs.ModalData(modes, (0.0, float(frequencies[0, 1:].mean())), ("floor 1", "floor 3"))
+    band = (0.0, float(frequencies[0, 1:].mean()))
+    measured = frequencies[0, :2], shapes[0, [0, 2], :2]
+    data = bs.ModalData.from_arrays(*measured, band, ("floor 1", "floor 3"))
     settings = {"pairing": {"1": 1, "2": 2}, **options}
     return bs.ModelClass(name, structure(building), data, bs.ErrorModel(0.02, 0.1), **settings)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from targets import one_mass
 
 import bayes_ssi as bs
 from bayes_ssi.parameters.priors import Widened
@@ -92,12 +93,6 @@ def test_the_end_of_the_band_that_turns_a_ranking_fails():
     assert f"with the band ending at {end:.3g} Hz, 'two storeys' is the most probable" in failed
 
 
-def narrow(cov, prior):
-    data = bs.ModalData((bs.IdentifiedMode("1", 1.1),), (0.0, 2.0))
-    structure = bs.ShearBuilding((1.0,), (K * bs.Parameter("k", prior),))
-    return bs.ModelClass("a", structure, data, bs.ErrorModel(cov, 0.05), pairing={"1": 1})
-
-
 @pytest.mark.parametrize(
     ("cov", "prior", "fails", "words"),
     [
@@ -108,7 +103,7 @@ def narrow(cov, prior):
 )
 def test_the_edge_of_a_prior_by_what_a_wider_one_does(cov, prior, fails, words):
     """The shift is 0.75 z s of an s.d. for a normal posterior of width s at z of its prior."""
-    comparison = ranked(narrow(cov, prior))
+    comparison = ranked(one_mass(prior=prior, error=cov))
     said = (*comparison.failed_checks, *comparison.remarks)
     (text,) = [each for each in said if "edge of its prior" in each]
     assert words in text

@@ -1,18 +1,20 @@
-"""The section "from records to modes": what was identified, and what classes make of it."""
+"""The section "from records to modes", and the agreement of sensors in closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from html_page import page_of
+from html_page import of_two_storeys, page_of
 from identified_records import identified
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.configuration import failed_data_checks
 from bayes_ssi.measurements.modes.identification_summary import EstimatedMode, Peak
+from bayes_ssi.report.page_content import auto_mac, co_mac
+from bayes_ssi.structures.modal import comac
 from bayes_ssi.studies.ranking.comparison import Check
-from bayes_ssi.studies.ranking.study import Ranking
 
 RECORD = identified(
     "<tower>.csv",
@@ -35,23 +37,14 @@ def ranking(make_posterior):
     """Two classes with modes at 1 and 2.5 Hz; of the peak with two modes, one is in the data."""
 
     def ranking(*records):
-        k = bs.Parameter("k", bs.LogNormal(40.0, 0.3))
         modes = (bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2a", 2.4001))
         data = bs.ModalData(modes, (0.0, 4.0), identifications=records)
-        building = bs.ShearBuilding((1.0, 1.0), (k, k))
-        classes = [
-            bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing=pairing)
-            for name, pairing in (("both", {"1": 1, "2a": 2}), ("first", {"1": 1}))
-        ]
-        posteriors = tuple(
-            make_posterior(each.name, -i, names=each.parameter_names, pairing=each.pairing,
-                           data_digest=data.digest, frequencies_hz=np.full((4, 250, 2), [1.0, 2.5]))
-            for i, each in enumerate(classes)
+        result = of_two_storeys(
+            make_posterior, data, (0.0, -1.0), {"both": {"1": 1, "2a": 2}, "first": {"1": 1}},
+            frequencies_hz=np.full((4, 250, 2), [1.0, 2.5]),
         )  # fmt: skip
-        compared, study = bs.compare(posteriors), bs.Study("records", classes)
-        result = Ranking(study, posteriors, compared, 0, bs.SamplingSettings())
         checks = [Check("data", words) for words in failed_data_checks(result.tests)]
-        return replace(result, comparison=compared.with_checks(checks))
+        return replace(result, comparison=result.comparison.with_checks(checks))
 
     return ranking
 
@@ -146,3 +139,68 @@ def test_modes_of_unknown_origin_have_no_such_section(ranking, tmp_path):
     shown = page_of(ranking(), tmp_path / "r").text
     assert "From records to modes" not in shown
     assert not list((tmp_path / "r").glob("*identification*"))
+
+
+def turned(degrees):
+    angle = np.radians(degrees)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def data_of(shapes, sensors=("a", "b")):
+    modes = tuple(bs.IdentifiedMode(str(i), float(i), shape) for i, shape in enumerate(shapes, 1))
+    return bs.ModalData(modes, (0.0, 10.0), sensors)
+
+
+def test_auto_mac_is_the_squared_cosine_of_the_angle_between_shapes():
+    found = auto_mac(data_of([turned(0), turned(60), None, turned(75)]))
+    assert found["labels"] == ["1", "2", "4"]
+    cosines = np.cos(np.radians([[0, 60, 75], [60, 0, 15], [75, 15, 0]]))
+    np.testing.assert_allclose(found["matrix"], cosines**2, atol=1e-12)
+    assert "cannot tell apart modes 2 and 4 (MAC 0.93): their" in found["sentence"]
+    apart = auto_mac(data_of([turned(0), turned(60), turned(100)]))
+    words = "tell all modes apart: the most alike are 2 and 3 (MAC 0.59)."
+    assert apart["sentence"].endswith(words)
+
+
+def test_shapes_that_cannot_be_compared():
+    assert auto_mac(data_of([turned(0), None])) is None
+    found = auto_mac(data_of([[1.0, np.nan], [np.nan, 1.0]]))
+    assert found["sentence"] == "No two modes were measured at a common sensor."
+
+
+def test_comac_of_two_modes_is_a_squared_cosine():
+    """Of rows (cos α, sin α) and (cos β, sin β), of any signs: cos²(α - β)."""
+    shapes, others = np.array([turned(20), turned(45)]), np.array([turned(50), turned(45)])
+    others[:, 1] *= -1.0
+    np.testing.assert_allclose(comac(shapes, others), [np.cos(np.radians(30)) ** 2, 1.0])
+
+
+def test_sensors_at_odds_with_the_model_are_named():
+    """Modes 1 and 2 of the data are the model's 2 and 1."""
+    measured = [0.8, 0.6], [0.6, -0.8]
+    scatter = 1.0 + 0.01 * np.random.default_rng(5).normal(size=(400, 2, 2))
+    draws = scatter * [[0.6, 0.8], [-0.8, 0.6]]
+    modes = SimpleNamespace(pairing={"1": 2, "2": 1})
+    found = co_mac(data_of([*measured, None]), modes, draws)
+    assert found["sentence"].startswith("No sensor is at odds with the model: the smallest is 1")
+    # Where the model moves b in one mode alone: the share of that mode, 0.6², in what is measured.
+    draws[:, 1, 0] = 0.0
+    found = co_mac(data_of([*measured, None]), modes, draws)
+    (name, three), (other, _) = found["rows"]
+    assert (name, other) == ("b", "a")
+    np.testing.assert_allclose(three, 0.36)
+    assert found["sentence"] == "Model and measurement are at odds at b (0.36)."
+    assert co_mac(data_of([measured[0], None]), modes, draws) is None
+    # A test of one sensor: its model has no shapes, for a single component says nothing of them.
+    unknown = np.full((20, 1, 2), np.nan)
+    assert co_mac(data_of([[1.0], [1.0]], ("a",)), modes, unknown) is None
+
+
+def test_sensors_that_no_paired_mode_was_measured_at_have_no_comac():
+    shapes = [np.array([0.6, 0.8, np.nan]), np.array([0.8, -0.6, np.nan]), [0.0, 0.0, 1.0]]
+    draws = np.stack([np.array([[0.6, 0.8, 0.3], [0.8, -0.6, 0.1]]).T] * 20)
+    modes = SimpleNamespace(pairing={"1": 1, "2": 2})
+    found = co_mac(data_of(shapes, ("a", "b", "c")), modes, draws)
+    assert {name for name, _ in found["rows"]} == {"a", "b"}
+    for _, three in found["rows"]:
+        np.testing.assert_allclose(three, 1.0)

@@ -1,13 +1,16 @@
-"""Reports: all that is stored is reported, from stored records alone, and nothing is lost."""
+"""Reports: all that is stored is reported, from records alone; and the script of pages."""
 
+import json
 import re
 import shutil
+import subprocess
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from conftest import assert_one_line_error
-from html_page import Page, page_of
+from html_page import Page, of_two_storeys, page_of
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
@@ -18,7 +21,6 @@ from bayes_ssi.report.report_figures import embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.studies.ranking.comparison import Check
-from bayes_ssi.studies.ranking.study import Ranking
 
 
 @pytest.fixture(scope="module")
@@ -125,22 +127,10 @@ def test_a_damaged_result_is_one_line(run, reported, tmp_path, file, content, wo
 
 def two_classes(make_posterior, **changes):
     """A ranking of two classes of equal evidence, whose names hold markup."""
-    k = bs.Parameter("k<1>", bs.LogNormal(40.0, 0.3))
     modes = (bs.IdentifiedMode("a|b", 1.0), bs.IdentifiedMode("2", 2.0))
     data = bs.ModalData(modes, (0.0, 3.0), source="<b>x</b>")
-    building = bs.ShearBuilding((1.0, 1.0), (k, k))
-    classes = [
-        bs.ModelClass(name, building, data, bs.ErrorModel(0.02, 0.05), pairing={"a|b": 1})
-        for name in ("<script>alert(1)</script>", "b*c_d")
-    ]
-    posteriors = [
-        make_posterior(each.name, 1.0 + 0.2 * i, names=each.parameter_names,
-                       pairing={"a|b": 1}, data_digest=data.digest, **changes)
-        for i, each in enumerate(classes)
-    ]  # fmt: skip
-    study = bs.Study("A & B", classes, description="<i>which</i>?")
-    comparison = bs.compare(posteriors)
-    return Ranking(study, tuple(posteriors), comparison, 0, bs.SamplingSettings())
+    pairings = {name: {"a|b": 1} for name in ("<script>alert(1)</script>", "b*c_d")}
+    return of_two_storeys(make_posterior, data, (1.0, 1.2), pairings, "k<1>", **changes)
 
 
 @pytest.mark.usefixtures("no_drawings")
@@ -228,3 +218,73 @@ def test_columns_settings_and_numbers_as_they_are_written():
     assert percent(0.0125) == "1.25 %"
     assert texts.error_percent(0.9, 1.0) == "-10.0 %"
     assert texts.error_percent(0.99999, 1.0) == "0.0 %"
+
+
+PAGE = """
+const listen = { addEventListener(kind, act) { this[kind] = act; } };
+const cell = ([text, value]) => ({ textContent: text, getAttribute: () => value });
+const head = () => ({
+  given: {}, firstChild: null,
+  appendChild(button) { this.button = button; },
+  getAttribute(name) { return this.given[name] ?? null; },
+  setAttribute(name, value) { this.given[name] = value; },
+  removeAttribute(name) { delete this.given[name]; },
+});
+const heads = [head(), head()];
+const body = {
+  rows: ROWS.map((row) => ({ cells: row.map(cell) })),
+  appendChild(row) { this.rows = this.rows.filter((each) => each !== row).concat(row); },
+};
+const scroll = (width) => ({
+  scrollWidth: width, clientWidth: 361, classList: { toggle(name, on) { this[name] = on; } },
+});
+const folds = [true, false].map((first) => ({ ...listen, hasAttribute: () => first, open: true }));
+const wide = [361, 362, 571].map(scroll);
+const found = {
+  "table.sortable": [{ tHead: { rows: [{ cells: heads }] }, tBodies: [body] }],
+  "details.fold": folds, "details": folds, ".scroll": wide,
+};
+const document = {
+  ...listen, documentElement: { classList: { add() {} } },
+  querySelectorAll: (selector) => found[selector] ?? [],
+  createElement: () => ({ ...listen }), getElementById: () => ({ style: {} }),
+};
+const window = { ...listen };
+const location = { hash: "" };
+"""
+REPORTED = """
+const shown = () => body.rows.map((row) => row.cells[0].textContent);
+const orders = [0, 0, 1, 1].map((column) => { heads[column].button.click(); return shown(); });
+const open = () => folds.map((each) => each.open);
+const states = [open()];
+for (const kind of ["beforeprint", "afterprint"]) { handlers[kind](); states.push(open()); }
+console.log(JSON.stringify([orders, heads.map((each) => each.given), states,
+                            wide.map((each) => each.classList.cut)]));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="needs Node.js")
+def test_tables_are_sorted_classes_fold_and_cut_tables_are_marked():
+    rows = [
+        (("class 2", None), ("0.5", "0.5")),
+        (("class 10", None), ("< 0.0001", "1e-9")),
+        (("class 1", None), ("-", "nan")),
+        (("class 3", None), ("0.0400", "0.04")),
+    ]
+    script = (files("bayes_ssi") / "report/templates/script.js").read_text("utf-8")
+    # One window listens to several events.
+    handlers = "const handlers = {}; window.addEventListener = (k, act) => { handlers[k] = act; };"
+    program = f"const ROWS = {json.dumps(rows)};{PAGE}{handlers}{script}{REPORTED}"
+    done = subprocess.run(
+        ["node", "-e", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    orders, given, states, cut = json.loads(done.stdout)
+    # Words by the numbers in them; numbers by their values, a missing one as if it were largest.
+    by_name = [f"class {i}" for i in (1, 2, 3, 10)]
+    by_value = [f"class {i}" for i in (10, 3, 2, 1)]
+    assert orders == [by_name, by_name[::-1], by_value, by_value[::-1]]
+    assert given == [{}, {"aria-sort": "descending"}]
+    # The best class is open on the screen, and every class on paper.
+    assert states == [[True, False], [True, True], [True, False]]
+    # A pixel is rounding.
+    assert cut == [False, False, True]

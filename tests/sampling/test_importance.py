@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from targets import peaks
 
 from bayes_ssi.inference.sampling.ensembles import Ensemble
 from bayes_ssi.inference.sampling.importance import (
@@ -147,14 +148,7 @@ def test_importance_sampling_from_the_posterior_itself_has_no_error(target):
 
 
 SHARE_MISSED, AT, WIDTH = 0.3, np.array([[1.0, 1.0], [-1.0, -1.0]]), 0.3
-
-
-def two_bumps(z):
-    """Likelihood times prior is e^LOG_EVIDENCE times a mixture of two normals."""
-    away = ((z - AT[:, None]) ** 2).sum(-1) / WIDTH**2
-    log_shares = np.log([[1.0 - SHARE_MISSED], [SHARE_MISSED]])
-    log_parts = log_shares - 0.5 * away - math.log(2.0 * math.pi * WIDTH**2)
-    return np.logaddexp(*log_parts) + LOG_EVIDENCE - log_standard_normal(z)
+two_bumps = peaks(AT, WIDTH, math.exp(LOG_EVIDENCE) * np.array([1.0 - SHARE_MISSED, SHARE_MISSED]))
 
 
 @pytest.fixture

@@ -1,12 +1,15 @@
-"""Searches for maxima: results of one search, agreement of several, and when they stop."""
+"""Searches for maxima, one and several: results, agreement, ascents side by side, and the end."""
 
 import math
 
 import numpy as np
 import pytest
-from scipy.special import ndtr, ndtri
+from problems import four_regions
+from scipy.special import ndtri
+from targets import peaks
 
 from bayes_ssi.inference.sampling import multistart
+from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
 from bayes_ssi.inference.sampling.multistart import (
     DRAWS,
@@ -21,18 +24,6 @@ from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_sta
 # One search of a well-behaved posterior climbs from at most 40 draws, in some 10 gradients each:
 # this many evaluations a dimension suffice.
 ASCENTS = 450
-
-
-def peaks(centres, sd, shares):
-    """Likelihood times prior is a mixture of normals: their shares are the maxima's masses."""
-    d = centres.shape[1]
-
-    def log_likelihood(z):
-        away = ((z[None] - centres[:, None]) ** 2).sum(-1) / sd**2
-        parts = np.log(shares)[:, None] - 0.5 * away - 0.5 * d * math.log(2.0 * math.pi * sd**2)
-        return np.logaddexp.reduce(parts, axis=0) - log_standard_normal(z)
-
-    return log_likelihood
 
 
 def peaks_on_axes(d):
@@ -84,18 +75,6 @@ def maxima_of_shares(*shares):
     return Maxima(10.0 * np.arange(m)[:, None], np.log(shares), precisions)
 
 
-def of_four_regions(seed):
-    """Four normals in a box of side 10, the narrowest with most of the posterior; their centres."""
-    centres = np.random.default_rng(seed).uniform(-3.0, 3.0, (4, 4))
-    weights, sds = np.array([0.6, 0.25, 0.1, 0.05]), np.array([0.1, 0.2, 0.15, 0.3])
-
-    def parts(z):
-        squares = ((-5.0 + 10.0 * ndtr(z)[:, None] - centres) ** 2).sum(-1)
-        return np.log(weights) - 2.0 * np.log(2.0 * math.pi * sds**2) - 0.5 * squares / sds**2
-
-    return parts, ndtri((centres + 5.0) / 10.0)
-
-
 @pytest.mark.parametrize("d", [1, 2, 4, 10])
 def test_all_tops_are_found_by_every_search(d):
     centres, shares = peaks_on_axes(d)
@@ -111,11 +90,13 @@ def test_all_tops_are_found_by_every_search(d):
 
 @pytest.mark.parametrize("seed", [7, 27])
 def test_a_narrow_basin_is_found_by_most_searches(seed):
-    parts, centres = of_four_regions(seed)
+    """Of four normals in a box of side 10 the narrowest has most of the posterior."""
+    problem = four_regions(seed)
+    centres = ndtri(0.5 + 0.1 * np.random.default_rng(seed).uniform(-3.0, 3.0, (4, 4)))
+    is_in_basin, _ = problem.regions["region 1"]
     prior = np.random.default_rng(1).standard_normal((100_000, 4))
-    in_basin = np.mean(parts(prior).argmax(axis=1) == 0)
-    assert 0.002 < in_basin < 0.004  # of 4000 draws a dozen
-    target = Target(lambda z: np.logaddexp.reduce(parts(z), axis=1), 4)
+    assert 0.002 < is_in_basin(prior).mean() < 0.004  # of 4000 draws a dozen
+    target = Target(problem.log_likelihood, 4)
     hits = [finds(one_search(target, seed), centres) for seed in range(20)]
     assert np.mean(hits, axis=0)[0] > 0.7
     assert np.mean(hits, axis=0)[1:].min() > 0.9
@@ -322,3 +303,41 @@ def test_noise_does_not_split_a_maximum(noise):
         assert sds == pytest.approx(0.03, rel=0.3)
     assert noticed
     assert 0.2 < min(noticed) <= max(noticed) < 6.0  # the largest of three differences
+
+
+class Valley:
+    """Likelihood times prior falls as the function of Rosenbrock (1960), highest at (1, 1)."""
+
+    def __init__(self):
+        self.batches = []
+
+    def __call__(self, z):
+        self.batches.append(len(z))
+        height = -((1.0 - z[:, 0]) ** 2) - 5.0 * (z[:, 1] - z[:, 0] ** 2) ** 2
+        return height - log_standard_normal(z)
+
+
+def ascents(starts):
+    valley, unit = Valley(), np.tile(np.eye(2), (len(starts), 1, 1))
+    return *ascend(Target(valley, 2), starts, unit), valley.batches
+
+
+def test_ascents_do_not_depend_on_their_neighbours():
+    starts = np.random.default_rng(0).standard_normal((12, 2))
+    z, heights, batches = ascents(starts)
+    np.testing.assert_allclose(z, np.ones((12, 2)), atol=0.03)
+    np.testing.assert_allclose(heights, 0.0, atol=1e-3)
+    alone = [ascents(start[None]) for start in starts]
+    np.testing.assert_array_equal(z, np.concatenate([each[0] for each in alone]))
+    np.testing.assert_array_equal(heights, np.concatenate([each[1] for each in alone]))
+    assert sum(batches) == sum(sum(each[2]) for each in alone)
+    assert len(batches) == max(len(each[2]) for each in alone)
+
+
+def test_a_full_step_after_a_full_step_takes_one_batch():
+    """A step takes 4 tries and 2 points for the gradient, apart unless the last was a full one."""
+    *_, batches = ascents(np.array([[-1.5, -1.0]]))
+    kinds = [batches.count(n) for n in (3, 4, 2, 6)]
+    assert kinds[0] == 1
+    assert sum(kinds) == len(batches)
+    assert kinds[3] > 0.4 * len(batches)

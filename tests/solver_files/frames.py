@@ -2,6 +2,8 @@
 
 import numpy as np
 
+import bayes_ssi as bs
+
 LABELS = ("2 x", "2 z", "2 ry", "7 x", "7 z", "7 ry")
 # Nodes, and their degrees of freedom as programs number them.
 PLACES = [(node, number) for node in (2, 7) for number in (1, 3, 5)]
@@ -30,6 +32,13 @@ def lower_entries(matrix):
     """(row, column, entry), from 0, of the lower triangle, zeros left out."""
     rows, columns = np.nonzero(np.tril(matrix))
     return [(int(i), int(j), float(matrix[i, j])) for i, j in zip(rows, columns, strict=True)]
+
+
+def frequencies_of(model, sensor, n_modes):
+    structure = bs.MatrixStructure(
+        model.stiffness, model.mass, labels=model.labels, sensors=[sensor], n_modes=n_modes
+    )
+    return structure.modes(np.empty((1, 0))).frequencies_hz[0]
 
 
 def assert_is_portal(model, labels=LABELS):

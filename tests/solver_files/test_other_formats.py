@@ -1,4 +1,4 @@
-"""OpenSees's printed matrices, ANSYS's full file, and matrices of no program."""
+"""OpenSees's printed matrices, ANSYS's full file, those of no program; units of countries."""
 
 import sys
 from pathlib import Path
@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from frames import LABELS, assert_is_portal, portal
+from frames import LABELS, assert_is_portal, frequencies_of, portal
 
 import bayes_ssi as bs
+from bayes_ssi.structures.solver_files.exported_model import Matrices, exported_model
+from bayes_ssi.structures.solver_files.model_files import SYSTEMS, in_si
 
 # A cantilever of two beams of 3 m (EI 1.68e6, EA 2.1e9, 78.5 kg/m and 1000 kg at each node), as
 # OpenSees 3.8 prints it: system FullGeneral, numberer Plain, constraints Plain, a transient
@@ -101,12 +103,8 @@ class TestAnsys:
         model = bs.read_model(sample)
         assert model.size == 900
         assert "63 rows that are restrained are left out: 1 x, 1 y, 1 z, 4 x" in str(model)
-        structure = bs.MatrixStructure(
-            model.stiffness, model.mass, labels=model.labels, sensors=["63 x"], n_modes=5
-        )
-        frequencies = structure.modes(np.empty((1, 0))).frequencies_hz[0]
         known = [1283.200, 1283.200, 5781.975, 6919.399, 6919.399]
-        np.testing.assert_allclose(frequencies, known, atol=5e-4)
+        np.testing.assert_allclose(frequencies_of(model, "63 x", 5), known, atol=5e-4)
 
     def test_truncated(self, sample, tmp_path):
         (tmp_path / "cut.full").write_bytes(sample.read_bytes()[:20000])
@@ -164,3 +162,44 @@ class TestMatricesOfNoProgram:
             ValueError, match=r"vectors.npz: K must be a matrix .* got shape \(3,\)"
         ):
             bs.read_model(tmp_path / "vectors.npz")
+
+
+# Newtons and metres in the units, by their definitions.
+IN_UNITS = {
+    "N, mm": (1.0, 1e-3), "kN, m": (1e3, 1.0), "kgf, cm": (9.80665, 0.01),
+    "kip, in": (4448.2216152605, 0.0254), "lbf, ft": (4.4482216152605, 0.3048),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("units", IN_UNITS)
+def test_forces_moments_and_masses(units):
+    """Forces per displacement, moments per radian and what couples them have other units each."""
+    force, length = IN_UNITS[units]
+    stiffness, mass = portal()
+    turns = np.array([label.endswith("ry") for label in LABELS])
+    work = np.where(turns, length * force, force)  # what a row balances: moments or forces
+    moved = np.where(turns, 1.0, length)  # what a column moves by 1: radians or lengths
+    kilograms = force / length
+    exported = Matrices(
+        [matrix * moved / work[:, None] for matrix in (stiffness, mass)],
+        ("K", "M"),
+        labels=LABELS,
+        geometry=bs.Geometry(
+            {"2": (0.0, 0.0, 3.5 / length), "7": (6.0 / length, 0.0, 3.5 / length)}
+        ),
+    )
+    model = exported_model("test", exported)
+    assert model.total_mass["x"] == pytest.approx(5e3 / kilograms)
+    back = in_si(model, units)
+    np.testing.assert_allclose(back.stiffness.toarray(), stiffness, rtol=1e-12)
+    np.testing.assert_allclose(back.mass.toarray(), mass, rtol=1e-12)
+    assert back.geometry.nodes["7"] == pytest.approx((6.0, 0.0, 3.5))
+    assert back.geometry.unit == "m"
+
+
+def test_without_labels_lengths_cannot_be_turned():
+    model = exported_model("test", Matrices(portal(), ("K", "M")))
+    assert in_si(model, "kN, m").stiffness[0, 0] == 1e3 * portal()[0][0, 0]
+    with pytest.raises(ValueError, match=r"units 'N, mm': labels are needed to say which rows"):
+        in_si(model, "N, mm")
+    assert set(IN_UNITS) <= set(SYSTEMS)

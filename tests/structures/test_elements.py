@@ -56,6 +56,10 @@ ADDED = {
         [0, 0, 0, 0.2, 0.1],
     ),
     "added mass": ([bs.AddedMass(1.0, ((1, 0.25), (3, 0.75)))], [], [0.25, 0, 0.75]),
+    "pendulum in a direction": ([bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2)],
+                                [(PENDULUM, [-0.6, 0, 0.8, 1])], [0, 0, 0, 0.2]),
+    "spring to the ground in a direction": ([bs.InPlaneInfill((0, {1: 0.6, 3: 0.8}), 1e-12, 250.0)],
+                                            [(250.0, [0.6, 0, 0.8])], [0, 0, 0]),
 }  # fmt: skip
 
 
@@ -86,21 +90,6 @@ def test_as_mass(building, element, added):
     structure = building.with_element(element.as_mass())
     check(structure, stiffness, mass + added)
     assert structure.degrees_of_freedom == ("floor 1", "floor 2", "floor 3")
-
-
-@pytest.mark.parametrize(
-    ("element", "springs", "masses"),
-    [
-        (bs.Pendulum({1: 0.6, "floor 3": -0.8}, 0.2, 2.2), [(PENDULUM, [-0.6, 0, 0.8, 1])],
-         [0, 0, 0, 0.2]),
-        (bs.InPlaneInfill((0, {1: 0.6, 3: 0.8}), 1e-12, 250.0), [(250.0, [0.6, 0, 0.8])], []),
-    ],
-)  # fmt: skip
-def test_a_place_may_be_a_combination(building, element, springs, masses):
-    stiffness, mass = bare_matrices(len(springs[0][1]) - 3)
-    for k, direction in springs:
-        stiffness += k * np.outer(direction, direction)
-    check(building.with_element(element), stiffness, mass + (masses or 0.0))
 
 
 def test_the_resonant_infill_of_the_numerical_study(augmented, rigid, case_c):

@@ -2,23 +2,22 @@
 
 import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import MODEL_CLASSES, ROOT
 from scipy.constants import g
 
 from bayes_ssi.structures.modal import mac
 from bayes_ssi.structures.response import Output, transfer_functions
 
-ROOT = Path(__file__).parents[2]
 NO_VALUES = np.empty((1, 0))
 IN_SERIES, IN_PARALLEL = "bcef", "ad"
 
 
 @pytest.fixture(scope="module")
 def cases():
-    return runpy.run_path(str(ROOT / "model_classes" / "non_structural_elements.py"))
+    return runpy.run_path(str(MODEL_CLASSES / "non_structural_elements.py"))
 
 
 def frequencies(structure):

@@ -1,18 +1,14 @@
-"""The shear building against its closed forms."""
+"""Shear buildings and tall buildings against closed forms."""
 
 import math
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 import bayes_ssi as bs
+from bayes_ssi.structures.modal import BATCHED_UP_TO
 
 NO_VALUES = np.empty((1, 0))
-
-
-def uniform(n, mass=1.0, stiffness=1.0):
-    return bs.ShearBuilding(masses=[mass] * n, stiffnesses=[stiffness] * n)
 
 
 @pytest.mark.parametrize(("mass", "stiffness"), [(1.0, 1.0), (2.0e4, 3.0e7)])
@@ -20,17 +16,8 @@ def uniform(n, mass=1.0, stiffness=1.0):
 def test_frequencies_of_a_uniform_building(n, mass, stiffness):
     j = np.arange(1, n + 1)
     expected = np.sqrt(stiffness / mass) / np.pi * np.sin((2 * j - 1) * np.pi / (2 * (2 * n + 1)))
-    frequencies = uniform(n, mass, stiffness).modes(NO_VALUES).frequencies_hz[0]
+    frequencies = bs.ShearBuilding([mass] * n, [stiffness] * n).modes(NO_VALUES).frequencies_hz[0]
     np.testing.assert_allclose(frequencies, expected, rtol=1e-10)
-
-
-def test_storey_i_stands_below_floor_i():
-    building = bs.ShearBuilding(masses=(1.0, 2.0, 3.0), stiffnesses=(10.0, 20.0, 40.0))
-    stiffness = [[30.0, -20.0, 0.0], [-20.0, 60.0, -40.0], [0.0, -40.0, 40.0]]
-    squares, vectors = eigh(stiffness, np.diag([1.0, 2.0, 3.0]))
-    modes = building.modes(NO_VALUES)
-    np.testing.assert_allclose(modes.frequencies_hz[0], np.sqrt(squares) / math.tau, rtol=1e-12)
-    np.testing.assert_allclose(np.abs(modes.shapes[0]), np.abs(vectors), rtol=1e-10)
 
 
 def test_parameters_in_masses_and_stiffnesses():
@@ -62,3 +49,32 @@ CAN_BE_NEGATIVE = 10.0 * bs.Parameter("k", bs.Normal(1.0, 0.5))
 def test_impossible_buildings_are_refused(masses, stiffnesses, message):
     with pytest.raises((ValueError, TypeError), match=f"ShearBuilding: {message}"):
         bs.ShearBuilding(masses, stiffnesses)
+
+
+N = 2 * BATCHED_UP_TO
+
+
+def test_close_modes_of_two_parts_that_hardly_touch():
+    """Those of the upper part alone and of the lower one alone, tuned to the same frequency."""
+    m, n = 30, 60
+    tuned = (math.sin(math.pi / (4 * m + 2)) / math.sin(math.pi / (2 * n))) ** 2
+    stiffnesses = np.array([1.0] * m + [1e-6] + [tuned] * (n - 1))
+    size = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    building = bs.ShearBuilding((1.0,) * (m + n), tuple(k * size for k in stiffnesses))
+    frequencies, shapes = building.modes(np.ones((1, 1)))
+    shapes = shapes[:, :, :5]
+    squares = (math.tau * frequencies[0, :5]) ** 2
+    assert 0.0 < squares[2] / squares[1] - 1.0 < 1e-4
+    (stiffness,), _ = building.matrices(np.ones((1, 1)))
+    np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(5), atol=1e-11)
+    np.testing.assert_allclose(stiffness @ shapes[0], shapes[0] * squares, atol=3e-11)
+
+
+def test_a_building_on_a_very_soft_storey_is_solved_as_accurately():
+    factor = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
+    building = bs.ShearBuilding((1.0,) * N, (1e-8 * factor, *[1.0] * (N - 1)))
+    frequencies, _ = building.modes(np.array([[1.0], [4.0]]))
+    rigid = np.sqrt(1e-8 * np.array([1.0, 4.0]) / N) / math.tau
+    np.testing.assert_allclose(frequencies[:, 0], rigid, rtol=1e-6)
+    free = 2.0 * math.sin(math.pi / (2 * N)) / math.tau
+    np.testing.assert_allclose(frequencies[:, 1], free, rtol=1e-6)

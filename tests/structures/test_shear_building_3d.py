@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from conftest import multiplier
 
 import bayes_ssi as bs
 
 NONE = np.empty((1, 0))
-
-
-def multiplier(name, median=1.0):
-    return bs.Parameter(name, bs.LogNormal(median, 0.3))
 
 
 def uniform(n, k_x, k_y, k_torsion, radius, mass=2.0):

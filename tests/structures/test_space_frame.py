@@ -5,15 +5,12 @@ import math
 
 import numpy as np
 import pytest
+from conftest import multiplier
 
 import bayes_ssi as bs
 
 NONE = np.empty((1, 0))
 ANGULAR = 2.0 * math.pi
-
-
-def parameter(name, cov=0.3):
-    return bs.Parameter(name, bs.LogNormal(1.0, cov))
 
 
 def portal(**others):
@@ -111,7 +108,7 @@ def test_the_frame_is_that_with_all_its_rotations(heights, xs, ys):
     masses, inertias = [5.0 + i for i in range(n)], [20.0 - i for i in range(n)]
     names = [[f"{kind} {i}" for i in range(n)] for kind in ("cx", "cy", "bx", "by")]
     structure = bs.SpaceFrame(
-        heights, xs, ys, 200.0, *([parameter(name) for name in row] for row in names), masses,
+        heights, xs, ys, 200.0, *([multiplier(name) for name in row] for row in names), masses,
         inertias,
     )  # fmt: skip
     batch = np.vstack([sections.ravel(), np.full(4 * n, 1.7)])
@@ -165,7 +162,7 @@ def test_blocks_that_balance_each_other_leave_the_mass_diagonal():
 def test_a_mass_that_is_not_positive_definite_has_no_modes():
     # J about the centre is less than the static moment asks for: no such body exists.
     light = portal(rotational_inertias=(1e-9,), masses=(1e-9,))
-    structure = light.with_element(bs.FloorBlock(1, parameter("a", 0.1), (1.0, 0.0)))
+    structure = light.with_element(bs.FloorBlock(1, multiplier("a", 0.1), (1.0, 0.0)))
     modes = structure.modes(np.array([[1.0], [math.nan], [-1.0], [2.0]]))
     assert np.isfinite(modes.frequencies_hz).all(axis=1).tolist() == [True, False, False, True]
 

@@ -1,4 +1,4 @@
-"""Tables and notes for a terminal; no table crops anything, whatever its width."""
+"""Tables and notes for a terminal, of rankings and of many tests: none crops anything."""
 
 import math
 from dataclasses import replace
@@ -11,13 +11,22 @@ from whole_tables import assert_every_cell_is_whole, printed
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import Adequacy, PValue
+from bayes_ssi.inference.model_class.class_record import ParameterRecord
 from bayes_ssi.inference.posterior.posterior import Region
 from bayes_ssi.inference.sampling.diagnostics import Estimate
+from bayes_ssi.plots import plot_population
 from bayes_ssi.report.tables import mode_tables as of_modes
 from bayes_ssi.report.tables import ranking_tables as of_rankings
 from bayes_ssi.report.tables.layout import add_row, new_table
+from bayes_ssi.report.tables.prediction_tables import (
+    hierarchy_notes,
+    population_table,
+    populations_table,
+)
 from bayes_ssi.report.tables.ranking_tables import comparison_notes, ranking_table, region_notes
 from bayes_ssi.report.tables.search_tables import baseline_notes, baseline_table, place_table
+from bayes_ssi.results.hierarchy.hierarchy_record import CovariateScale, SingleTestSummary
+from bayes_ssi.results.hierarchy.populations import Population, RankedPopulation
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, ParameterChange
 from bayes_ssi.studies.ranking.comparison import Check
 from bayes_ssi.studies.ranking.study import averaged_parameters
@@ -231,3 +240,61 @@ def test_numbers_fold_where_not_even_one_column_fits():
     add_row(table, "name", "123456.789")
     text = "".join("".join(line.split()) for line in printed(table, 14))
     assert text.replace("name", "").endswith("123456.789")
+
+
+@pytest.fixture
+def made():
+    """A spread of 0.1 exactly, a slope of 0.2 over a standard deviation of 10 °C."""
+    parameter = ParameterRecord("k", "N/m", bs.Normal(100.0, 20.0), False)
+    population = Population("varies", ("k",), True, True, bs.PopulationPriors())
+    draws = np.tile([0.5, 0.2, 0.1], (400, 1))
+    ranked = RankedPopulation(population, -3.0, 0.1, 0.0, draws, ("bad",))
+    tests = tuple(
+        SingleTestSummary(str(i), 10.0 * i, -1.0, ((90.0, 100.0, 110.0),)) for i in range(3)
+    )
+    scale = CovariateScale("temperature", 10.0, 10.0)
+    return bs.Hierarchy("frame", (parameter,), ("k",), tests, scale, (ranked,), 0, (), ("odd",))
+
+
+def columns_of(table):
+    return [list(column.cells) for column in table.columns]
+
+
+def test_populations_are_in_the_units_of_the_parameters(made):
+    (_, centre, change, spread, following) = (str(column[0]) for column in columns_of(
+        population_table(made, 20.0)
+    ))  # fmt: skip
+    assert centre == "110 to 110"
+    assert change == "0.4 to 0.4"
+    assert spread == "2 to 2"
+    low, high = map(float, following.split(" to "))  # N(114, 2²), from 1000 draws
+    assert (low, high) == pytest.approx((114.0 - 3.29, 114.0 + 3.29), abs=0.5)
+
+
+def test_tables_fit_a_narrow_terminal(made):
+    for table in (populations_table(made), population_table(made, 20.0)):
+        assert_every_cell_is_whole(table, 60)
+
+
+def test_a_ranking_of_populations_and_its_notes(made):
+    assert [str(column[0]) for column in columns_of(populations_table(made))] == [
+        "varies (!)", "-3.00 ± 0.10", "0.00", "> 0.9999", "best",
+    ]  # fmt: skip
+    notes = hierarchy_notes(made, 20.0)
+    assert notes[1].endswith("standard deviation 10; centre at the average, next test at 20.")
+    assert notes[2:] == [
+        "Remark: odd.",
+        "Failed checks; do not trust the ranking until they are understood:",
+        "  (!) 'varies': bad",
+    ]
+
+
+@pytest.mark.usefixtures("close_figures")
+def test_the_picture_shows_every_test_and_the_population(made):
+    figure = plot_population(made)
+    (ax,) = figure.axes
+    assert [bar.lines[0].get_xdata()[0] for bar in ax.containers] == [0.0, 10.0, 20.0]
+    (line,) = [line for line in ax.lines if len(line.get_xdata()) > 2]
+    # 100 + 20 (0.5 + 0.2 (x - 10)/10)
+    np.testing.assert_allclose(line.get_ydata(), 106.0 + 0.4 * line.get_xdata(), rtol=1e-12)
+    assert ax.get_ylabel() == "k (N/m)"

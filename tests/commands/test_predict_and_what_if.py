@@ -1,4 +1,4 @@
-"""``bayes-ssi predict``: what it prints and saves, and what it refuses."""
+"""``bayes-ssi predict`` and ``what-if``: what they print, save and refuse."""
 
 import json
 import shutil
@@ -25,8 +25,8 @@ def saved(tiny_result):
 
 
 @pytest.fixture
-def predict(run, saved, tmp_path):
-    """Runs the command with few draws, saving in ``out``."""
+def predict(run, saved, tmp_path, no_drawings):  # noqa: ARG001
+    """Runs the command with few draws and without figures, saving in ``out``."""
 
     def call(*options, result=saved, out=tmp_path / "out"):
         return run("predict", result, "--draws", 40, "--out", out, *options)
@@ -49,7 +49,6 @@ def test_from_elsewhere_the_study_and_its_data_are_found(run, tiny_ranking, tmp_
     assert run("predict", ".", "--draws", 5, "--out", tmp_path / "p").exit_code == 0
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_modes_alone_of_no_more_draws_than_are_stored(predict, saved, tmp_path):
     n_stored = max(len(each.values) for each in load_result(saved).posteriors)
     result = predict("--draws", 10**8, "--class", "one k", "--transfer", "none")
@@ -95,7 +94,6 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     assert load_predictions(out).n_draws == 1000
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_all_options(predict, saved, tmp_path):
     for name, unit in (("first", "G"), ("second", "CM/S2")):
         (tmp_path / f"{name}.AT2").write_text(AT2.replace("OF G", f"OF {unit}"), "utf-8")
@@ -125,7 +123,6 @@ def test_all_options(predict, saved, tmp_path):
     np.testing.assert_allclose([float(r["high"]) for r in transfer[:10]], band.high[0], rtol=1e-5)
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
     """Modes of a function, or of matrices without ``influence``."""
 
@@ -139,12 +136,10 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
     assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_a_warning_about_narrow_peaks(predict):
     assert "(!) The frequencies may miss the top" in predict("--damping", 1e-5).stdout
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
     small = 40 * 4 - 1
@@ -153,7 +148,6 @@ def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_warnings_about_damping_and_records(predict, tmp_path):
     (tmp_path / "quake.AT2").write_text(AT2.replace(".2", "200."), "utf-8")
     out = predict("--damping", 0.5, "--record", tmp_path / "quake.AT2").stdout
@@ -162,7 +156,6 @@ def test_warnings_about_damping_and_records(predict, tmp_path):
     assert "carry frequencies up to 1 Hz; mode 2 of the structure, at 1.6" in out
 
 
-@pytest.mark.usefixtures("no_drawings")
 def test_nothing_is_overwritten_silently(predict, tmp_path):
     assert predict().exit_code == 0
     before = (tmp_path / "out" / "peaks.csv").read_text("utf-8")
@@ -216,3 +209,44 @@ def test_a_result_that_is_incomplete(predict, saved, tmp_path):
     copy = shutil.copytree(saved, tmp_path / "copy")
     (copy / "comparison.json").unlink()
     assert_one_line_error(predict(result=copy), str(copy))
+
+
+def test_the_change_is_shown(run, saved, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    done = run("what-if", saved, "--prior", "k=Normal(1, 0.2)", "--weight", "one k=3")
+    assert done.exit_code == 0, done.output
+    assert "Changed: prior of 'k': LogNormal(median=1.0, cov=0.3) → Normal(" in done.stdout
+    assert "Changed: prior weight of 'one k': 1 → 3." in done.stdout
+    assert "'one k' is the most probable class before and after." in done.stdout
+    assert all(len(line) <= 60 for line in done.stdout.splitlines() if "─" in line)
+
+
+def test_where_the_draws_do_not_say_the_exit_code_is_3(run, saved):
+    done = run("what-if", saved, "--prior", "k=LogNormal(5, 0.05)")
+    assert done.exit_code == 3, done.output
+    assert "(!) 'one k': the draws do not cover the changed class: Pareto k is" in done.stdout
+    assert "tiny.py, and run, with another --out: bayes-ssi" in " ".join(done.stdout.split())
+
+
+def test_a_record(run, saved):
+    done = run("what-if", saved, "--detection", "0.9", "--json")
+    rows = json.loads(done.stdout)["answer"]["classes"]
+    assert {row["name"] for row in rows} == {"one k", "each k"}
+    assert all(row["problem"] == "" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), ("nothing is changed; give a prior",)),
+        (("--prior", "k"), ("--prior: must be NAME=DISTRIBUTION", "'k'")),
+        (("--prior", "k=Gamma(1, 2)"), ("--prior", "choose from Normal, LogNormal")),
+        (("--prior", "k=Normal(1, -2)"), ("--prior: Normal: sd must be positive",)),
+        (("--prior", "k=Normal(1, 2)", "--prior", "k=Normal(1, 3)"), ("'k' is given twice",)),
+        (("--weight", "one k=x"), ("--weight: 'x' is not a number",)),
+        (("--weight", "one k=0"), ("prior weight of 'one k'", "positive")),
+        (("--spurious", "0"), ("expected_spurious_modes must be positive",)),
+    ],
+)
+def test_changes_that_are_refused(run, saved, options, words):
+    assert_one_line_error(run("what-if", saved, *options), *words)
