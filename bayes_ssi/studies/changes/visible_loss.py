@@ -84,8 +84,7 @@ def smallest_losses(
     of_place = partial(_smallest_loss, unchanged=unchanged, z=z, needed=needed, seed=seed)
     what = f"{n * len(places)} tests simulated"
     run.report("smallest visible losses", what, 0.0)
-    smallest = each_in_workers(of_place, classes, run)
-    run.report("smallest visible losses", what, 1.0)
+    smallest = each_in_workers(of_place, classes, run, ("smallest visible losses", what))
     return dict(zip(places, smallest, strict=True))
 
 

@@ -174,20 +174,16 @@ def _side_by_side(
 
 
 def each_in_workers(
-    function: Callable[[T], R],
-    items: Sequence[T],
-    run: Run,
-    reported: tuple[str, str] | None = None,
+    function: Callable[[T], R], items: Sequence[T], run: Run, reported: tuple[str, str]
 ) -> list[R]:
     """A quick function of each item, side by side in workers; here where there are none, or died.
 
-    ``reported`` are what is computed and the step of it that these items are, if progress is.
+    ``reported`` are what is computed and the step of it that these items are.
     """
     numbers = count(1)
 
     def done(_: int) -> None:
-        if reported:
-            run.report(*reported, next(numbers) / len(items))
+        run.report(*reported, next(numbers) / len(items))
 
     results: dict[int, R] = {}
     if run.workers is not None:

@@ -9,7 +9,7 @@ for, and the order of batches, are the same in every run.
 from collections.abc import Callable, Sequence
 from contextvars import copy_context
 from threading import Lock, Thread, get_ident
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Q = TypeVar("Q")
 A = TypeVar("A")
@@ -26,7 +26,7 @@ class SideBySide(Generic[Q, A]):
 
     def __init__(self, answer_all: Callable[[Sequence[Q]], Sequence[A | Exception]]) -> None:
         self._answer_all = answer_all
-        self._running: dict[int, _Computation[Q, A]] = {}  # by the number of its thread
+        self._running: dict[int, _Computation[Q, A, Any]] = {}  # by the number of its thread
 
     def ask(self, question: Q) -> A:
         """The answer, with those to the questions that the other computations ask meanwhile."""
@@ -38,17 +38,7 @@ class SideBySide(Generic[Q, A]):
 
     def run(self, computations: Sequence[Callable[[], R]]) -> list[R]:
         """The results of all, which ask; the first exception that one of them raises is raised."""
-        if len(computations) == 1:
-            return [computations[0]()]
-        results: dict[int, R] = {}
-
-        def numbered(i: int) -> Callable[[], None]:
-            def run() -> None:
-                results[i] = computations[i]()
-
-            return run
-
-        every = [_Computation[Q, A](numbered(i), self._running) for i in range(len(computations))]
+        every = [_Computation[Q, A, R](function, self._running) for function in computations]
         try:
             waiting = [one for one in every if one.goes_on()]
             while waiting:
@@ -59,19 +49,20 @@ class SideBySide(Generic[Q, A]):
         finally:
             for one in every:
                 one.abandon()
-        return [results[i] for i in range(len(computations))]
+        return [one.result for one in every]
 
 
 class _Abandoned(BaseException):
     """Raised in a computation whose answer will not come."""
 
 
-class _Computation(Generic[Q, A]):
+class _Computation(Generic[Q, A, R]):
     question: Q
     answer: A | Exception
+    result: R
 
     def __init__(
-        self, function: Callable[[], None], running: "dict[int, _Computation[Q, A]]"
+        self, function: Callable[[], R], running: "dict[int, _Computation[Q, A, Any]]"
     ) -> None:
         self._function, self._running = function, running
         self._error: BaseException | None = None
@@ -114,7 +105,7 @@ class _Computation(Generic[Q, A]):
     def _run(self) -> None:
         self._running[get_ident()] = self
         try:
-            self._function()
+            self.result = self._function()
         except _Abandoned:
             pass
         except BaseException as error:  # noqa: BLE001 - raised where the others are run
