@@ -291,8 +291,8 @@ def test_probabilities_of_places_are_sums_over_hypotheses(bare, fake_sampling):
 def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior):
     calls = []
 
-    def screen(hypothesis, seed, effort):
-        del seed, effort
+    def screen(hypothesis, target, seed, effort):
+        del target, seed, effort
         return screened(hypothesis[0], 0.0)
 
     def sample_all(candidates, seed, settings, run, refinement, known_starts):
@@ -301,7 +301,7 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
         run.report(candidates[0].name, "evidence", 1.0)
         return [make_posterior(c.name, names=c.parameter_names) for c in candidates]
 
-    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence.screen", screen)
+    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence._screened", screen)
     monkeypatch.setattr("bayes_ssi.studies.search.family_search.sample_all", sample_all)
     said = []
     run = bs.Run(checkpoint="there", progress=lambda *what: said.append(what))
@@ -309,6 +309,6 @@ def test_progress_and_seed_reach_the_sampling(bare, monkeypatch, make_posterior)
     assert calls == [(5, COARSE, "there")]
     assert said[-1] == ("no appendage", "evidence", 1.0)
     assert said[0] == ("all hypotheses", "screening 1", 1.0)
-    # Six places, three motions.
-    assert said[1] == ("all hypotheses", "screening 9", pytest.approx(1.0 / 9.0))
+    # Six places side by side, then three motions.
+    assert said[1:3] == [("all hypotheses", "screening 9", share) for share in (0.5, 1.0)]
     assert (result.ranking.seed, result.ranking.settings) == (5, COARSE)

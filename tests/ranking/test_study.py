@@ -89,11 +89,11 @@ def test_settings_reach_the_sampling(tiny_study):
 
 @pytest.mark.usefixtures("screening_for_appendages")
 def test_progress_names_class_and_step(tiny_study, monkeypatch):
-    def screen(hypothesis, seed, effort):
-        del seed, effort
+    def screen(hypothesis, target, seed, effort):
+        del target, seed, effort
         return screened(hypothesis[0], 0.0)
 
-    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence.screen", screen)
+    monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence._screened", screen)
     seen = []
     run = bs.Run(progress=lambda *call: seen.append(call))
     bs.rank(tiny_study, settings=COARSE, run=run)

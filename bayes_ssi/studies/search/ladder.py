@@ -157,7 +157,7 @@ def screen_best(
     if looks := looks_at(hypotheses, seed, run):
         bounds = log_weights + [looks[i].log_evidence if i in looks else math.inf for i in range(n)]
         most = n if n_features == 1 else MOST_SEVERAL
-        results = going_on(bounds, quick, most, most_full)
+        results = going_on(bounds, quick, most, max(most_full, 1))
         gaps = [
             looks[i].log_evidence - each.log_evidence for i, each in results.items() if i in looks
         ]
