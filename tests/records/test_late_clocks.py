@@ -49,9 +49,24 @@ def test_what_is_no_delay_is_not_said():
     for seed in range(20):
         assert not delays_of(shapes(rng, n), covariances, HZ)
         phases = (0.3, -0.3, 0.05, 0.02) if seed % 2 else (0.2, 0.1, 0.0, 0.0)
-        assert not delays_of(shapes(rng, n, own=[(3, phases)]), covariances, HZ)
+        own = delays_of(shapes(rng, n, own=[(3, phases)]), covariances, HZ)
+        assert all(each.sensor == 3 and each.probability < 0.1 for each in own)
         one = shapes(rng, n, [(1, 0.02)])[:, :1]
-        assert not delays_of(one, covariances[:1], HZ[:1])
+        assert all(each.probability < 0.9 for each in delays_of(one, covariances[:1], HZ[:1]))
+
+
+def test_a_late_floor_beside_a_damper():
+    """Of a building whose damper turns by any phases; neither is seen while the other is not."""
+    rng, n = np.random.default_rng(1), 5
+    covariances = np.tile(NOISE**2 * np.eye(n), (len(HZ), 1, 1))
+    for _ in range(10):
+        phases = rng.uniform(-1.2, 1.2, len(HZ))
+        clock, damper = delays_of(shapes(rng, n, [(2, 0.01)], [(4, phases)]), covariances, HZ)
+        assert clock.sensor == 2
+        assert clock.is_sure
+        assert abs(clock.seconds - 0.01) < 3.5 * clock.deviation
+        assert damper.sensor == 4
+        assert damper.probability < 0.1
 
 
 def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
