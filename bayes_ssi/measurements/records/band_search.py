@@ -147,14 +147,12 @@ def _of_other_reach(
     """The band with another reach, where that says the same and is explained.
 
     Wider ones have smaller errors; narrower ones leave out what is farther off and unexplained.
-    Where a wider one says otherwise, a background may have taken what a broad mode does: it is
-    explained anew, and undecided if that explains it with no mode more.
+    Where a wider one says otherwise, a background may have taken what a broad mode does: explained
+    anew, it is undecided unless it has a mode more, and none that is a flank at its ends.
     """
     f = band.fit.modes.frequencies_hz
     same = [group for group in groups if np.array_equal(group.modes.frequencies_hz, f)]
-    if not same or not band.is_wanted:
-        return band
-    at = spectra_of_group(transforms, same[0], modes)
+    at = spectra_of_group(transforms, same[0], modes) if same and band.is_wanted else None
     if at is None:
         return band
     start = same[0].modes.in_directions(at)
@@ -167,7 +165,9 @@ def _of_other_reach(
     if band.doubt is not None:
         return band
     for anew in _all_explained([_Band(same[0], at)], band.fit.one_source, possible, fixed):
-        if anew.fit.modes.n_modes > len(f):
+        ends_hz = anew.fit.modes.frequencies_hz + np.outer([-1, 1], anew.fit.modes.half_widths_hz)
+        is_whole = bool((np.abs(ends_hz - sum(at.band_hz) / 2.0) < np.ptp(at.band_hz) / 2.0).all())
+        if is_whole and anew.fit.modes.n_modes > len(f):
             return anew
         if anew.excess < 1.0:
             return replace(band, peaks=tuple(p._replace(is_undecided=True) for p in band.peaks))

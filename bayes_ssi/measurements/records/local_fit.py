@@ -63,9 +63,9 @@ class LocalFit:
     def are_modes(self) -> BoolArray:
         """Which resonances are within the band, and damped no more than structures are (m,)."""
         low, high = self.data.band_hz
-        f, half = self.modes.frequencies_hz, self.modes.half_widths_hz
+        f = self.modes.frequencies_hz
         driven = self.model.drive.sizes(self.modes) > 0.0
-        return (f - half > low) & (f + half < high) & (half < MOST_DAMPING * f) & driven
+        return (f > low) & (f < high) & (self.modes.dampings < MOST_DAMPING) & driven
 
     @property
     def one_source(self) -> bool:
