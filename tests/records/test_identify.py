@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from random_structures import spectra_of, stationary
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from simulated_records import FRAME, simulated_record, truth_of, with_infill
@@ -251,6 +252,21 @@ def test_two_shapes_at_one_frequency_are_two_modes():
     assert np.abs(frequencies / of_modes(result.quoted, "frequency_cov")).max() < 3.0
     cosines = np.linalg.svd(directions.T @ np.linalg.qr(result.quoted.unit_shapes)[0])[1]
     assert cosines.min() > 0.999
+
+
+def test_broad_modes_are_not_left_to_the_background_of_a_narrow_band():
+    """Of a damper: two modes 28 % apart, of nearly one shape, of which a narrow band shows one."""
+    rng = np.random.default_rng(3)
+    shapes = np.array([[0.3, 0.32, 0.8], [0.55, 0.6, 0.3], [0.78, 0.73, -0.5]])
+    true_hz, dampings = np.array([0.86, 1.14, 3.1]), np.array([0.065, 0.08, 0.01])
+    samples = stationary(
+        lambda hz: spectra_of(true_hz, (shapes, shapes), dampings, hz), 12000, 8.0, rng
+    )
+    samples += 0.03 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
+    record = bs.Record(samples, 8.0, ("a", "b", "c"), "acceleration", "g")
+    found = bs.identify(record, (0.45, 2.0))
+    off = np.log(found.quoted.frequencies_hz / true_hz[:2]) / of_modes(found, "frequency_cov")
+    assert np.abs(off).max() < 3.0
 
 
 def test_what_a_background_of_any_shape_costs():

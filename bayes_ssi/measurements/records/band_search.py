@@ -131,7 +131,7 @@ def explain(
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
-        _of_other_reach(transforms, band, wide if band.doubt is None else narrow, modes)
+        _of_other_reach(transforms, band, narrow if band.doubt else wide, possible, fixed, modes)
         for band in bands
     ]
 
@@ -141,26 +141,37 @@ def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
 
 
 def _of_other_reach(
-    transforms: Transforms, band: Explained, groups: Sequence[Group], modes: Resonances
-) -> Explained:
+    transforms: Transforms, band: Explained, groups: Sequence[Group], possible: Candidates,
+    fixed: bool, modes: Resonances,
+) -> Explained:  # fmt: skip
     """The band with another reach, where that says the same and is explained.
 
     Wider ones have smaller errors; narrower ones leave out what is farther off and unexplained.
+    Where a wider one says otherwise, a background may have taken what a broad mode does: explained
+    anew, it is undecided unless it has a mode more, and none that is a flank at its ends.
     """
     f = band.fit.modes.frequencies_hz
     same = [group for group in groups if np.array_equal(group.modes.frequencies_hz, f)]
-    if not same or not band.is_wanted:
-        return band
-    at = spectra_of_group(transforms, same[0], modes)
+    at = spectra_of_group(transforms, same[0], modes) if same and band.is_wanted else None
     if at is None:
         return band
     start = same[0].modes.in_directions(at)
     fit = Fitter(at, band.fit.one_source).fit(start, band.fit.has_phases)
     moves = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(band.fit.modes[:2]))
     sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * len(f)])
-    is_same = bool((np.abs(moves) < MOST_SDS_BY_REACH * sds).all())
-    other = replace(band, fit=fit)
-    return other if is_same and fit.are_modes.all() and other.doubt is None else band
+    if (np.abs(moves) < MOST_SDS_BY_REACH * sds).all():
+        other = replace(band, fit=fit)
+        return other if fit.are_modes.all() and other.doubt is None else band
+    if band.doubt is not None:
+        return band
+    for anew in _all_explained([_Band(same[0], at)], band.fit.one_source, possible, fixed):
+        ends_hz = anew.fit.modes.frequencies_hz + np.outer([-1, 1], anew.fit.modes.half_widths_hz)
+        is_whole = bool((np.abs(ends_hz - sum(at.band_hz) / 2.0) < np.ptp(at.band_hz) / 2.0).all())
+        if is_whole and anew.fit.modes.n_modes > len(f):
+            return anew
+        if anew.excess < 1.0:
+            return replace(band, peaks=tuple(p._replace(is_undecided=True) for p in band.peaks))
+    return band
 
 
 def _is_one_source(bands: Sequence[_Band]) -> bool:

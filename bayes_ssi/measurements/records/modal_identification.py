@@ -21,7 +21,7 @@ from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
 from bayes_ssi.measurements.records.explained_band import Explained, resolution
 from bayes_ssi.measurements.records.halves import growth_by_halves, skewed_clocks, with_halves
-from bayes_ssi.measurements.records.late_clocks import Delay, OnTime, explained_on_time
+from bayes_ssi.measurements.records.late_clocks import SUSPECTED, Delay, OnTime, explained_on_time
 from bayes_ssi.measurements.records.mode_candidates import (
     Candidates,
     Prominence,
@@ -169,7 +169,7 @@ def identify(
         remarks=(
             *motion.remarks,
             *remarks,
-            *_late(sensors, on_time.removed),
+            *_late(sensors, on_time, motion.ground),
             *(
                 f"what is fitted at {hz:.4g} Hz with a damping of {100.0 * damping:.2g} % is not "
                 "quoted as a mode: the record does not tell its shape"
@@ -185,7 +185,7 @@ def identify(
         ),
         doubts=(
             *doubts,
-            *_clocks_at_fault(sensors, on_time.suspected, skewed),
+            *_clocks_at_fault(sensors, on_time.doubtful, skewed),
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
             *_wandering_lines(quoted, kept, on_time.transforms),
@@ -250,22 +250,26 @@ def _searched(motion: UsableMotion, mask: FloatArray | None, at: Sequence[float]
     return explained_on_time(transforms, possible, band, bool(at), bool(motion.ground))
 
 
-def _late(sensors: Sequence[str], delays: Sequence[Delay]) -> Iterable[str]:
-    if delays:
+def _late(sensors: Sequence[str], on_time: OnTime, ground: str) -> Iterable[str]:
+    if on_time.removed:
         said = ", ".join(
             f"{sensors[i]!r} by {abs(delay):.2g} ± {deviation:.1g} s "
             f"({'late' if delay > 0.0 else 'early'})"
-            for i, delay, deviation, _ in delays
+            for i, delay, deviation, _ in on_time.removed
         )
         yield (
             f"clocks differ from the others' by the phases of all modes, at sensor {said}; this is "
             "removed"
         )
+    for i, *_, probability in on_time.doubtful:
+        if probability <= SUSPECTED and sensors[i] != ground:
+            yield f"phases at sensor {sensors[i]!r} are its own, as on a damper, or its clock's"
 
 
 def _clocks_at_fault(
-    sensors: Sequence[str], suspected: Sequence[Delay], skewed: Sequence[Delay]
+    sensors: Sequence[str], doubtful: Sequence[Delay], skewed: Sequence[Delay]
 ) -> Iterable[str]:
+    suspected = (each for each in doubtful if each.probability > SUSPECTED)
     for i, delay, _, probability in suspected:
         yield (
             f"sensor {sensors[i]!r} may be {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'} "
